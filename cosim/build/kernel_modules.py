@@ -32,14 +32,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         modules += (ring_kernels,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, section_energy
-        from cosim.reduced.sections import assembly as chain_figures
-        from cosim.reduced.sections import assembly as chain_shapes
-        from cosim.reduced.sections import section_energy as energy
-        from cosim.reduced.solve import newton, time_step
+        from cosim.reduced.solve import chain_step, newton
 
-        modules += (
-            assembly, newton, chain_figures, chain_shapes, energy, time_step, section_energy,
-        )  # fmt: skip
+        modules += (assembly, section_energy, chain_step, newton)
     if scenario.robot != NO_ARM:
         from cosim.rigid.distance import shapes  # here: it brings MuJoCo
 

@@ -34,7 +34,8 @@ from cosim.coupling.half_ticks import (
 )
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.section_energy import weighted_rows
-from cosim.reduced.solve.time_step import FREE_FLIGHT, ChainArrays, implicit_step
+from cosim.reduced.sections.section_strains import LoadedChain
+from cosim.reduced.solve.chain_step import FREE_FLIGHT, ChainEnds, ChainScheme, ChainSide, solve_chain
 
 
 class ChainCommands(NamedTuple):
@@ -73,40 +74,58 @@ class ChainMotion(NamedTuple):
         return ChainMotion._make(map(itemgetter(slice(first, None)), self))
 
 
+class ChainTables(NamedTuple):
+    """What changes with the pressure, over its spline.
+
+    Args:
+        energies: (size, s c).
+        lengths: (size, s).
+        eyelets: (size, 6 k).
+    """
+
+    energies: Matrix
+    lengths: Matrix
+    eyelets: Matrix
+
+
 class ChainSteps(NamedTuple):
     """What all ticks in a row have in common.
 
     Args:
-        chain: in the first of them.
+        side: the chain in the first of them.
+        tables: over the spline of pressure.
+        solve: address of the kernel of a step.
         hand_over: address of that kernel.
-        step_s: length of a step [s].
-        damping: [1/s].
+        scheme: of the steps.
         two_steps: whether steps look back over two.
         earlier: whether the first row of the motion holds the step before the last.
         kept: whether the factor serves the first of them.
-        iterations_max: of a step.
     """
 
-    chain: ChainArrays
+    side: ChainSide
+    tables: ChainTables
+    solve: int
     hand_over: int
-    step_s: float
-    damping: float
+    scheme: ChainScheme
     two_steps: bool
     earlier: bool
     kept: bool
-    iterations_max: int
 
 
-_hand_over, _implicit_step = caller(hand_over), caller(implicit_step)
+_hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
 
 
 @device_function
-def _set_pressure(chain: ChainArrays, commands: ChainCommands, k: int) -> None:
-    """Bring sections and eyelets to the pressure of tick k."""
+def _command(chain: LoadedChain, tables: ChainTables, commands: ChainCommands, k: int) -> None:
+    """Bring tensions, and where it has changed sections and eyelets, to what is asked for in tick k."""
+    for i in range(chain.tension.shape[0]):
+        chain.tension[i] = commands.tension[k, i]
+    if k == 0 or commands.pressure[k] == commands.pressure[k - 1]:
+        return
     first, weights = commands.first[k], commands.weights[k]
-    weighted_rows(chain.energies, first, weights, chain.coefficients.reshape(chain.coefficients.size))
-    weighted_rows(chain.eyelet_table, first, weights, chain.eyelets.reshape(chain.eyelets.size))
-    weighted_rows(chain.lengths, first, weights, chain.inverse_length)
+    weighted_rows(tables.energies, first, weights, chain.coefficients.reshape(chain.coefficients.size))
+    weighted_rows(tables.eyelets, first, weights, chain.eyelets.reshape(chain.eyelets.size))
+    weighted_rows(tables.lengths, first, weights, chain.inverse_length)
     for s in range(chain.inverse_length.shape[0]):
         chain.inverse_length[s] = 1.0 / chain.inverse_length[s]
 
@@ -120,27 +139,22 @@ def advance_chain(
     Returns:
         Ticks done, how it ended, whether the factor is kept.
     """
-    flange, chain, kept = small_matrix(4, 3), row.chain, row.kept
+    flange, kept = small_matrix(4, 3), row.kept
     count = servos.position.shape[0]
     for k in range(count):
         if not rigid_half(rigid, servos, ticks, k):  # by its address it costs 1 % of a tick
             return k, RIGID_SIDE_WARNS, kept
-        if k > 0 and commands.pressure[k] != commands.pressure[k - 1]:
-            _set_pressure(chain, commands, k)
+        _command(row.side.chain, row.tables, commands, k)
         fill_flange(ticks, k, flange)
         both = row.two_steps and (row.earlier or k > 0)
         if k == 1 and not row.earlier:  # the factor is of a step that looked back over one only
             kept = kept and not row.two_steps
-        outcome, ticks.iterations[k], ticks.residual[k], kept = _implicit_step(
-            chain.call,
-            (
-                way.motion[k + 1], way.motion[k], both, row.step_s, row.damping, FREE_FLIGHT, flange,
-                chain.free, chain.offsets, chain.coefficients, chain.inverse_length, chain.mass, chain.load,
-                chain.far, chain.eyelets, commands.tension[k], chain.touching, chain.rows, chain.widths,
-                chain.target, chain.diagonal, chain.off, chain.low, chain.side, kept, chain.bounds,
-                row.iterations_max, way.motion[k + 2], way.gradient[k], ticks.figures[k + 1],
-            ),
-        )  # fmt: skip
+        ends = ChainEnds(
+            way.motion[k + 1], way.motion[k], flange, way.motion[k + 2], way.gradient[k], ticks.figures[k + 1]
+        )
+        outcome, ticks.iterations[k], ticks.residual[k], kept, _, _ = _solve_chain(
+            row.solve, (row.side, row.scheme, ends, FREE_FLIGHT, both, kept)
+        )
         if outcome != 0:
             return k, SOFT_HALF_LEFT, kept
         _hand_over(row.hand_over, (rigid.scene.applied, ticks, k))

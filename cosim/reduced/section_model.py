@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.reduced.sections.assembly import chain_points, combine_points, gas_volume, gas_volumes
+from cosim.reduced.sections.assembly import chain_points, combine_points, gas_volumes
 from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
-from cosim.reduced.sections.section_energy import HIGH, TERMS, PressureSpline
+from cosim.reduced.sections.section_energy import HIGH, PressureSpline
 from cosim.soft.body.body import SoftBody
 
 _REACH_PRESSURES = 20
@@ -70,7 +70,6 @@ class SectionBody:
         self._nodes_at = self._pressure = np.nan
         self.coefficients: Array = np.zeros(model.energy.shape[1:])
         self.inverse_length: Array = np.zeros(model.length.shape[1])
-        self._rates, self._length_rate = np.zeros_like(self.coefficients), np.zeros_like(self.inverse_length)
         self.terms = model.spline.terms(0.0)
 
     @property
@@ -108,13 +107,7 @@ class SectionBody:
 
     def volume(self, frames: Array) -> float:
         """Return the enclosed volume [m^3] at frames (f, 4, 3), at the pressure that is set."""
-        terms, gas = self.terms, self.model.gas
-        terms.slopes(self._energies, self._rates.reshape(-1))
-        terms.slopes(self._lengths, self._length_rate)
-        found: float = gas_volume(
-            frames, self.coefficients, self._rates, self.inverse_length, self._length_rate
-        )
-        return found - float(terms.weights[1] @ gas[terms.first : terms.first + TERMS])
+        return float(self.volumes(frames[None], np.array([self._pressure]))[0])
 
     def straight(self, pressure_Pa: float) -> Array:
         """Return the frames (f, 4, 3) of a straight chain with sections in the middle of their range."""
@@ -155,25 +148,15 @@ class SectionBody:
             table: (size, 8 n), combinations as in `SectionModel.nodes`.
             before: (n,), the first of the two frames that each point is between.
         """
-        spline = self.model.spline
         result = np.empty((len(frames), len(before), 3))
-        chain_points(frames, pressure_Pa, spline.largest_Pa, spline.intervals, table, before, result)
+        chain_points(frames, pressure_Pa, self.model.spline, table, before, result)
         return result
 
     def volumes(self, frames: Array, pressure_Pa: Array) -> Array:
         """Return the enclosed volumes (k,) [m^3] of chains (k, f, 4, 3) at pressures (k,)."""
-        spline, gas, result = self.model.spline, self.model.gas, np.empty(len(frames))
-        gas_volumes(
-            frames,
-            pressure_Pa,
-            spline.largest_Pa,
-            spline.intervals,
-            self._energies,
-            self._lengths,
-            gas,
-            result,
-        )
-        return result
+        model = self.model
+        found = gas_volumes(frames, pressure_Pa, model.spline, self._energies, self._lengths, model.gas)
+        return np.asarray(found)
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
         """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""

@@ -21,7 +21,6 @@ SAVED_OTHERWISE = {
     "Bodies": "by RigidScene",
     "CellDrives": "where its joints are to be next, told anew before every step",
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
-    "ChainStepper": "the flange's frame, for the kernel",
     "ContactQuery": "poses, read anew for every search",
     "FilmCandidates": "a list that is made anew where it does not serve; what is found does not depend on it",
     "FilmSearch": "workspace, made larger where it does not suffice",

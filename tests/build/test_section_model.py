@@ -49,7 +49,7 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
 
     def build(_body: SoftBody, largest_Pa: float) -> SectionModel:
         built.append(largest_Pa)
-        spline = replace(section().model.spline, largest_Pa=largest_Pa)
+        spline = section().model.spline._replace(largest_Pa=largest_Pa)
         return replace(section().model, spline=spline)
 
     monkeypatch.setattr(soft_model, "build_model", build)

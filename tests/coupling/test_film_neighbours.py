@@ -10,7 +10,7 @@ from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_kernels import find_near
 from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.distance.film_distance import near_film
+from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles, near_film
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_points import ContactSurface, Extent
@@ -67,8 +67,8 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
             np.testing.assert_array_equal(found, wanted)
         chosen = query.features.of(active)
         places = query.feature_positions(chosen)
-        within = extent.low - REACH_M, extent.high + REACH_M
-        seen = near_film(places, x, surface.triangles, REACH_M, BEHIND_M, within=within)
+        within = FilmReach(REACH_M, BEHIND_M, extent.low - REACH_M, extent.high + REACH_M)
+        seen = near_film(places, FilmTriangles(x, surface.triangles), within)
         np.testing.assert_array_equal(rows.feature, chosen[seen.point])
         np.testing.assert_array_equal(rows.triangle, seen.triangle)
         np.testing.assert_array_equal(rows.film_distance, seen.distance)

@@ -65,9 +65,9 @@ def of_contact(here: Array, loads: Loads, step: Array) -> tuple[float, Array, Ar
         gradient[:, 3:] = [left_jacobian(s[3:]).T @ m for s, m in zip(step, gradient[:, 3:], strict=True)]
         full = np.zeros((len(here), 6, len(here), 6))
         for f in range(len(here)):
-            full[f, :, f] = solver.diagonal[f]
+            full[f, :, f] = solver.work.diagonal[f]
             if f:
-                full[f, :, f - 1], full[f - 1, :, f] = solver.off[f], solver.off[f].T
+                full[f, :, f - 1], full[f - 1, :, f] = solver.work.off[f], solver.work.off[f].T
         found.append((energy, gradient, full.reshape(6 * len(here), -1)))
     (e, g, h), (e0, g0, h0) = found
     return e - e0, g - g0, h - h0

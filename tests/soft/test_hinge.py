@@ -8,6 +8,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.soft.elements import hinge_gradient
 from cosim.soft.elements.hinge import Hinges, add_hinges
+from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from tests.compiled import compiled
@@ -35,10 +36,7 @@ def evaluation(hinges: Hinges, reference: Array, nodes: int) -> Evaluate:
     angles = np.zeros(len(hinges.nodes))
 
     def add(x, slots, force, blocks):  # type: ignore[no-untyped-def]
-        return add_hinges(
-            x, hinges.nodes, hinges.stiffness, hinges.rest_angle, hinges.fold_barrier_rad, reference,
-            slots, force, blocks, angles,
-        )  # fmt: skip
+        return add_hinges(x, hinges.arrays, HingeAngles(reference, angles), slots, force, blocks)
 
     return assembled(hinges.nodes, add, nodes)
 
@@ -112,9 +110,10 @@ def test_angles_are_unwrapped_against_the_last_state(
     angle: float, reference: float, unwrapped: float
 ) -> None:
     angles, force = np.zeros(1), np.zeros((4, 3))
+    springs = HingeRows(np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), 0.0)
     energy = add_hinges(
-        folded(angle), np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), 0.0, np.array([reference]),
-        np.zeros((0, 0), np.int64), force, np.zeros((0, 3, 3)), angles,
+        folded(angle), springs, HingeAngles(np.array([reference]), angles), np.zeros((0, 0), np.int64), force,
+        np.zeros((0, 3, 3)),
     )  # fmt: skip
     assert angles[0] == pytest.approx(unwrapped, abs=1e-12)
     assert energy == pytest.approx(0.5 * K * (unwrapped - REST) ** 2, rel=1e-12)
@@ -228,10 +227,8 @@ def test_without_slots_the_gradient_is_the_same() -> None:
         found = []
         for table in (slots, np.zeros((0, 0), np.int64)):
             force, angles = np.zeros((body.nodes, 3)), np.zeros(len(hinges.nodes))
-            energy = add_hinges(
-                x, hinges.nodes, hinges.stiffness, hinges.rest_angle, 3.0, reference, table, force,
-                np.zeros((slots.max() + 1, 3, 3)), angles,
-            )  # fmt: skip
+            springs, turned = hinges.arrays._replace(fold_barrier=3.0), HingeAngles(reference, angles)
+            energy = add_hinges(x, springs, turned, table, force, np.zeros((slots.max() + 1, 3, 3)))
             found.append((energy, force, angles))
         (energy, force, angles), other = found
         assert other[0] == pytest.approx(energy, rel=1e-12), name

@@ -16,6 +16,7 @@ from cosim.soft.elements.hinge import (
     mean_square_angle,
     shell_stiffness,
 )
+from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
@@ -53,9 +54,8 @@ def _two_per_cell(count, falling):  # type: ignore[no-untyped-def]
 def hinge_energy(x: Array, hinges: IntArray, stiffness: Array) -> float:
     rest, none = np.full(len(hinges), np.pi), np.zeros((0, 0), np.int64)
     empty = np.zeros((1, 3, 3))
-    energy: float = add_hinges(
-        x, hinges, stiffness, rest, 0.0, rest, none, np.zeros_like(x), empty, np.zeros(len(hinges))
-    )
+    springs, angles = HingeRows(hinges, stiffness, rest, 0.0), HingeAngles(rest, np.zeros(len(hinges)))
+    energy: float = add_hinges(x, springs, angles, none, np.zeros_like(x), empty)
     return energy
 
 

@@ -47,9 +47,8 @@ def limits(film: Film, area_m2: float = AREA_M2) -> Array:
 def answer(strain: Array, film: Film = WRINKLED, area_m2: float = AREA_M2) -> tuple[float, Array, Array]:
     """Return density, n (3,) and c (3, 3) of the law at a strain (E11, E22, 2 E12)."""
     n, c = np.empty(3), np.empty((3, 3))
-    density = wrinkling(
-        *np.asarray(strain, dtype=float).tolist(), film.membrane_stiffness, *limits(film, area_m2), n, c
-    )
+    values = tuple(np.asarray(strain, dtype=float).tolist())
+    density = wrinkling(values, film.membrane_stiffness, *limits(film, area_m2), n, c)
     return density, n, c
 
 

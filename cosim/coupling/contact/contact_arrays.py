@@ -179,25 +179,11 @@ class ListRows(NamedTuple):
     triangles: Indices
 
 
-class ShapeSurfaces(NamedTuple):
-    """Fields of `Shapes` beside those of `ShapeBounds`."""
-
-    size: Matrix
-    faces: IndexTable
-    planes: Matrix
-    corners: Blocks
-    table: IndexTable
-    origin: Matrix
-    spacing: Matrix
-    values: Vector
-
-
 class Search(NamedTuple):
     """What a search is given, and what it fills; scratch is as long as the lists.
 
     Args:
         bounds: of the shapes.
-        shapes: their surfaces.
         owner: (features,) shape of each feature.
         feature: (features, 3) [m], shape frame.
         surface: of the film.
@@ -214,7 +200,6 @@ class Search(NamedTuple):
     """
 
     bounds: ShapeBounds
-    shapes: ShapeSurfaces
     owner: Indices
     feature: Matrix
     surface: SurfaceRows

@@ -33,7 +33,6 @@ from cosim.coupling.contact.contact_arrays import (
     NearPoints,
     Search,
     ShapeRows,
-    ShapeSurfaces,
     SurfaceRows,
     Ties,
 )
@@ -262,13 +261,12 @@ class ContactExchange:
 
     def _searching(self, lists: ListRows) -> Search:
         query, surface = self.query, self.surface
-        shapes = ShapeSurfaces(*(getattr(query.shapes, name) for name in ShapeSurfaces._fields))
         rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
         features = query.features.shape, query.features.position
         near = NearPoints.room(len(lists.listed), len(lists.features))
         scratch = np.empty((max(len(lists.listed), len(lists.features)), 4)), np.empty((2, 3))
         return Search(
-            query.bounds, shapes, *features, rows, lists, near, np.empty_like(lists.features), self._places,
+            query.bounds, *features, rows, lists, near, np.empty_like(lists.features), self._places,
             np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
             *scratch, search_calls(),
         )  # fmt: skip

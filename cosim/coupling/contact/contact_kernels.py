@@ -41,9 +41,9 @@ from cosim.coupling.contact.contact_arrays import (
     Search,
     Ties,
 )
-from cosim.rigid.distance.film_distance import film_near
-from cosim.rigid.distance.shapes import carry, fill_near_box
-from cosim.rigid.distance.signed_distance import points_near
+from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
+from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
+from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
 from cosim.soft.contact.point_kernels import combine, span
@@ -80,21 +80,16 @@ def _gone(
 @device_function
 def _find_points(x: Matrix, active: Indices, reach: float, search: Any) -> int:
     """Fill the points of the film that are near active shapes; return how many."""
-    bounds, shapes, lists, near, spans = search.bounds, search.shapes, search.lists, search.near, search.spans
+    bounds, lists, near, spans = search.bounds, search.lists, search.near, search.spans
     surface, out = search.surface, search.out
     for a in range(active.shape[0]):
         first, last = lists.spans[lists.row[active[a]]]
         spans[a, 0], spans[a, 1] = first, last
         listed = lists.listed[first:last]
         _combine(search.calls[_COMBINE], (x, surface.nodes, surface.weights, listed, search.places))
-    count = _points_near(
-        search.calls[_POINTS],
-        (
-            search.places, reach, False, active, spans, lists.listed, bounds.position, bounds.rotation,
-            bounds.kind, shapes.size, bounds.center, bounds.half, shapes.faces, shapes.planes, shapes.corners,
-            shapes.table, shapes.origin, shapes.spacing, shapes.values, near.point, near.shape, out,
-        ),
-    )  # fmt: skip
+    poses, asked = ShapePoses(bounds.position, bounds.rotation), PointLists(active, spans, lists.listed)
+    hits = HitRows(near.point, near.shape, out)
+    count = _points_near(search.calls[_POINTS], (search.places, bounds.shapes, poses, asked, reach, hits))
     for k in range(count):
         near.distance[k] = out[k, 0]
         for r in range(3):
@@ -111,9 +106,12 @@ def _find_features(x: Matrix, low: Vector, high: Vector, reach: float, behind: f
     around, found = search.around, search.found
     carried = bounds.position, bounds.rotation, search.owner, search.feature, lists.features, around
     _carry(search.calls[_CARRY], carried)
-    box, triangles = (search.box[0], search.box[1]), search.surface.triangles
-    asked = around, *box, x, triangles, lists.first, lists.triangles, search.held, reach, behind
-    count = _film_near(search.calls[_FILM], (*asked, found, near.triangle, near.weight, out))
+    film, listed = FilmTriangles(x, search.surface.triangles), TriangleLists(lists.first, lists.triangles)
+    within, hits = (
+        FilmReach(reach, behind, search.box[0], search.box[1]),
+        FeatureRows(found, near.triangle, near.weight, out),
+    )
+    count = _film_near(search.calls[_FILM], (around, film, listed, within, search.held, hits))
     for k in range(count):
         near.feature[k], near.owner[k] = lists.features[found[k]], search.owner[lists.features[found[k]]]
         near.film_distance[k] = out[k, 0]
@@ -303,8 +301,8 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))
     contact.speed[0] = math.sqrt(fastest[0])
     reach = rest + ahead * contact.speed[0]
-    poses = bounds.kind, bounds.center, bounds.half, bounds.position, bounds.rotation
-    near = _fill_near_box(contact.calls[_NEAR], (*poses, low, high, reach, bounds.near))
+    poses = ShapePoses(bounds.position, bounds.rotation)
+    near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
     if near == 0:
         return 0, 0
     first_key = contact.shapes.body.shape[0] * search.surface.nodes.shape[0]

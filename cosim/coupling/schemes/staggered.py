@@ -51,14 +51,14 @@ from cosim.coupling.half_ticks import (
 )
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
-from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, advance_chain
+from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.reduced.sections.section_energy import TERMS
-from cosim.reduced.solve.time_step import ChainState, ChainStep
+from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.newton_options import Outcome
@@ -294,10 +294,9 @@ class _SectionHalves(SoftHalves):
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
         steps = ChainSteps(
-            stepper.arrays(soft.clamp, loads[0], begin.frames),
-            address_of(hand_over), tick_s, options.damping_per_s,
+            stepper.side(soft.clamp, loads[0], begin.frames), ChainTables(*stepper.tables),
+            address_of(solve_chain), address_of(hand_over), stepper.scheme(tick_s),
             two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier),
-            options.newton.iterations_max,
         )  # fmt: skip
         done, ending, kept = advance_chain(rigid, servos, commands, steps, ticks, way)
         last = done if ending == SOFT_HALF_LEFT else done - 1  # of which the soft step was tried
@@ -311,7 +310,7 @@ class _SectionHalves(SoftHalves):
             )  # fmt: skip
             soft.go_to(step, ticks.flange(done), loads[done - 1])
         # what was computed for a pressure is kept with it
-        stepper.arrays(soft.clamp, loads[max(last, 0)], soft.last.frames)
+        stepper.side(soft.clamp, loads[max(last, 0)], soft.last.frames)
         return done, ending
 
 

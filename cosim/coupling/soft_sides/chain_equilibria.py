@@ -8,10 +8,11 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask, Pose
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.assembly import figures_of, supplied_wrench
+from cosim.reduced.sections.assembly import supplied_wrench
+from cosim.reduced.solve.chain_step import ChainScheme, ChainState, ChainStep
 from cosim.reduced.solve.clamp import (
     FrameClamp,
     carried,
@@ -20,9 +21,8 @@ from cosim.reduced.solve.clamp import (
     rates_from_nodes,
     upright,
 )
-from cosim.reduced.solve.commanded_cables import CLOSE_N, commanded, solve_commanded, tensions_at
-from cosim.reduced.solve.newton import ChainResult, ChainSolver
-from cosim.reduced.solve.time_step import ChainState
+from cosim.reduced.solve.commanded_cables import solve_loaded
+from cosim.reduced.solve.newton import ChainSolver, ChainTask
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -128,7 +128,7 @@ class ChainEquilibria:
             OutOfRangeError: because the model ends before, or at a pressure beyond its range.
         """
         options = self._options
-        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp.free, loads, begin_Pa)
+        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp, loads, begin_Pa)
         spent = found.residual_N, found.iterations
         if found.outcome is not Outcome.CONVERGED:
             end = place_in_range(self._section, found.frames, found.pressure_Pa)
@@ -140,13 +140,12 @@ class ChainEquilibria:
                 raise OutOfRangeError(f"{text}; the section model ends here: {end.text}", *spent, end.text)
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
-        figures = figures_of(found.frames, clamp.free, self._section.mass, found.gradient)
-        film = self._films.film(ChainState.at_rest(found.frames), found.pressure_Pa)
+        film = self._films.film(found.chain, found.pressure_Pa)
         return Equilibrium(
             film,
             flange,
             loads,
-            supplied_wrench(figures),
+            supplied_wrench(found.figures),
             found.residual_N,
             found.iterations,
             found.potential_J,
@@ -154,21 +153,23 @@ class ChainEquilibria:
         )
 
     def _settle_contacts(
-        self, start: Array, free: Mask, loads: Loads, begin_Pa: float
-    ) -> tuple[ChainResult, Loads]:
+        self, start: Array, clamp: FrameClamp, loads: Loads, begin_Pa: float
+    ) -> tuple[ChainStep, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
             The solution, and the loads with the contacts it was found with.
         """
         trail = list[Array]()
+        options, lever = self._options, self._solver.lever_m
+        task = ChainTask(clamp, ChainScheme(0.0, 0.0, options.tolerance_N, lever, options.iterations_max))
         if self.obstacles is None:
-            return self._solve(start, free, loads, begin_Pa), loads
+            return solve_loaded(self._solver, task, loads, start, begin_Pa), loads
         pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
         spent = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
-            found = self._solve(start, free, loads, pressure)
+            found = solve_loaded(self._solver, task, loads, start, pressure)
             settled = round_ > 0 and found.iterations == 0
             spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
             if settled or found.outcome is not Outcome.CONVERGED:
@@ -181,21 +182,6 @@ class ChainEquilibria:
             found.residual_N,
             spent,
         )
-
-    def _solve(self, start: Array, free: Mask, loads: Loads, begin_Pa: float) -> ChainResult:
-        """Solve with the contacts that the loads name, at tensions or lengths of the cables."""
-        solver, options = self._solver, self._options
-        limit = options.iterations_max
-        if not commanded(loads):
-            return solver.solve(start, free, loads, options.tolerance_N, limit, begin_Pa)
-
-        def attempt(pulled: Loads, before: ChainResult | None) -> ChainResult:
-            begin, pressure = (start, begin_Pa) if before is None else (before.frames, before.pressure_Pa)
-            return solver.solve(begin, free, pulled, min(CLOSE_N, options.tolerance_N), limit, pressure)
-
-        gas = loads.gases(1)[0]
-        pressure = begin_Pa if gas is not None else loads.pressures(1)[0]
-        return solve_commanded(solver, free, loads, tensions_at(solver, start, loads, pressure), attempt)
 
     def follow(
         self, begin: Equilibrium, clamp: FrameClamp, flange: Pose, loads: Loads, pressure_Pa: float = 0.0

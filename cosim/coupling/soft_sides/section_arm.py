@@ -25,10 +25,11 @@ from cosim.coupling.soft_sides.soft_side import (
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.solve.chain_step import ChainState, ChainStep, KeptTangentState
 from cosim.reduced.solve.clamp import FrameClamp, carried, node_motion, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.commanded_cables import given_tensions
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent
-from cosim.reduced.solve.time_step import ChainState, ChainStep, ChainStepper, KeptTangentState
+from cosim.reduced.solve.time_step import ChainStepper
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
@@ -248,8 +249,9 @@ class SectionArm(SoftSide):
         return SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
 
     def _step(self, _begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
-        here = self._last
-        self._last = self._stepper.step(here.chain, self.clamp, *end, step_s, here.pressure_Pa, aim)
+        flange, loads = end
+        task = self._stepper.task(self._last.chain, self.clamp, step_s, flange)
+        self._last = self._stepper.step(task, loads, self._last.pressure_Pa, aim)
         return self._last.iterations
 
     def _restart(self) -> None:
@@ -329,7 +331,7 @@ class SectionArm(SoftSide):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        return self._stepper.bed(self._last.chain, step_s).coefficient
+        return self._stepper.task(self._last.chain, self.clamp, step_s).bed.coefficient
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
@@ -337,7 +339,7 @@ class SectionArm(SoftSide):
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
-        bed = self._stepper.bed(self._last.chain, step_s)
+        bed = self._stepper.task(self._last.chain, self.clamp, step_s).bed
         frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver
         given, extra = given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
         try:

@@ -1,4 +1,4 @@
-"""Kernels on whole chains: assembly, factors, Newton's method, volume, and what a chain shows.
+"""Kernels on whole chains: assembly, factors, volume, and what a chain shows.
 
 Cholesky factors of the block-tridiagonal tangents of chains.
 
@@ -28,8 +28,17 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.reduced.sections.section_energy import TERMS, active_terms, section_energy, weighted_rows
+from cosim.reduced.sections.section_energy import (
+    TERMS,
+    PressureSpline,
+    active_terms,
+    section_energy,
+    weighted_rows,
+)
 from cosim.reduced.sections.section_strains import (
+    Bed,
+    ChainWork,
+    LoadedChain,
     add_cables,
     add_contacts,
     add_frames,
@@ -40,39 +49,20 @@ from cosim.soft.elements.mass_terms import mass_moments
 
 
 @device_function
-def _cholesky(low: Blocks, f: int) -> bool:
-    """Factorise the lower triangle of block f in place; False where it is not positive definite."""
-    for j in range(6):
-        for i in range(j, 6):
-            total = low[f, i, j]
-            for k in range(j):
-                total -= low[f, i, k] * low[f, j, k]
-            low[f, i, j] = total
-        if not low[f, j, j] > 0.0:
-            return False
-        inverse = 1.0 / np.sqrt(low[f, j, j])
-        low[f, j, j] = inverse
-        for i in range(j + 1, 6):
-            low[f, i, j] *= inverse
-    return True
-
-
-@device_function
-def factorise(
-    free: Flags, diagonal: Blocks, off: Blocks, shift: float, scale: Vector, low: Blocks, side: Blocks
-) -> bool:
+def factorise(free: Flags, work: ChainWork, shift: float, scale: Vector) -> bool:
     """Fill low and side (f, 6, 6) with L and S; False where the free part is not positive definite."""
+    low, side = work.low, work.side
     for f in range(free.shape[0]):
         if not free[f]:
             continue
         for i in range(6):
             for k in range(i + 1):
-                low[f, i, k] = diagonal[f, i, k]
+                low[f, i, k] = work.diagonal[f, i, k]
             low[f, i, i] += shift * scale[i]
         if f > 0 and free[f - 1]:
             for i in range(6):
                 for k in range(6):
-                    total = off[f, i, k]
+                    total = work.off[f, i, k]
                     for j in range(k):
                         total -= side[f, i, j] * low[f - 1, k, j]
                     side[f, i, k] = total * low[f - 1, k, k]
@@ -82,15 +72,25 @@ def factorise(
                     for j in range(6):
                         total -= side[f, i, j] * side[f, k, j]
                     low[f, i, k] = total
-        if not _cholesky(low, f):
-            return False
+        for j in range(6):
+            for i in range(j, 6):
+                total = low[f, i, j]
+                for k in range(j):
+                    total -= low[f, i, k] * low[f, j, k]
+                low[f, i, j] = total
+            if not low[f, j, j] > 0.0:
+                return False
+            inverse = 1.0 / np.sqrt(low[f, j, j])
+            low[f, j, j] = inverse
+            for i in range(j + 1, 6):
+                low[f, i, j] *= inverse
     return True
 
 
 @device_function
-def substitute(free: Flags, low: Blocks, side: Blocks, load: Matrix, step: Matrix) -> None:
-    """Solve with the factor for load (f, 6); step (f, 6) is zero where a frame is held."""
-    count = free.shape[0]
+def substitute(free: Flags, work: ChainWork, load: Matrix) -> None:
+    """Solve with the factor for load (f, 6); the step (f, 6) is zero where a frame is held."""
+    count, low, side, step = free.shape[0], work.low, work.side, work.step
     for f in range(count):
         for i in range(6):
             if not free[f]:
@@ -116,44 +116,15 @@ def substitute(free: Flags, low: Blocks, side: Blocks, load: Matrix, step: Matri
             step[f, i] = total * low[f, i, i]
 
 
-# chain: coefficients (s, c), inverse lengths (s,), masses (f, 4, 4)
-# loads (f, 4, 3), bed [1/s^2], targets (f, 4, 3)
-# cables: far frame of each segment (k,), eyelets (k, 2, 3), tensions (k,)
-# contacts: first frame of each (k,), rows (k, 17), widths (2,) of the law; see `chain_contact`
-# gradient (f, 6), diagonal blocks (f, 6, 6), blocks of rows f and columns f - 1 (f, 6, 6)
-# factor of the tangent: blocks (f, 6, 6) of their Cholesky factor, and whether they hold one that may serve
-
-CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT = 0, 1, 2, 3, 4
-_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
-_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
-_HALVINGS_MAX = 20
-
-
 @kernel(taken_in=True)
 def assemble(
-    frames: Blocks,
-    coefficients: Matrix,
-    inverse_length: Vector,
-    mass: Blocks,
-    load: Blocks,
-    bed: float,
-    target: Blocks,
-    far: Indices,
-    eyelets: Blocks,
-    tension: Vector,
-    touching: Indices,
-    rows: Matrix,
-    widths: Vector,
-    gradient: Matrix,
-    diagonal: Blocks,
-    off: Blocks,
-    hessian: bool,
+    frames: Blocks, chain: LoadedChain, bed: Bed, gradient: Matrix, work: ChainWork, hessian: bool
 ) -> float:
-    """Fill the gradient and, if asked to, the Hessian's blocks; return the potential [J]."""
-    energy = add_frames(frames, load, bed, mass, target, gradient, diagonal, hessian)
-    energy += add_sections(frames, coefficients, inverse_length, gradient, diagonal, off, hessian)
-    energy += add_cables(frames, far, eyelets, tension, gradient, diagonal, off, hessian)
-    return energy + add_contacts(frames, touching, rows, widths, gradient, diagonal, off, hessian)
+    """Fill the gradient (f, 6) and, if asked to, the Hessian's blocks; return the potential [J]."""
+    energy = add_frames(frames, chain, bed, gradient, work, hessian)
+    energy += add_sections(frames, chain, gradient, work, hessian)
+    energy += add_cables(frames, chain, gradient, work, hessian)
+    return energy + add_contacts(frames, chain, gradient, work, hessian)
 
 
 @kernel(taken_in=True)
@@ -182,162 +153,6 @@ def change_frames(frames: Blocks, step: Matrix, factor: float, out: Blocks) -> N
                 out[f, a, r] = frames[f, a, r] + sine * v[r] + versine * w[r]
 
 
-@device_function
-def copy_frames(frames: Blocks, out: Blocks) -> None:
-    """Fill out (f, 4, 3); an assignment of whole arrays takes seconds to compile, as it can fail."""
-    for f in range(frames.shape[0]):
-        for a in range(4):
-            for r in range(3):
-                out[f, a, r] = frames[f, a, r]
-
-
-@device_function
-def _residual(gradient: Matrix, free: Flags, lever: float) -> float:
-    """Return the largest out-of-balance force, or moment over lever."""
-    largest = 0.0
-    for f in range(free.shape[0]):
-        if free[f]:
-            for i in range(6):
-                value = abs(gradient[f, i]) / (1.0 if i < 3 else lever)
-                if not value <= largest:
-                    largest = value
-    return largest
-
-
-@device_function
-def _descent(free: Flags, gradient: Matrix, step: Matrix) -> tuple[float, float]:
-    """Turn the solution into a step; return the potential's slope along it, and the factor that bounds it."""
-    slope = longest = turn = 0.0
-    for f in range(free.shape[0]):
-        for i in range(6):
-            step[f, i] = -step[f, i]
-            slope += gradient[f, i] * step[f, i] if free[f] else 0.0
-            if i < 3:
-                longest = max(longest, abs(step[f, i]))
-            else:
-                turn = max(turn, abs(step[f, i]))
-    return slope, min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
-
-
-@device_function
-def _descends(value: float, energy: float, fall: float, residual: float, before: float) -> bool:
-    """Whether a step has lowered the potential as it should, or the residual by far."""
-    if not np.isfinite(value):
-        return False
-    return value <= energy + 1e-4 * fall + 1e-13 * (1.0 + abs(energy)) or residual < 0.1 * before
-
-
-@device_function
-def _factorise(free: Flags, diagonal: Blocks, off: Blocks, scale: Vector, low: Blocks, side: Blocks) -> float:
-    """Factorise the tangent; return the least shift [N/m] tried that makes it definite, or one too large."""
-    shift = 0.0
-    while shift <= _SHIFT_MAX and not factorise(free, diagonal, off, shift, scale, low, side):
-        shift = max(_SHIFT_START, 6.0 * shift)
-    return shift
-
-
-@kernel(allocates=True, taken_in=True)
-def minimise(
-    frames: Blocks,
-    free: Flags,
-    coefficients: Matrix,
-    inverse_length: Vector,
-    mass: Blocks,
-    load: Blocks,
-    bed: float,
-    target: Blocks,
-    far: Indices,
-    eyelets: Blocks,
-    tension: Vector,
-    touching: Indices,
-    rows: Matrix,
-    widths: Vector,
-    gradient: Matrix,
-    diagonal: Blocks,
-    off: Blocks,
-    low: Blocks,
-    side: Blocks,
-    kept: bool,
-    bounds: Vector,
-    iterations_max: int,
-) -> tuple[int, int, float, float, int, bool]:
-    """Find the minimum of the potential near `frames`, which are moved there; gradient belongs to it.
-
-    The factor of an earlier tangent, where one is kept, serves while the residual falls fast enough.
-    bounds: residual [N], lever [m]. Returns (outcome, iterations, residual [N], potential [J], shifted,
-    whether the factor that is left may serve the next solution).
-    """
-    tolerance, lever = bounds[0], bounds[1]
-    scale = np.ones(6)
-    scale[3:] = lever * lever
-    step, trial = np.zeros_like(gradient), np.empty_like(frames)
-    copy_frames(frames, trial)
-    iterations = shifted = tries = reused = 0
-    energy = residual = slope = factor = 0.0
-    # numba would compile all anew for a literal
-    wanted, judging, old = not kept, iterations > 0, kept
-    while True:
-        value = assemble(
-            trial, coefficients, inverse_length, mass, load, bed, target, far, eyelets, tension,
-            touching, rows, widths, gradient, diagonal, off, wanted,
-        )  # fmt: skip
-        before, residual = residual, _residual(gradient, free, lever)
-        if judging and not _descends(value, energy, factor * slope, residual, before):
-            residual, tries = before, tries + 1
-            if old:  # a new tangent, where the step began
-                copy_frames(frames, trial)
-                wanted, judging, old = True, False, False
-                continue
-            if tries == _HALVINGS_MAX:
-                return NO_DESCENT, iterations, residual, energy, shifted, False
-            factor *= 0.5
-            change_frames(frames, step, factor, trial)
-            continue
-        energy = value
-        copy_frames(trial, frames)
-        if not (np.isfinite(residual) and np.isfinite(energy)):
-            return NOT_FINITE, iterations, residual, energy, shifted, False
-        if residual <= tolerance:
-            return CONVERGED, iterations, residual, energy, shifted, kept and reused < 2
-        if iterations >= iterations_max:
-            return LIMIT, iterations, residual, energy, shifted, False
-        if judging and not (old and residual * residual <= tolerance * before):
-            wanted, judging, old = True, False, False
-            continue
-        iterations += 1
-        if wanted:
-            shift = _factorise(free, diagonal, off, scale, low, side)
-            if shift > _SHIFT_MAX:
-                return INDEFINITE, iterations, residual, energy, shifted, False
-            kept, reused = shift == 0.0, 0
-            shifted += shift > 0.0
-        else:
-            reused += 1
-        substitute(free, low, side, gradient, step)
-        slope, factor = _descent(free, gradient, step)
-        wanted, judging, tries = False, True, 0
-        change_frames(frames, step, factor, trial)
-
-
-@kernel(taken_in=True)
-def gas_volume(
-    frames: Blocks, coefficients: Matrix, rates: Matrix, inverse_length: Vector, length_rate: Vector
-) -> float:
-    """Return -d(energy of all sections)/dp [m^3] at given frames.
-
-    rates: d coefficients / dp; length_rate: dL/dp [m/Pa].
-    """
-    volume = 0.0
-    x, d, gradient, none = small_vector(6), small_vector(3), small_vector(6), small_matrix(0, 6)
-    for s in range(coefficients.shape[0]):
-        section_strains(frames, s, d, x)
-        section_energy(coefficients, s, x, inverse_length[s], gradient, none)
-        # z = u_3 / L - 1 moves with L
-        volume += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
-        volume -= section_energy(rates, s, x, inverse_length[s], gradient, none)
-    return volume
-
-
 @kernel(taken_in=True)
 def combine_points(frames: Blocks, before: Indices, weights: Blocks, out: Matrix) -> None:
     """Fill out (n, 3) with combinations (n, 2, 4) of the points of two frames, `before` (n,) and the next."""
@@ -354,13 +169,7 @@ def combine_points(frames: Blocks, before: Indices, weights: Blocks, out: Matrix
 
 @kernel(allocates=True)
 def chain_points(
-    frames: Cubes,
-    pressures: Vector,
-    largest: float,
-    intervals: int,
-    table: Matrix,
-    before: Indices,
-    out: Blocks,
+    frames: Cubes, pressures: Vector, spline: PressureSpline, table: Matrix, before: Indices, out: Blocks
 ) -> None:
     """Fill out (k, n, 3) with points of chains (k, f, 4, 3) at pressures (k,).
 
@@ -370,34 +179,26 @@ def chain_points(
     combinations = weights.reshape(len(before), 2, 4)
     for k in range(len(frames)):
         if k == 0 or pressures[k] != pressures[k - 1]:
-            first = active_terms(pressures[k], largest, intervals, terms)
-            weighted_rows(table, first, terms[0], weights)
+            weighted_rows(table, active_terms(pressures[k], spline, terms), terms[0], weights)
         combine_points(frames[k], before, combinations, out[k])
 
 
 @kernel(allocates=True)
 def gas_volumes(
-    frames: Cubes,
-    pressures: Vector,
-    largest: float,
-    intervals: int,
-    energy: Matrix,
-    length: Matrix,
-    gas: Vector,
-    out: Vector,
-) -> None:
-    """Fill out (k,) with the enclosed volumes [m^3] of chains (k, f, 4, 3) at pressures (k,).
+    frames: Cubes, pressures: Vector, spline: PressureSpline, energy: Matrix, length: Matrix, gas: Vector
+) -> Vector:
+    """Return the enclosed volumes (k,) [m^3], -d(energy of all sections)/dp, of chains (k, f, 4, 3).
 
-    energy: (size, s c); length: (size, s); gas: (size,); see `SectionModel`.
+    pressures: (k,); energy: (size, s c); length: (size, s); gas: (size,); see `SectionModel`.
     """
-    sections = length.shape[1]
+    sections, out = length.shape[1], np.zeros(len(frames))
     terms, value, slope = small_matrix(2, TERMS), np.empty(energy.shape[1]), np.empty(energy.shape[1])
     coefficients, rates = value.reshape(sections, -1), slope.reshape(sections, -1)
-    inverse_length, length_rate = np.empty(sections), np.empty(sections)
-    rest = 0.0
+    inverse_length, length_rate, rest = np.empty(sections), np.empty(sections), 0.0
+    x, d, gradient, none = small_vector(6), small_vector(3), small_vector(6), small_matrix(0, 6)
     for k in range(len(frames)):
         if k == 0 or pressures[k] != pressures[k - 1]:
-            first = active_terms(pressures[k], largest, intervals, terms)
+            first = active_terms(pressures[k], spline, terms)
             weighted_rows(energy, first, terms[0], value)
             weighted_rows(energy, first, terms[1], slope)
             weighted_rows(length, first, terms[0], inverse_length)
@@ -407,7 +208,14 @@ def gas_volumes(
                 rest += terms[1, t] * gas[first + t]
             for s in range(sections):
                 inverse_length[s] = 1.0 / inverse_length[s]
-        out[k] = gas_volume(frames[k], coefficients, rates, inverse_length, length_rate) - rest
+        for s in range(sections):
+            section_strains(frames[k], s, d, x)
+            section_energy(coefficients, s, x, inverse_length[s], gradient, none)
+            # z = u_3 / L - 1 moves with L
+            out[k] += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
+            out[k] -= section_energy(rates, s, x, inverse_length[s], gradient, none)
+        out[k] -= rest
+    return out
 
 
 WRENCH, CENTER, INERTIA, FIGURES = 0, 6, 9, 18

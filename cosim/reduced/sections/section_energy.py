@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 
@@ -39,85 +39,7 @@ TERMS = 4
 """Functions that differ from zero at a pressure, at most."""
 
 
-@device_function
-def _cubics(u: float, out: Vector) -> None:
-    v = 1.0 - u
-    out[0] = v * v * v / 6.0
-    out[1] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
-    out[2] = (3.0 * v * v * v - 6.0 * v * v + 4.0) / 6.0
-    out[3] = u * u * u / 6.0
-
-
-@kernel(taken_in=True)
-def active_terms(pressure: float, largest: float, intervals: int, out: Matrix) -> int:
-    """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
-
-    Returns the first of them. Beyond 0 to `largest` the functions go on as straight lines in p.
-    """
-    # a pressure that is not a number gives such weights, and a place that exists
-    inside = largest if pressure > largest else pressure if pressure > 0.0 else 0.0
-    span = math.asinh(largest / _SCALE_Pa) / intervals
-    place = math.asinh(inside / _SCALE_Pa) / span
-    first = min(int(place), intervals - 1)
-    u = place - first
-    v = 1.0 - u
-    slope = 1.0 / (6.0 * span * math.sqrt(inside * inside + _SCALE_Pa * _SCALE_Pa))
-    _cubics(u, out[0])
-    out[1, 0] = -3.0 * slope * v * v
-    out[1, 1] = slope * (9.0 * u * u - 12.0 * u)
-    out[1, 2] = slope * (-9.0 * v * v + 12.0 * v)
-    out[1, 3] = 3.0 * slope * u * u
-    for k in range(4):
-        out[0, k] += (pressure - inside) * out[1, k]
-    return first
-
-
-@kernel
-def fill_bases(pressures: Vector, largest: float, intervals: int, out: Blocks) -> None:
-    """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
-    terms = small_matrix(2, TERMS)
-    for p in range(pressures.shape[0]):
-        first = active_terms(pressures[p], largest, intervals, terms)
-        for k in range(TERMS):
-            out[p, 0, first + k] = terms[0, k]
-            out[p, 1, first + k] = terms[1, k]
-
-
-@kernel(taken_in=True)
-def weighted_rows(table: Matrix, first: int, weights: Vector, out: Vector) -> None:
-    """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
-    for k in range(out.shape[0]):
-        out[k] = (
-            weights[0] * table[first, k] + weights[1] * table[first + 1, k]
-            + weights[2] * table[first + 2, k] + weights[3] * table[first + 3, k]
-        )  # fmt: skip
-
-
-@final
-@dataclass(frozen=True)
-class SplineTerms:
-    """The functions of a spline that are not zero at one pressure.
-
-    Args:
-        first: of them; the others follow it.
-        weights: (2, TERMS), their values and slopes d/dp [1/Pa].
-    """
-
-    first: int
-    weights: Array
-
-    def values(self, table: Array, out: Array) -> None:
-        """Fill out (m,) with the values of splines of coefficients (size, m)."""
-        weighted_rows(table, self.first, self.weights[0], out)
-
-    def slopes(self, table: Array, out: Array) -> None:
-        """Fill out (m,) with their slopes d/dp."""
-        weighted_rows(table, self.first, self.weights[1], out)
-
-
-@final
-@dataclass(frozen=True)
-class PressureSpline:
+class PressureSpline(NamedTuple):
     """The basis B_k over 0 to a largest pressure.
 
     Args:
@@ -149,14 +71,80 @@ class PressureSpline:
     def bases(self, pressure_Pa: Array) -> Array:
         """Return `basis` of many pressures (k,) [Pa]: (k, 2, size)."""
         result = np.zeros((len(pressure_Pa), 2, self.size))
-        fill_bases(pressure_Pa, self.largest_Pa, self.intervals, result)
+        fill_bases(pressure_Pa, self, result)
         return result
 
     def terms(self, pressure_Pa: float) -> SplineTerms:
         """Return the functions that are not zero at a pressure."""
         weights = np.empty((2, TERMS))
-        first = active_terms(pressure_Pa, self.largest_Pa, self.intervals, weights)
-        return SplineTerms(first, weights)
+        return SplineTerms(active_terms(pressure_Pa, self, weights), weights)
+
+
+@kernel(taken_in=True)
+def active_terms(pressure: float, spline: PressureSpline, out: Matrix) -> int:
+    """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
+
+    Returns the first of them. Beyond 0 to the largest pressure they go on as straight lines in p.
+    """
+    # a pressure that is not a number gives such weights, and a place that exists
+    largest, intervals = spline.largest_Pa, spline.intervals
+    inside = largest if pressure > largest else pressure if pressure > 0.0 else 0.0
+    span = math.asinh(largest / _SCALE_Pa) / intervals
+    place = math.asinh(inside / _SCALE_Pa) / span
+    first = min(int(place), intervals - 1)
+    u = place - first
+    v = 1.0 - u
+    slope = 1.0 / (6.0 * span * math.sqrt(inside * inside + _SCALE_Pa * _SCALE_Pa))
+    out[0, 0] = v * v * v / 6.0
+    out[0, 1] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
+    out[0, 2] = (3.0 * v * v * v - 6.0 * v * v + 4.0) / 6.0
+    out[0, 3] = u * u * u / 6.0
+    out[1, 0] = -3.0 * slope * v * v
+    out[1, 1] = slope * (9.0 * u * u - 12.0 * u)
+    out[1, 2] = slope * (-9.0 * v * v + 12.0 * v)
+    out[1, 3] = 3.0 * slope * u * u
+    for k in range(4):
+        out[0, k] += (pressure - inside) * out[1, k]
+    return first
+
+
+@kernel
+def fill_bases(pressures: Vector, spline: PressureSpline, out: Blocks) -> None:
+    """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
+    terms = small_matrix(2, TERMS)
+    for p in range(pressures.shape[0]):
+        first = active_terms(pressures[p], spline, terms)
+        for k in range(TERMS):
+            out[p, 0, first + k] = terms[0, k]
+            out[p, 1, first + k] = terms[1, k]
+
+
+@kernel(taken_in=True)
+def weighted_rows(table: Matrix, first: int, weights: Vector, out: Vector) -> None:
+    """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
+    for k in range(out.shape[0]):
+        out[k] = (
+            weights[0] * table[first, k] + weights[1] * table[first + 1, k]
+            + weights[2] * table[first + 2, k] + weights[3] * table[first + 3, k]
+        )  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class SplineTerms:
+    """The functions of a spline that are not zero at one pressure.
+
+    Args:
+        first: of them; the others follow it.
+        weights: (2, TERMS), their values and slopes d/dp [1/Pa].
+    """
+
+    first: int
+    weights: Array
+
+    def values(self, table: Array, out: Array) -> None:
+        """Fill out (m,) with the values of splines of coefficients (size, m)."""
+        weighted_rows(table, self.first, self.weights[0], out)
 
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}

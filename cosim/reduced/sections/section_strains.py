@@ -21,6 +21,8 @@ Contact points on a chain of frames: energy, gradient and Hessian; see `chain_co
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cosim.base.kernels import (
@@ -37,9 +39,79 @@ from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energ
 from cosim.soft.contact.contact_law import touch
 
 
+class LoadedChain(NamedTuple):
+    """What a chain of f frames with s sections is at one pressure, and what acts on it.
+
+    Args:
+        coefficients: (s, c), of the sections' energies.
+        inverse_length: (s,) [1/m].
+        mass: M (f, 4, 4), symmetric.
+        load: (f, 4, 3) [N, N m], on the frames' points.
+        far: (k,) frame at the far end of each cable segment; the near end is on the frame before.
+        eyelets: (k, 2, 3) [m], in their frames.
+        tension: (k,) [N].
+        touching: (n,) the first of the two frames of each contact point.
+        rows: (n, COLUMNS), of the contacts.
+        widths: (2,) [m], smoothing and stick length of their law.
+    """
+
+    coefficients: Matrix
+    inverse_length: Vector
+    mass: Blocks
+    load: Blocks
+    far: Indices
+    eyelets: Blocks
+    tension: Vector
+    touching: Indices
+    rows: Matrix
+    widths: Vector
+
+
+class Bed(NamedTuple):
+    """Inertia of an implicit step.
+
+    Args:
+        coefficient: c [1/s^2]; 0 in statics.
+        target: y (f, 4, 3) [m].
+    """
+
+    coefficient: float
+    target: Blocks
+
+
+class ChainWork(NamedTuple):
+    """A chain's tangent, in blocks of frames, and scratch of its solution.
+
+    Args:
+        diagonal: (f, 6, 6).
+        off: (f, 6, 6), rows of frame f and columns of frame f - 1.
+        low: (f, 6, 6), of the Cholesky factor, see `factorise`.
+        side: (f, 6, 6), the same.
+        trial: (f, 4, 3).
+        target: (f, 4, 3), see `Bed`.
+        step: (f, 6).
+    """
+
+    diagonal: Blocks
+    off: Blocks
+    low: Blocks
+    side: Blocks
+    trial: Blocks
+    target: Blocks
+    step: Matrix
+
+    @classmethod
+    def room(cls, frames: int) -> ChainWork:
+        """Return that of so many frames."""
+        diagonal, off, low, side = np.zeros((4, frames, 6, 6))
+        trial, target = np.zeros((2, frames, 4, 3))
+        return cls(diagonal, off, low, side, trial, target, np.zeros((frames, 6)))
+
+
 @device_function
-def add_skew(block: Blocks, f: int, row: int, column: int, x: float, y: float, z: float) -> None:
-    """Add S((x, y, z)) to a 3 x 3 part of block f."""
+def add_skew(block: Blocks, f: int, place: tuple[int, int], x: float, y: float, z: float) -> None:
+    """Add S((x, y, z)) to a 3 x 3 part of block f that begins at a row and column."""
+    row, column = place
     block[f, row, column + 1] -= z
     block[f, row, column + 2] += y
     block[f, row + 1, column] += z
@@ -74,12 +146,15 @@ def section_strains(frames: Blocks, s: int, d: Vector, x: Vector) -> None:
 
 
 @device_function
-def _add_pull(frames: Blocks, s: int, d: Vector, g: Vector, out: Matrix, lean: Matrix, turn: Matrix) -> None:
+def _add_pull(
+    frames: Blocks, s: int, d: Vector, g: Vector, out: Matrix, filled: tuple[Matrix, Matrix]
+) -> None:
     """Add the section's forces and moments, from the derivatives g (6,) by its strains.
 
     Fills lean (2, 3), sum_i g_i a_i and sum_i g_i b_i, and turn (3, 3), the sum of g p q^T / 2 over all
     products p . q in the strains w, p an axis of frame a and q one of frame b.
     """
+    lean, turn = filled
     for r in range(3):
         lean[0, r] = g[0] * frames[s, 1, r] + g[1] * frames[s, 2, r] + g[2] * frames[s, 3, r]
         lean[1, r] = g[0] * frames[s + 1, 1, r] + g[1] * frames[s + 1, 2, r] + g[2] * frames[s + 1, 3, r]
@@ -99,8 +174,8 @@ def _add_pull(frames: Blocks, s: int, d: Vector, g: Vector, out: Matrix, lean: M
 
 
 @device_function
-def _strain_slopes(frames: Blocks, s: int, d: Vector, jac: Matrix) -> None:
-    """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b.
+def _strain_slopes(frames: Blocks, s: int, d: Vector, h: Matrix, jac: Matrix, turned: Matrix) -> None:
+    """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b), and h jac; r_a has the opposite sign of r_b.
 
     Its last three rows are zero by r_b, and by phi_b the opposite of those by phi_a.
     """
@@ -115,17 +190,18 @@ def _strain_slopes(frames: Blocks, s: int, d: Vector, jac: Matrix) -> None:
                 frames[s, k, m] * frames[s + 1, j, n] - frames[s, k, n] * frames[s + 1, j, m]
                 - frames[s, j, m] * frames[s + 1, k, n] + frames[s, j, n] * frames[s + 1, k, m]
             )  # fmt: skip
-
-
-@device_function
-def _turned(h: Matrix, jac: Matrix, out: Matrix) -> None:
-    """Fill out (6, 9), h jac."""
     for i in range(6):
         for k in range(3):
             bent = h[i, 3] * jac[3, 3 + k] + h[i, 4] * jac[4, 3 + k] + h[i, 5] * jac[5, 3 + k]
-            out[i, k] = h[i, 0] * jac[0, k] + h[i, 1] * jac[1, k] + h[i, 2] * jac[2, k]
-            out[i, 3 + k] = h[i, 0] * jac[0, 3 + k] + h[i, 1] * jac[1, 3 + k] + h[i, 2] * jac[2, 3 + k] + bent
-            out[i, 6 + k] = h[i, 0] * jac[0, 6 + k] + h[i, 1] * jac[1, 6 + k] + h[i, 2] * jac[2, 6 + k] - bent
+            turned[i, k] = _dot(h, i, jac, k)
+            turned[i, 3 + k] = _dot(h, i, jac, 3 + k) + bent
+            turned[i, 6 + k] = _dot(h, i, jac, 6 + k) - bent
+
+
+@device_function
+def _dot(a: Matrix, i: int, b: Matrix, k: int) -> float:
+    """Return the product of row i of a and column k of b, over three entries."""
+    return a[i, 0] * b[0, k] + a[i, 1] * b[1, k] + a[i, 2] * b[2, k]
 
 
 @device_function
@@ -167,13 +243,13 @@ def _add_geometric(s: int, d: Vector, lean: Matrix, turn: Matrix, diagonal: Bloc
     b = s + 1
     # r-phi parts: u_i moves by (phi x a_i) . dr / 2
     x, y, z = 0.5 * lean[0, 0], 0.5 * lean[0, 1], 0.5 * lean[0, 2]
-    add_skew(diagonal, s, 0, 3, x, y, z)
-    add_skew(diagonal, s, 3, 0, -x, -y, -z)
-    add_skew(off, b, 0, 3, -x, -y, -z)
+    add_skew(diagonal, s, (0, 3), x, y, z)
+    add_skew(diagonal, s, (3, 0), -x, -y, -z)
+    add_skew(off, b, (0, 3), -x, -y, -z)
     x, y, z = 0.5 * lean[1, 0], 0.5 * lean[1, 1], 0.5 * lean[1, 2]
-    add_skew(diagonal, b, 0, 3, -x, -y, -z)
-    add_skew(diagonal, b, 3, 0, x, y, z)
-    add_skew(off, b, 3, 0, -x, -y, -z)
+    add_skew(diagonal, b, (0, 3), -x, -y, -z)
+    add_skew(diagonal, b, (3, 0), x, y, z)
+    add_skew(off, b, (3, 0), -x, -y, -z)
     trace = turn[0, 0] + turn[1, 1] + turn[2, 2]
     for r in range(3):
         for c in range(3):
@@ -190,21 +266,12 @@ def _add_geometric(s: int, d: Vector, lean: Matrix, turn: Matrix, diagonal: Bloc
 
 @device_function
 def add_sections(
-    frames: Blocks,
-    c: Matrix,
-    inverse_length: Vector,
-    out: Matrix,
-    diagonal: Blocks,
-    off: Blocks,
-    hessian: bool,
+    frames: Blocks, chain: LoadedChain, gradient: Matrix, work: ChainWork, hessian: bool
 ) -> float:
-    """Add all sections; off is filled anew. Returns their energy."""
-    d, x, g, h = (
-        small_vector(3),
-        small_vector(6),
-        small_vector(6),
-        small_matrix(6, 6) if hessian else small_matrix(0, 6),
-    )
+    """Add all sections; the blocks between frames are filled anew. Returns their energy."""
+    c, inverse_length = chain.coefficients, chain.inverse_length
+    d, x, g = small_vector(3), small_vector(6), small_vector(6)
+    h = small_matrix(6, 6) if hessian else small_matrix(0, 6)
     lean, turn = small_matrix(2, 3), small_matrix(3, 3)
     jac, turned = small_matrix(6, 9), small_matrix(6, 9)
     energy = 0.0
@@ -214,38 +281,20 @@ def add_sections(
         if not (c[s, LOW] <= place <= c[s, HIGH] and x[3] * x[3] + x[4] * x[4] <= c[s, BENT]):
             return np.inf
         energy += section_energy(c, s, x, inverse_length[s], g, h)
-        _add_pull(frames, s, d, g, out, lean, turn)
+        _add_pull(frames, s, d, g, gradient, (lean, turn))
         if hessian:
-            _strain_slopes(frames, s, d, jac)
-            _turned(h, jac, turned)
-            _add_stiffness(jac, turned, s, diagonal, off)
-            _add_geometric(s, d, lean, turn, diagonal, off)
+            _strain_slopes(frames, s, d, h, jac, turned)
+            _add_stiffness(jac, turned, s, work.diagonal, work.off)
+            _add_geometric(s, d, lean, turn, work.diagonal, work.off)
     return energy
 
 
 @device_function
 def add_frames(
-    frames: Blocks,
-    load: Blocks,
-    bed: float,
-    mass: Blocks,
-    target: Blocks,
-    out: Matrix,
-    diagonal: Blocks,
-    hessian: bool,
+    frames: Blocks, chain: LoadedChain, bed: Bed, gradient: Matrix, work: ChainWork, hessian: bool
 ) -> float:
-    """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy.
-
-    Args:
-        frames: (f, 4, 3).
-        load: (f, 4, 3) [N, N m], on the frames' points.
-        bed: c [1/s^2]; 0 in statics.
-        mass: M (f, 4, 4), symmetric.
-        target: y (f, 4, 3).
-        out: (f, 6).
-        diagonal: (f, 6, 6).
-        hessian: whether to fill it.
-    """
+    """Fill gradient and diagonal blocks with dead loads and the inertial bed; return their energy."""
+    load, mass, target = chain.load, chain.mass, bed.target
     force, turn, off = small_matrix(4, 3), small_matrix(3, 3), small_matrix(4, 3)
     energy = 0.0
     for f in range(frames.shape[0]):
@@ -254,7 +303,7 @@ def add_frames(
                 off[a, r] = frames[f, a, r] - target[f, a, r]
         for a in range(4):
             for r in range(3):
-                pull = bed * (
+                pull = bed.coefficient * (
                     mass[f, a, 0] * off[0, r] + mass[f, a, 1] * off[1, r]
                     + mass[f, a, 2] * off[2, r] + mass[f, a, 3] * off[3, r]
                 )  # fmt: skip
@@ -269,11 +318,11 @@ def add_frames(
                 )
         for r in range(3):
             i, k = (r + 1) % 3, (r + 2) % 3
-            out[f, r] = force[0, r]
-            out[f, 3 + r] = turn[k, i] - turn[i, k]
+            gradient[f, r] = force[0, r]
+            gradient[f, 3 + r] = turn[k, i] - turn[i, k]
         if hessian:
-            diagonal[f] = 0.0
-            _add_bed(frames, f, bed, mass, turn, diagonal)
+            work.diagonal[f] = 0.0
+            _add_bed(frames, f, bed.coefficient, mass, turn, work.diagonal)
     return energy
 
 
@@ -290,8 +339,8 @@ def _add_bed(frames: Blocks, f: int, bed: float, mass: Blocks, turn: Matrix, dia
         x += bed * mass[f, 0, a] * frames[f, a, 0]
         y += bed * mass[f, 0, a] * frames[f, a, 1]
         z += bed * mass[f, 0, a] * frames[f, a, 2]
-    add_skew(diagonal, f, 0, 3, -x, -y, -z)
-    add_skew(diagonal, f, 3, 0, x, y, z)
+    add_skew(diagonal, f, (0, 3), -x, -y, -z)
+    add_skew(diagonal, f, (3, 0), x, y, z)
     # sum_ab M_ab [(a . b) 1 - b a^T]
     for r in range(3):
         for c in range(3):
@@ -309,28 +358,9 @@ def _add_bed(frames: Blocks, f: int, bed: float, mass: Blocks, turn: Matrix, dia
 
 
 @device_function
-def add_cables(
-    frames: Blocks,
-    far: Indices,
-    eyelets: Blocks,
-    tension: Vector,
-    out: Matrix,
-    diagonal: Blocks,
-    off: Blocks,
-    hessian: bool,
-) -> float:
-    """Add all cable segments under tension; return their energy.
-
-    Args:
-        frames: (f, 4, 3).
-        far: (k,) frame at the far end of each segment; the near end is on the frame before.
-        eyelets: (k, 2, 3) [m], in their frames.
-        tension: (k,) [N].
-        out: (f, 6).
-        diagonal: (f, 6, 6).
-        off: (f, 6, 6).
-        hessian: whether to fill the blocks.
-    """
+def add_cables(frames: Blocks, chain: LoadedChain, out: Matrix, work: ChainWork, hessian: bool) -> float:
+    """Add all cable segments under tension; return their energy."""
+    far, eyelets, tension = chain.far, chain.eyelets, chain.tension
     arm, t = small_matrix(4, 3), small_vector(3)
     energy = 0.0
     for k in range(far.shape[0]):
@@ -356,21 +386,19 @@ def add_cables(
             out[b - 1, 3 + r] -= tension[k] * (arm[0, i] * t[j] - arm[0, j] * t[i])
             out[b, 3 + r] += tension[k] * (arm[1, i] * t[j] - arm[1, j] * t[i])
         if hessian:
-            _add_across(b, arm, t, tension[k], length, diagonal, off)
+            _add_across(b, arm, t, tension[k], length, work)
         energy += tension[k] * length
     return energy
 
 
 @device_function
-def _add_across(
-    b: int, arm: Matrix, t: Vector, tension: float, length: float, diagonal: Blocks, off: Blocks
-) -> None:
+def _add_across(b: int, arm: Matrix, t: Vector, tension: float, length: float, work: ChainWork) -> None:
     """Add the stiffness of a segment across its direction t, and what turning its arms q adds.
 
     With w = tension / length and n = t x q: the step between the eyelets has w (1 - t t^T), its product
     with S(q) is w (S(q) - t n^T), and that of S(q')^T with it w ((q . q') 1 - q q'^T - n' n^T).
     """
-    w, a = tension / length, b - 1
+    w, a, diagonal, off = tension / length, b - 1, work.diagonal, work.off
     for side in range(2):
         f, sign = a + side, -1.0 + 2.0 * side
         q0, q1, q2 = arm[side, 0], arm[side, 1], arm[side, 2]
@@ -378,8 +406,8 @@ def _add_across(
         arm[2 + side, 1] = t[2] * q0 - t[0] * q2
         arm[2 + side, 2] = t[0] * q1 - t[1] * q0
         square, along = q0 * q0 + q1 * q1 + q2 * q2, t[0] * q0 + t[1] * q1 + t[2] * q2
-        add_skew(diagonal, f, 0, 3, -w * q0, -w * q1, -w * q2)
-        add_skew(diagonal, f, 3, 0, w * q0, w * q1, w * q2)
+        add_skew(diagonal, f, (0, 3), -w * q0, -w * q1, -w * q2)
+        add_skew(diagonal, f, (3, 0), w * q0, w * q1, w * q2)
         for r in range(3):
             diagonal[f, r, r] += w
             diagonal[f, 3 + r, 3 + r] += w * square - sign * tension * along
@@ -392,8 +420,8 @@ def _add_across(
                     0.5 * sign * tension * (t[r] * arm[side, c] + arm[side, r] * t[c])
                     - w * (arm[side, r] * arm[side, c] + arm[2 + side, r] * arm[2 + side, c])
                 )  # fmt: skip
-    add_skew(off, b, 0, 3, w * arm[0, 0], w * arm[0, 1], w * arm[0, 2])
-    add_skew(off, b, 3, 0, -w * arm[1, 0], -w * arm[1, 1], -w * arm[1, 2])
+    add_skew(off, b, (0, 3), w * arm[0, 0], w * arm[0, 1], w * arm[0, 2])
+    add_skew(off, b, (3, 0), -w * arm[1, 0], -w * arm[1, 1], -w * arm[1, 2])
     inner = arm[0, 0] * arm[1, 0] + arm[0, 1] * arm[1, 1] + arm[0, 2] * arm[1, 2]
     for r in range(3):
         off[b, r, r] -= w
@@ -410,29 +438,9 @@ WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13
 
 
 @device_function
-def add_contacts(
-    frames: Blocks,
-    first: Indices,
-    rows: Matrix,
-    widths: Vector,
-    out: Matrix,
-    diagonal: Blocks,
-    off: Blocks,
-    hessian: bool,
-) -> float:
-    """Add all contacts; return their energy.
-
-    Args:
-        frames: (f, 4, 3).
-        first: (k,) the first of the two frames of each contact.
-        rows: (k, COLUMNS).
-        widths: (2,) [m], smoothing and stick length.
-        out: (f, 6).
-        diagonal: (f, 6, 6).
-        off: (f, 6, 6).
-        hessian: whether to fill the blocks.
-    """
-    energy = 0.0
+def add_contacts(frames: Blocks, chain: LoadedChain, out: Matrix, work: ChainWork, hessian: bool) -> float:
+    """Add all contacts; return their energy."""
+    first, rows, widths, energy = chain.touching, chain.rows, chain.widths, 0.0
     if first.shape[0] == 0:
         return energy
     point, own, tangent = small_vector(3), small_vector(3), small_matrix(3, 3)
@@ -453,9 +461,18 @@ def add_contacts(
                 out[f + side, r] += rows[k, WEIGHTS + 4 * side] * own[r]
                 out[f + side, 3 + r] += arm[side, i] * own[j] - arm[side, j] * own[i]
         if hessian:
-            _slopes(rows, k, arm, jac)
-            _contact_add_stiffness(f, jac, tangent, turned, diagonal, off)
-            _add_rotations(f, own, arm, tangent, diagonal)
+            for side in range(2):  # d point / d (dr, phi) of both frames: [w 1, -S(q)]
+                for r in range(3):
+                    i, j = (r + 1) % 3, (r + 2) % 3
+                    jac[r, 6 * side + r] = rows[k, WEIGHTS + 4 * side]
+                    jac[r, 6 * side + 3 + i] = arm[side, j]
+                    jac[r, 6 * side + 3 + j] = -arm[side, i]
+            _stiffen(f, jac, tangent, turned, work)
+            for side in range(2):  # the second order of the rotations
+                for r in range(3):
+                    for c in range(3):
+                        tangent[r, c] = own[r] * arm[side, c]
+                add_turning(work.diagonal, f + side, tangent, 1.0)
     return energy
 
 
@@ -474,21 +491,9 @@ def _place(frames: Blocks, f: int, rows: Matrix, k: int, arm: Matrix, point: Vec
 
 
 @device_function
-def _slopes(rows: Matrix, k: int, arm: Matrix, jac: Matrix) -> None:
-    """Fill jac (3, 12), d point / d (dr, phi) of both frames: [w 1, -S(q)]."""
-    for side in range(2):
-        for r in range(3):
-            i, j = (r + 1) % 3, (r + 2) % 3
-            jac[r, 6 * side + r] = rows[k, WEIGHTS + 4 * side]
-            jac[r, 6 * side + 3 + i] = arm[side, j]
-            jac[r, 6 * side + 3 + j] = -arm[side, i]
-
-
-@device_function
-def _contact_add_stiffness(
-    f: int, jac: Matrix, tangent: Matrix, turned: Matrix, diagonal: Blocks, off: Blocks
-) -> None:
+def _stiffen(f: int, jac: Matrix, tangent: Matrix, turned: Matrix, work: ChainWork) -> None:
     """Add J^T K J to the blocks of frames f and f + 1."""
+    diagonal, off = work.diagonal, work.off
     for k in range(12):
         for r in range(3):
             turned[r, k] = tangent[r, 0] * jac[0, k] + tangent[r, 1] * jac[1, k] + tangent[r, 2] * jac[2, k]
@@ -498,13 +503,3 @@ def _contact_add_stiffness(
                 diagonal[f, i, k] += jac[r, i] * turned[r, k]
                 diagonal[f + 1, i, k] += jac[r, 6 + i] * turned[r, 6 + k]
                 off[f + 1, i, k] += jac[r, 6 + i] * turned[r, k]
-
-
-@device_function
-def _add_rotations(f: int, own: Vector, arm: Matrix, work: Matrix, diagonal: Blocks) -> None:
-    """Add the second order of the rotations, the gradient `own` (3,) by the point times its arms."""
-    for side in range(2):
-        for r in range(3):
-            for c in range(3):
-                work[r, c] = own[r] * arm[side, c]
-        add_turning(diagonal, f + side, work, 1.0)

@@ -8,15 +8,15 @@ g_c^T H^-1 g_d / m_c.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Protocol, TypeVar, final
+from typing import Final, final
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from cosim.base.frames import Array, Mask
-from cosim.reduced.solve.newton import Bed, ChainSolver, ChainTangent
+from cosim.base.frames import Array
+from cosim.reduced.solve.chain_step import ChainStep
+from cosim.reduced.solve.newton import ChainSolver, ChainTangent, ChainTask
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import base_tension, onset
 from cosim.soft.solve.newton_options import Outcome
@@ -25,29 +25,6 @@ CLOSE_N: Final = 1e-8
 """How closely a chain is solved whose cables have lengths: their tension feels where it ends."""
 _ROUNDS_MAX = 30
 _TOLERANCE_N = 1e-6
-
-
-class TensionAttempt(Protocol):
-    """A solution at given tensions."""
-
-    @property
-    def frames(self) -> Array:
-        """(f, 4, 3)."""
-
-    @property
-    def outcome(self) -> Outcome:
-        """How it ended."""
-
-    @property
-    def iterations(self) -> int:
-        """Linear solves."""
-
-    @property
-    def pressure_Pa(self) -> float:
-        """Gauge pressure of the gas."""
-
-
-Found = TypeVar("Found", bound=TensionAttempt)
 
 
 def commanded(loads: Loads) -> tuple[int, ...]:
@@ -132,53 +109,55 @@ def given_tensions(
     return given, flat.T @ ((pulls.stiffness / pulls.mean_ratio)[:, None] * flat)
 
 
-def solve_commanded(
-    solver: ChainSolver,
-    free: Mask,
-    loads: Loads,
-    begin: tuple[float, ...],
-    attempt: Callable[[Loads, Found | None], Found],
-    bed: Bed | None = None,
-) -> Found:
-    """Return the solution at the tensions that commanded cables have in it.
+def solve_loaded(
+    solver: ChainSolver, task: ChainTask, loads: Loads, start: int | Array, begin_Pa: float
+) -> ChainStep:
+    """Return the solution of a task, at the tensions that commanded cables have in it.
 
     Args:
         solver: of the chain.
-        free: (f,) frames that can move.
-        loads: with commanded lengths.
-        begin: tensions [N] of all cables to begin with.
-        attempt: solves at loads with tensions alone; given the last solution, None for the first.
-        bed: of an implicit step; None in statics.
+        task: what is to be solved.
+        loads: that act.
+        start: one of the kernel's, or frames (f, 4, 3).
+        begin_Pa: gauge pressure at which the search for that of a sealed gas begins.
     """
-    chosen, tension, spent = list(commanded(loads)), np.array(begin), 0
-    found, good, known = attempt(with_tensions(loads, begin), None), None, tension.copy()
+    chosen = list(commanded(loads))
+    if not chosen:
+        return solver.find(task, loads, start, begin_Pa)
+    scheme = task.scheme._replace(tolerance_N=min(CLOSE_N, task.scheme.tolerance_N))
+    task, free = replace(task, scheme=scheme), task.clamp.free
+
+    def attempt(tension: Array, before: ChainStep | None) -> ChainStep:
+        begin, pressure = (start, begin_Pa) if before is None else (before.frames, before.pressure_Pa)
+        return solver.find(task, with_tensions(loads, tuple(tension.tolist())), begin, pressure)
+
+    near = np.asarray(start) if task.begin is None else task.begin.frames
+    pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+    tension, spent = np.array(tensions_at(solver, near, loads, pressure)), 0
+    found, good, known = attempt(tension, None), None, tension.copy()
     known[chosen] = 0.0  # a chain that its cables pull too far has no equilibrium
     for _ in range(_ROUNDS_MAX):
         spent += found.iterations
         if found.outcome is not Outcome.CONVERGED:
             if np.abs(tension - known).max() <= _TOLERANCE_N:
-                return _ended(found, found.outcome, spent)
+                return replace(found, iterations=spent)
             tension = 0.5 * (tension + known) if good is not None else known
-            found = attempt(with_tensions(loads, tuple(tension.tolist())), good)
+            found = attempt(tension, good)
             continue
         good, known = found, tension
         pulls = Pulls.of(solver, found.frames, loads, found.pressure_Pa)
         off = tension[chosen] - pulls.tension_N
         if np.abs(off).max() <= _TOLERANCE_N:
-            return _ended(found, found.outcome, spent)
+            return replace(found, iterations=spent)
         given = with_tensions(loads, tuple(tension.tolist()))
         try:
-            tangent = ChainTangent(solver, found.frames, free, given, found.pressure_Pa, bed)
+            tangent = ChainTangent(solver, found.frames, free, given, found.pressure_Pa, task.bed)
         except LinAlgError:
-            return _ended(found, Outcome.INDEFINITE, spent)
+            return replace(found, outcome=Outcome.INDEFINITE, iterations=spent)
         shortened = np.einsum("cfi,dfi->cd", pulls.gradient, tangent.solve(pulls.gradient))
         # one that is pulled and found slack is on the taut side of the onset's bend, too far
         matrix = np.eye(len(chosen)) + (pulls.taut(solver, chosen) / pulls.mean_ratio)[:, None] * shortened
         off, tension = off + pulls.missing_N, tension.copy()
         tension[chosen] = np.maximum(tension[chosen] - np.linalg.solve(matrix, off), 0.0)
-        found = attempt(with_tensions(loads, tuple(tension.tolist())), found)
-    return _ended(found, Outcome.ITERATION_LIMIT, spent)
-
-
-def _ended(found: Found, outcome: Outcome, iterations: int) -> Found:
-    return replace(found, outcome=outcome, iterations=iterations)  # type: ignore[type-var]
+        found = attempt(tension, found)
+    return replace(found, outcome=Outcome.ITERATION_LIMIT, iterations=spent)

@@ -14,208 +14,126 @@ How the tip of a chain of frames moves with its loads: the implicit function the
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias, TypeVar, final
+from dataclasses import dataclass, field, replace
+from typing import final
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    kernel,
-)
+from cosim.base.kernels import Blocks, Indices, Matrix, kernel
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.assembly import assemble, minimise
-from cosim.reduced.sections.section_strains import ANCHOR, COLUMNS, FRICTION, NORMAL, OFFSET, STIFFNESS
+from cosim.reduced.sections.assembly import FIGURES, assemble
+from cosim.reduced.sections.section_strains import (
+    ANCHOR,
+    COLUMNS,
+    FRICTION,
+    NORMAL,
+    OFFSET,
+    STIFFNESS,
+    Bed,
+    ChainWork,
+    LoadedChain,
+)
+from cosim.reduced.solve.chain_step import (
+    GIVEN,
+    OUTCOMES,
+    ChainEnds,
+    ChainScheme,
+    ChainSide,
+    ChainState,
+    ChainStep,
+    KeptTangent,
+    solve_chain,
+)
+from cosim.reduced.solve.clamp import FrameClamp
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
-from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.elements.gas import SealedGas
+from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
 from cosim.soft.solve.newton_options import Outcome
+from cosim.soft.solve.state import inertia_weight
 
 _ROUNDS_MAX = 30
 _TOLERANCE = 1e-9  # of the absolute pressure
 _STEP_MAX = 0.02  # the same, in one round
 
 
-class Attempt(Protocol):
-    """A solution at a given pressure."""
-
-    @property
-    def frames(self) -> Array:
-        """(f, 4, 3)."""
-
-    @property
-    def outcome(self) -> Outcome:
-        """How it ended."""
-
-
-Found = TypeVar("Found", bound=Attempt)
-
-
-def solve_sealed(
-    gas: SealedGas,
-    begin_Pa: float,
-    volume: Callable[[Array], float],
-    attempt: Callable[[float, Found | None], Found],
-) -> Found:
-    """Return the solution at the pressure that the gas has in it, found by secants.
-
-    Args:
-        gas: in the chamber.
-        begin_Pa: gauge pressure to begin with.
-        volume: enclosed [m^3] by frames (f, 4, 3) at the pressure of the last attempt.
-        attempt: solves at a gauge pressure [Pa]; given the last solution, None for the first.
-    """
-    pressure, step, before = begin_Pa, 0.0, 0.0
-    found = attempt(pressure, None)
-    for _ in range(_ROUNDS_MAX - 1):
-        if found.outcome is not Outcome.CONVERGED:
-            break
-        off = gas.gauge_pressure(volume(found.frames)) - pressure
-        whole = abs(pressure) + gas.ambient_Pa
-        if abs(off) <= _TOLERANCE * whole:
-            break
-        slope = (off - before) / step if step else -1.0
-        # more pressure, more volume: the true slope is below -1
-        step = min(max(-off / min(slope, -1.0), -_STEP_MAX * whole), _STEP_MAX * whole)
-        before, pressure = off, pressure + step
-        found = attempt(pressure, found)
-    return found
-
-
 @kernel
-def _fill_rows(
-    nodes: IndexTable,
-    weights: Matrix,
-    before: Indices,
-    combination: Blocks,
-    normal: Matrix,
-    offset: Vector,
-    stiffness: Vector,
-    friction: Vector,
-    anchor: Matrix,
-    first: Indices,
-    rows: Matrix,
-) -> bool:
+def _fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: Indices, rows: Matrix) -> bool:
     """Fill first (k,) and rows (k, COLUMNS); False where a triangle reaches across a frame."""
-    for k in range(nodes.shape[0]):
-        f = min(before[nodes[k, 0]], before[nodes[k, 1]], before[nodes[k, 2]])
+    for k in range(planes.nodes.shape[0]):
+        nodes = planes.nodes[k]
+        f = min(before[nodes[0]], before[nodes[1]], before[nodes[2]])
         first[k] = f
         rows[k, :NORMAL] = 0.0
         for a in range(3):
-            node = nodes[k, a]
             # a node on the second frame of its contact is the first of its own two, and of that one alone
+            node, weight = nodes[a], planes.weights[k, a]
             shift = before[node] - f
             for i in range(4):
-                rows[k, 4 * min(shift, 1) + i] += weights[k, a] * combination[node, 0, i]
-                beyond = weights[k, a] * combination[node, 1, i]
+                rows[k, 4 * min(shift, 1) + i] += weight * combination[node, 0, i]
+                beyond = weight * combination[node, 1, i]
                 if shift == 0:
                     rows[k, 4 + i] += beyond
                 elif shift > 1 or beyond != 0.0:
                     return False
-        rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION] = offset[k], stiffness[k], friction[k]
+        rows[k, OFFSET], rows[k, STIFFNESS] = planes.offset[k], planes.stiffness[k]
+        rows[k, FRICTION] = planes.friction[k]
         for r in range(3):
-            rows[k, NORMAL + r], rows[k, ANCHOR + r] = normal[k, r], anchor[k, r]
+            rows[k, NORMAL + r], rows[k, ANCHOR + r] = planes.normal[k, r], planes.anchor[k, r]
     return True
 
 
+def nothing_touched() -> tuple[IntArray, Array, Array]:
+    """Return what stands for no contact in a `LoadedChain`."""
+    return np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2)
+
+
+def _touched(
+    section: SectionBody, planes: ContactPlanes, pressure_Pa: float
+) -> tuple[IntArray, Array, Array]:
+    """Return contacts of the film's nodes as contacts of the frames, as a `LoadedChain` has them.
+
+    Raises:
+        InputError: a triangle of the film reaches across a frame.
+    """
+    first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), COLUMNS))
+    if not _fill_rows(planes.rows, section.frames.before, section.node_weights(pressure_Pa), first, rows):
+        raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
+    return first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m))
+
+
 @final
 @dataclass(frozen=True)
-class FrameContacts:
-    """What a chain may touch in one step.
+class ChainTask:
+    """What is to be solved: an equilibrium, or a step in time.
 
     Args:
-        first: (k,) the first of the two frames of each contact point.
-        rows: (k, 17): its eight weights, then normal, offset [m], stiffness [N/m], friction [N], anchor [m].
-        widths: (2,) [m], smoothing and stick length.
+        clamp: frames held by the flange.
+        scheme: in what step, and how closely.
+        begin: where a step begins; None in statics.
+        two_steps: whether a step looks back over two.
+        flange: (4, 3), its origin and axes at the end of a step.
+        tangent: keeps the factor of a step.
     """
 
-    first: IntArray
-    rows: Array
-    widths: Array
+    clamp: FrameClamp
+    scheme: ChainScheme
+    begin: ChainState | None = None
+    two_steps: bool = False
+    flange: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    tangent: KeptTangent | None = None
 
-    @classmethod
-    def none(cls) -> FrameContacts:
-        """Return no contact."""
-        return cls(np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2))
-
-    @classmethod
-    def of(cls, section: SectionBody, planes: ContactPlanes, pressure_Pa: float) -> FrameContacts:
-        """Return contacts of the film's nodes as contacts of the frames.
-
-        Args:
-            section: of the film.
-            planes: what its nodes may touch.
-            pressure_Pa: of the gas.
-
-        Raises:
-            InputError: a triangle of the film reaches across a frame.
-        """
-        first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), COLUMNS))
-        fits = _fill_rows(
-            planes.nodes, planes.weights, section.frames.before, section.node_weights(pressure_Pa),
-            planes.normal, planes.offset, planes.stiffness, planes.friction, planes.anchor, first, rows,
-        )  # fmt: skip
-        if not fits:
-            raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
-        return cls(first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m)))
-
-
-OUTCOMES = (
-    Outcome.CONVERGED,
-    Outcome.ITERATION_LIMIT,
-    Outcome.NOT_FINITE,
-    Outcome.INDEFINITE,
-    Outcome.NO_DESCENT,
-)
-"""In the order of the kernels' numbers."""
-
-Others: TypeAlias = tuple[IntArray, Array, Array, IntArray, Array, Array]
-"""Cables and contacts as the kernels take them: of all cable segments the far frame (k,), the eyelets
-(k, 2, 3) [m] in their frames and the tension (k,) [N]; then what `FrameContacts` holds."""
-
-
-@final
-@dataclass(frozen=True)
-class Bed:
-    """Inertia of an implicit step: coefficient [1/s^2], target (f, 4, 3) [m]."""
-
-    coefficient: float
-    target: Array
-
-
-@final
-@dataclass(frozen=True)
-class ChainResult:
-    """Where Newton's method ended.
-
-    Args:
-        frames: (f, 4, 3).
-        gradient: (f, 6) [N, N m] of the potential by (dr, phi) of each frame, inertia included.
-        outcome: how it ended.
-        residual_N: largest out-of-balance force of a free frame, or moment over its lever.
-        iterations: linear solves.
-        potential_J: there.
-        shifted: solves that met an indefinite tangent.
-        pressure_Pa: gauge pressure of the gas.
-    """
-
-    frames: Array
-    gradient: Array
-    outcome: Outcome
-    residual_N: float
-    iterations: int
-    potential_J: float
-    shifted: int
-    pressure_Pa: float
+    @property
+    def bed(self) -> Bed:
+        """Inertia of the step; none in statics."""
+        if self.begin is None:
+            return Bed(0.0, np.zeros_like(self.clamp.offsets))
+        span, base = self.scheme.h, self.begin.frames
+        if self.two_steps and self.begin.earlier is not None:
+            span, base = 2.0 * span / 3.0, (4.0 * base - self.begin.earlier[0]) / 3.0
+        return Bed(inertia_weight(span, self.scheme.damping), base)
 
 
 @final
@@ -229,9 +147,7 @@ class ChainSolver:
     def __init__(self, section: SectionBody) -> None:
         self.section = section
         count = len(section.frames)
-        self.diagonal = np.zeros((count, 6, 6))
-        self.off = np.zeros((count, 6, 6))
-        self._factor = (np.zeros((count, 6, 6)), np.zeros((count, 6, 6)), False)
+        self.work = ChainWork.room(count)
         self.lever_m = float(
             np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes])
         )
@@ -243,8 +159,8 @@ class ChainSolver:
         self._eyelets = np.zeros((len(self._far), 2, 3))
         self._tensions: tuple[float, ...] | None = None
         self._tension = np.zeros(len(self._far))
-        self._still = np.zeros((count, 4, 3))
-        self._nothing = FrameContacts.none()
+        self._still, self._ends = np.zeros((count, 4, 3)), np.zeros((2, count, 4, 3))
+        self._nothing = nothing_touched()
 
     def _route(self) -> None:
         """Find the frames of all cable segments; eyelets sit on rings of neighbouring units."""
@@ -282,8 +198,8 @@ class ChainSolver:
         tolerance_N: float,
         iterations_max: int,
         begin_Pa: float = 0.0,
-    ) -> ChainResult:
-        """Find the equilibrium near `start`.
+    ) -> ChainStep:
+        """Find the equilibrium near `start`, at given tensions.
 
         Args:
             start: (f, 4, 3), held frames where they shall be.
@@ -293,24 +209,62 @@ class ChainSolver:
             iterations_max: bound.
             begin_Pa: gauge pressure at which the search for that of a sealed gas begins.
         """
-        bounds = np.array((tolerance_N, self.lever_m))
+        scheme = ChainScheme(0.0, 0.0, tolerance_N, self.lever_m, iterations_max)
+        return self.find(ChainTask(FrameClamp(~free, start), scheme), loads, start, begin_Pa)
 
-        def attempt(pressure_Pa: float, before: ChainResult | None) -> ChainResult:
-            frames = (start if before is None else before.frames).copy()
-            gradient = np.empty((len(start), 6))
-            load, others = self.acting(loads, pressure_Pa, frames)
-            outcome, iterations, residual, potential, shifted, _ = minimise(
-                frames, free, *self.section.chain, load, 0.0, self._still, *others,
-                gradient, self.diagonal, self.off, *self._factor, bounds, iterations_max,
-            )  # fmt: skip
-            return ChainResult(
-                frames, gradient, OUTCOMES[outcome], residual, iterations, potential, shifted, pressure_Pa
-            )
+    def find(self, task: ChainTask, loads: Loads, start: int | Array, begin_Pa: float) -> ChainStep:
+        """Return the solution at given tensions, at the pressure that sealed gas has in it, by secants.
 
+        Args:
+            task: what is to be solved.
+            loads: that act.
+            start: one of the kernel's, or frames (f, 4, 3).
+            begin_Pa: gauge pressure to begin with; without meaning where it is given.
+        """
         gas = loads.gases(1)[0]
+        pressure, step, before = loads.pressures(1)[0] if gas is None else begin_Pa, 0.0, 0.0
+        found = self._attempt(task, loads, start, pressure)
         if gas is None:
-            return attempt(loads.pressures(1)[0], None)
-        return solve_sealed(gas, begin_Pa, self.section.volume, attempt)
+            return found
+        for _ in range(_ROUNDS_MAX - 1):
+            if found.outcome is not Outcome.CONVERGED:
+                break
+            off = gas.gauge_pressure(self.section.volume(found.frames)) - pressure
+            whole = abs(pressure) + gas.ambient_Pa
+            if abs(off) <= _TOLERANCE * whole:
+                break
+            slope = (off - before) / step if step else -1.0
+            # more pressure, more volume: the true slope is below -1
+            step = min(max(-off / min(slope, -1.0), -_STEP_MAX * whole), _STEP_MAX * whole)
+            before, pressure = off, pressure + step
+            found = self._attempt(task, loads, found.frames, pressure)
+        return found
+
+    def _attempt(self, task: ChainTask, loads: Loads, start: int | Array, pressure_Pa: float) -> ChainStep:
+        """Solve at a pressure."""
+        there, clamp, scheme, tangent = np.zeros_like(self._ends), task.clamp, task.scheme, task.tangent
+        motion = there if task.begin is None else task.begin.motion
+        gradient, figures, near = np.empty((len(there[0]), 6)), np.empty(FIGURES), motion[0]
+        if not isinstance(start, int):
+            there[0] = start
+            near, start = there[0], GIVEN
+        elif self.losses_follow_shape:
+            near = near + scheme.h * motion[1]
+        earlier = None if task.begin is None else task.begin.earlier
+        work = self.work if tangent is None else tangent.work
+        side = ChainSide(self.acting(loads, pressure_Pa, near), clamp.free, clamp.offsets, work)
+        earlier = motion if earlier is None else earlier
+        ends = ChainEnds(motion, earlier, task.flange, there, gradient, figures)
+        kept = tangent is not None and tangent.serves(clamp, scheme.h, task.two_steps)
+        outcome, iterations, residual, kept, potential, shifted = solve_chain(
+            side, scheme, ends, start, task.two_steps, kept
+        )
+        if tangent is not None:
+            tangent.keep(kept, clamp, scheme.h, task.two_steps)
+        return ChainStep(
+            ChainState(there, None if task.begin is None else motion), gradient, figures, OUTCOMES[outcome],
+            iterations, residual, pressure_Pa, potential, shifted,
+        )  # fmt: skip
 
     def evaluate(
         self,
@@ -321,7 +275,7 @@ class ChainSolver:
         *,
         hessian: bool = False,
     ) -> Array:
-        """Return the gradient (f, 6); with `hessian`, fill `diagonal` and `off` as well.
+        """Return the gradient (f, 6); with `hessian`, fill the tangent in `work` as well.
 
         Args:
             frames: (f, 4, 3).
@@ -331,12 +285,8 @@ class ChainSolver:
             hessian: whether to fill the blocks.
         """
         gradient = np.empty((len(frames), 6))
-        load, others = self.acting(loads, pressure_Pa, frames)
-        assemble(
-            frames, *self.section.chain, load,
-            0.0 if bed is None else bed.coefficient, self._still if bed is None else bed.target,
-            *others, gradient, self.diagonal, self.off, hessian,
-        )  # fmt: skip
+        chain = self.acting(loads, pressure_Pa, frames)
+        assemble(frames, chain, bed or Bed(0.0, self._still), gradient, self.work, hessian)
         return gradient
 
     def volume(self, frames: Array, pressure_Pa: float) -> float:
@@ -344,7 +294,7 @@ class ChainSolver:
         self.section.set_pressure(pressure_Pa)
         return self.section.volume(frames)
 
-    def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> tuple[Array, Others]:
+    def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> LoadedChain:
         """Bring the section to a pressure and return what acts on it.
 
         Args:
@@ -353,7 +303,7 @@ class ChainSolver:
             frames: (f, 4, 3) near the solution; losses of cables that rub follow the shape.
 
         Returns:
-            Dead loads (f, 4, 3) on the frames' points, cables and contacts; the solver owns them.
+            The chain with dead loads, cables and contacts; the solver owns its arrays.
 
         Raises:
             InputError: a cable's length is commanded, or a triangle that may touch reaches across a frame.
@@ -373,9 +323,8 @@ class ChainSolver:
             self._pull(loads, pressure_Pa, frames)
         touched = self._nothing
         if loads.contact is not None:
-            touched = FrameContacts.of(section, loads.contact, pressure_Pa)
-        cables = (self._far, self._eyelets, self._tension)
-        return self._load, (*cables, touched.first, touched.rows, touched.widths)
+            touched = _touched(section, loads.contact, pressure_Pa)
+        return LoadedChain(*section.chain, self._load, self._far, self._eyelets, self._tension, *touched)
 
     def _pull(self, loads: Loads, pressure_Pa: float, frames: Array) -> None:
         """Bring the tension of all segments up to date."""
@@ -422,10 +371,10 @@ class ChainTangent:
         count = len(frames)
         full = np.zeros((count, 6, count, 6))
         for f in range(count):
-            full[f, :, f] = solver.diagonal[f]
+            full[f, :, f] = solver.work.diagonal[f]
             if f:
-                full[f, :, f - 1] = solver.off[f]
-                full[f - 1, :, f] = solver.off[f].T
+                full[f, :, f - 1] = solver.work.off[f]
+                full[f - 1, :, f] = solver.work.off[f].T
         self._free = np.repeat(free, 6)
         matrix = full.reshape(6 * count, -1)
         if extra is not None:

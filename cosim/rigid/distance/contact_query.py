@@ -21,9 +21,10 @@ from cosim.rigid.distance.shapes import (
     FeaturePoints,
     ShapeBounds,
     ShapeKind,
+    ShapePoses,
     Shapes,
     feature_points,
-    near_box,
+    fill_near_box,
 )
 from cosim.rigid.distance.signed_distance import Hits, PointLists, near_points, surface_distance
 
@@ -71,39 +72,38 @@ class ContactQuery:
         """The shapes' bounds and MuJoCo's poses, for kernels."""
         data, shapes = self._data, self.shapes
         return ShapeBounds(
-            shapes.kind, shapes.center, shapes.half, self.geoms, data.geom_xpos, data.geom_xmat,
-            self.position, self.rotation, np.empty(len(self), np.int64),
-        )  # fmt: skip
+            shapes, self.geoms, data.geom_xpos, data.geom_xmat, *self.poses, np.empty(len(self), np.int64)
+        )
+
+    @property
+    def poses(self) -> ShapePoses:
+        """As `update` has read them last."""
+        return ShapePoses(self.position, self.rotation)
 
     def near(self, low: Array, high: Array, reach_m: float) -> IntArray:
         """Return the shapes that may come within `reach_m` of the box low (3,) .. high (3,) [m], world."""
-        return near_box(self.shapes, self.position, self.rotation, low, high, reach_m)
+        near = np.empty(len(self), np.int64)
+        count = fill_near_box(self.shapes, self.poses, low, high, reach_m, near)
+        return near[:count]
 
-    def distances(
-        self,
-        points: Array,
-        reach_m: float,
-        active: IntArray | None = None,
-        lists: PointLists | None = None,
-    ) -> Hits:
+    def distances(self, points: Array, reach_m: float, active: IntArray | None = None) -> Hits:
         """Return the pairs of a point and a shape nearer than a bound.
 
         Args:
             points: (n, 3) [m], world.
             reach_m: bound on the signed distance [m].
             active: shapes asked for, from `near`; all unless given.
-            lists: points asked for of each; all unless given.
         """
         asked = np.arange(len(self), dtype=np.int64) if active is None else active
-        x = np.ascontiguousarray(points)
-        return near_points(self.shapes, self.position, self.rotation, x, reach_m, asked, lists)
+        lists = PointLists.whole(len(points), asked)
+        return near_points(np.ascontiguousarray(points), self.shapes, self.poses, lists, reach_m)
 
     def points_around(self, points: Array, reach_m: float, active: IntArray) -> PointLists:
         """Return, for each active shape, all points that `distances` can find within a bound, and others.
 
         Arguments as of `distances`.
         """
-        return PointLists.around(self.shapes, self.position, self.rotation, points, reach_m, active)
+        return PointLists.around(points, self.shapes, self.poses, reach_m, active)
 
     def feature_positions(self, chosen: IntArray) -> Array:
         """Return where chosen feature points (k,) are (k, 3) [m], world."""

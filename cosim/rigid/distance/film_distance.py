@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -35,15 +35,6 @@ def _square_to_box(p: Vector, low: Vector, high: Vector) -> float:
         beyond = max(low[r] - p[r], p[r] - high[r], 0.0)
         square += beyond * beyond
     return square
-
-
-@device_function
-def _gap(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Return by how much a point is outside of the box of three others, along the axis where it is most."""
-    most = -np.inf
-    for r in range(3):
-        most = max(most, min(a[r], b[r], c[r]) - p[r], p[r] - max(a[r], b[r], c[r]))
-    return most
 
 
 @kernel(allocates=True)
@@ -87,21 +78,90 @@ def _fill_normal(a: Vector, b: Vector, c: Vector, normal: Vector) -> None:
         normal[r] = (b[s] - a[s]) * (c[q] - a[q]) - (b[q] - a[q]) * (c[s] - a[s])
 
 
+class FilmTriangles(NamedTuple):
+    """The film's surface.
+
+    Args:
+        x: (n, 3) [m], of the nodes, world.
+        triangles: (m, 3), outward orientation.
+    """
+
+    x: Matrix
+    triangles: IndexTable
+
+
+class FilmReach(NamedTuple):
+    """Where points count.
+
+    Args:
+        front_m: bound on the distance in front of the film.
+        depth_m: bound on the distance behind it.
+        least: (3,) [m], lowest corner of the box outside of which none does.
+        most: (3,) [m], its highest.
+    """
+
+    front_m: float
+    depth_m: float
+    least: Vector = np.full(3, -np.inf)
+    most: Vector = np.full(3, np.inf)
+
+
+class FeatureRows(NamedTuple):
+    """Room for pairs of a point and the film triangle nearest to it.
+
+    Args:
+        point: (k,).
+        triangle: (k,).
+        weight: (k, 3), of the nearest point on it.
+        found: (k, 4), distance [m] and normal.
+    """
+
+    point: Indices
+    triangle: Indices
+    weight: Matrix
+    found: Matrix
+
+
+class TriangleLists(NamedTuple):
+    """Triangles that may be near points: listed[first[n]] .. listed[first[n + 1] - 1] of the n-th one.
+
+    Args:
+        first: (k + 1,).
+        listed: (at least first[k],) indices of triangles, ascending for each point.
+    """
+
+    first: Indices
+    listed: Indices
+
+    @classmethod
+    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> TriangleLists:
+        """Return all that come within `room_m` of the points (k, 3) [m], and some others."""
+        first, listed = np.empty(len(points) + 1, np.int64), np.empty(16 * len(points), np.int64)
+        while True:
+            count = _triangles_around(points, positions, triangles, room_m, first, listed)
+            if count <= len(listed):
+                return cls(first, listed)
+            listed = np.empty(count, np.int64)
+
+
 @device_function
 def _nearest(
-    p: Vector, x: Matrix, triangles: IndexTable, some: Indices, furthest: float, side: Vector, there: Matrix
+    p: Vector, film: FilmTriangles, some: Indices, furthest: float, side: Vector, there: Matrix
 ) -> tuple[int, float, float]:
     """Return the nearest of some triangles that face a side, its distance and p's height over its plane.
 
     -1 where none comes within `furthest`; a side of zeros is every side's. There, weights, offset of p from
     the nearest point and normal are filled; the last two rows of its five are scratch.
     """
-    weight, normal = there[3], there[4]
+    weight, normal, x, triangles = there[3], there[4], film.x, film.triangles
     nearest, best, lean = -1, furthest * furthest, 0.0
     bound = furthest * (1.0 + _TIE)
     for t in some:
         a, b, c = x[triangles[t, 0]], x[triangles[t, 1]], x[triangles[t, 2]]
-        if _gap(p, a, b, c) > bound:
+        gap = -np.inf  # by how much p is outside of the triangle's box, along the axis where it is most
+        for r in range(3):
+            gap = max(gap, min(a[r], b[r], c[r]) - p[r], p[r] - max(a[r], b[r], c[r]))
+        if gap > bound:
             continue
         _fill_normal(a, b, c, normal)
         if normal[0] * side[0] + normal[1] * side[1] + normal[2] * side[2] < 0.0:
@@ -129,51 +189,45 @@ def _nearest(
 @kernel
 def film_near(
     points: Matrix,
-    least: Vector,
-    most: Vector,
-    x: Matrix,
-    triangles: IndexTable,
-    first: Indices,
-    listed: Indices,
+    film: FilmTriangles,
+    lists: TriangleLists,
+    reach: FilmReach,
     held: Indices,
-    reach: float,
-    depth: float,
-    out_point: Indices,
-    out_triangle: Indices,
-    out_weight: Matrix,
-    out: Matrix,
+    hits: FeatureRows,
 ) -> int:
-    """Fill each point's nearest triangle if the signed distance is in -depth .. reach; return how many.
+    """Fill each point's nearest triangle if it is within reach; return how many.
 
-    Of points outside of least .. most there is none. A point that triangle held[n] >= 0 has held back, and
-    that is squarely behind film that faces as this does, stays behind it, whatever lies beyond: near a sharp
-    edge of the film the other face is soon nearer, and would pull it through.
+    A point that triangle held[n] >= 0 has held back, and that is squarely behind film that faces as this
+    does, stays behind it, whatever lies beyond: near a sharp edge of the film the other face is soon nearer,
+    and would pull it through.
     """
     side, there = zero_vector(3), small_matrix(5, 3)
-    furthest = max(reach, depth)
+    furthest, x = max(reach.front_m, reach.depth_m), film.x
     count = 0
     for n in range(points.shape[0]):
-        p, some = points[n], listed[first[n] : first[n + 1]]
-        if _square_to_box(p, least, most) > 0.0:
+        p, some = points[n], lists.listed[lists.first[n] : lists.first[n + 1]]
+        if _square_to_box(p, reach.least, reach.most) > 0.0:
             continue
         stays = False
         if held[n] >= 0:
-            corner = triangles[held[n]]
+            corner = film.triangles[held[n]]
             _fill_normal(x[corner[0]], x[corner[1]], x[corner[2]], side)
-            nearest, distance, lean = _nearest(p, x, triangles, some, furthest, side, there)
+            nearest, distance, lean = _nearest(p, film, some, furthest, side, there)
             stays = nearest >= 0 and lean < -_SQUARELY * distance and distance < _HELD_m
         if not stays:
             side[:] = 0.0
-            nearest, distance, lean = _nearest(p, x, triangles, some, furthest, side, there)
+            nearest, distance, lean = _nearest(p, film, some, furthest, side, there)
         sign = 1.0 if lean >= 0.0 else -1.0
-        if nearest < 0 or distance > (reach if sign > 0.0 else depth):
+        if nearest < 0 or distance > (reach.front_m if sign > 0.0 else reach.depth_m):
             continue
         size = np.sqrt(there[2, 0] ** 2 + there[2, 1] ** 2 + there[2, 2] ** 2)
-        out_point[count], out_triangle[count] = n, nearest
-        out[count, 0] = sign * distance
+        hits.point[count], hits.triangle[count] = n, nearest
+        hits.found[count, 0] = sign * distance
         for r in range(3):
-            out_weight[count, r] = there[0, r]
-            out[count, 1 + r] = sign * there[1, r] / distance if distance > 1e-8 else there[2, r] / size
+            hits.weight[count, r] = there[0, r]
+            hits.found[count, 1 + r] = (
+                sign * there[1, r] / distance if distance > 1e-8 else there[2, r] / size
+            )
         count += 1
     return count
 
@@ -201,62 +255,30 @@ class SceneHits:
         return len(self.point)
 
 
-@final
-@dataclass(frozen=True)
-class TriangleLists:
-    """Triangles that may be near points: listed[first[n]] .. listed[first[n + 1] - 1] of the n-th one.
-
-    Args:
-        first: (k + 1,).
-        listed: (at least first[k],) indices of triangles, ascending for each point.
-    """
-
-    first: IntArray
-    listed: IntArray
-
-    @classmethod
-    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> TriangleLists:
-        """Return all that come within `room_m` of the points (k, 3) [m], and some others."""
-        first, listed = np.empty(len(points) + 1, np.int64), np.empty(16 * len(points), np.int64)
-        while True:
-            count = _triangles_around(points, positions, triangles, room_m, first, listed)
-            if count <= len(listed):
-                return cls(first, listed)
-            listed = np.empty(count, np.int64)
-
-
 def near_film(
     points: Array,
-    positions: Array,
-    triangles: IntArray,
-    reach_m: float,
-    depth_m: float,
+    film: FilmTriangles,
+    reach: FilmReach,
     lists: TriangleLists | None = None,
-    within: tuple[Array, Array] = (np.full(3, -np.inf), np.full(3, np.inf)),
     held: IntArray | None = None,
 ) -> SceneHits:
     """Return for each point the film triangle nearest to it, where it is near enough.
 
     Args:
         points: (k, 3) [m], world.
-        positions: (n, 3) [m], of the film's nodes, world.
-        triangles: (m, 3), outward orientation.
-        reach_m: bound on the distance in front of the film.
-        depth_m: bound on the distance behind it.
+        film: its surface.
+        reach: where points count.
         lists: of the triangles that may be near; found unless given.
-        within: lowest and highest corner [m] of the box outside of which no point counts.
         held: (k,) the triangle that has held each point back until now, -1 for none; none unless given.
     """
-    if held is None:
-        held = np.full(len(points), -1)
-    if lists is None:
-        lists = TriangleLists.around(points, positions, triangles, max(reach_m, depth_m))
     room = len(points)
-    point, triangle = np.empty(room, np.int64), np.empty(room, np.int64)
-    weight, out = np.empty((room, 3)), np.empty((room, 4))
-    count = film_near(
-        np.ascontiguousarray(points), *within, positions, triangles, lists.first, lists.listed, held,
-        reach_m, depth_m, point, triangle, weight, out,
-    )  # fmt: skip
-    distance, normal = out[:count, 0].copy(), out[:count, 1:].copy()
-    return SceneHits(point[:count], triangle[:count], weight[:count], distance, normal)
+    if held is None:
+        held = np.full(room, -1)
+    if lists is None:
+        lists = TriangleLists.around(points, *film, max(reach.front_m, reach.depth_m))
+    rows = FeatureRows(
+        np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4))
+    )
+    count = film_near(np.ascontiguousarray(points), film, lists, reach, held, rows)
+    found, first = rows.found[:count], (rows.point[:count], rows.triangle[:count], rows.weight[:count])
+    return SceneHits(*first, found[:, 0].copy(), found[:, 1:].copy())

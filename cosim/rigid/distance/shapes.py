@@ -16,6 +16,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
     Blocks,
+    IndexTable,
     Indices,
     Matrix,
     Vector,
@@ -36,9 +37,7 @@ class ShapeKind(IntEnum):
     GRID = 8
 
 
-@final
-@dataclass(frozen=True)
-class Shapes:
+class Shapes(NamedTuple):
     """Shapes in their own frames; data of hulls and grids lie end to end.
 
     Args:
@@ -55,32 +54,43 @@ class Shapes:
         values: distances [m].
     """
 
-    kind: IntArray
-    size: Array
-    center: Array
-    half: Array
-    faces: IntArray
-    planes: Array
-    corners: Array
-    table: IntArray
-    origin: Array
-    spacing: Array
-    values: Array
+    kind: Indices
+    size: Matrix
+    center: Matrix
+    half: Matrix
+    faces: IndexTable
+    planes: Matrix
+    corners: Blocks
+    table: IndexTable
+    origin: Matrix
+    spacing: Matrix
+    values: Vector
+
+
+class ShapePoses(NamedTuple):
+    """Where the frames of g shapes are.
+
+    Args:
+        position: (g, 3) [m], world.
+        rotation: (g, 3, 3), world from shape.
+    """
+
+    position: Matrix
+    rotation: Blocks
 
 
 @kernel
 def fill_near_box(
-    kind: Indices,
-    center: Matrix,
-    half: Matrix,
-    position: Matrix,
-    rotation: Blocks,
-    low: Vector,
-    high: Vector,
-    reach: float,
-    near: Indices,
+    shapes: Shapes, poses: ShapePoses, low: Vector, high: Vector, reach: float, near: Indices
 ) -> int:
-    """Fill the indices of the shapes whose bounds come within `reach` of a box; return how many."""
+    """Fill the indices of the shapes whose bounds come within `reach` of a box; return how many.
+
+    A shape's bounding box turns with it; its extent along a world axis r is sum_s |R_rs| half_s. A plane is
+    near when the lowest corner of the box along its normal is.
+    """
+    kind, center, half, position, rotation = (
+        shapes.kind, shapes.center, shapes.half, poses.position, poses.rotation,
+    )  # fmt: skip
     count = 0
     for g in range(kind.shape[0]):
         apart = False
@@ -104,36 +114,11 @@ def fill_near_box(
     return count
 
 
-def near_box(
-    shapes: Shapes, position: Array, rotation: Array, low: Array, high: Array, reach_m: float
-) -> IntArray:
-    """Return the shapes whose bounds come within `reach_m` of an axis-aligned box (broad phase).
-
-    A shape's bounding box turns with it; its extent along a world axis r is sum_s |R_rs| half_s. A plane is
-    near when the lowest corner of the box along its normal is.
-
-    Args:
-        shapes: in their own frames.
-        position: (g, 3) [m], world.
-        rotation: (g, 3, 3), world from shape.
-        low: (3,) [m], smallest coordinates of the box.
-        high: (3,) [m], largest coordinates of the box.
-        reach_m: [m].
-    """
-    near = np.empty(len(shapes.kind), np.int64)
-    count = fill_near_box(
-        shapes.kind, shapes.center, shapes.half, position, rotation, low, high, reach_m, near
-    )
-    return near[:count]
-
-
 class ShapeBounds(NamedTuple):
-    """Bounding boxes of g shapes, see `Shapes`; MuJoCo's arrays stay where they are in memory.
+    """Shapes and their poses; MuJoCo's arrays stay where they are in memory.
 
     Args:
-        kind: (g,).
-        center: (g, 3) [m], and
-        half: (g, 3) [m], of the boxes in the shapes' own frames.
+        shapes: g.
         geoms: (g,), places in MuJoCo's arrays.
         places: (geoms, 3) [m], and
         axes: (geoms, 9), world from geom, now.
@@ -142,9 +127,7 @@ class ShapeBounds(NamedTuple):
         near: (g,), scratch.
     """
 
-    kind: Indices
-    center: Matrix
-    half: Matrix
+    shapes: Shapes
     geoms: Indices
     places: Matrix
     axes: Matrix

@@ -14,7 +14,7 @@ root found by Newton's method from a bound below it, where the function is conve
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -29,8 +29,9 @@ from cosim.base.kernels import (
     kernel,
     small_vector,
 )
-from cosim.rigid.distance.shapes import Shapes
+from cosim.rigid.distance.shapes import ShapeKind, ShapePoses, Shapes
 
+_BOUNDS = 9  # stands for a kind of shape that is as near as can be within its bounding box
 FAR = 1e9  # distance reported where a surface is not defined
 
 
@@ -192,32 +193,14 @@ _OFF_PLANE = 1e-13  # share of the shortest half axis by which a point is kept o
 
 
 @device_function
-def plane(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
-    """Half-space z < 0."""
-    normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
-    return z
-
-
-@device_function
 def _from_center_line(x: float, y: float, z: float, radius: float, normal: Array) -> Any:
+    """Ball of a radius."""
     length = np.sqrt(x * x + y * y + z * z)
     if length > 0.0:
         normal[0], normal[1], normal[2] = x / length, y / length, z / length
     else:
         normal[0], normal[1], normal[2] = 1.0, 0.0, 0.0
     return length - radius
-
-
-@device_function
-def sphere(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
-    """Ball of radius size[0]."""
-    return _from_center_line(x, y, z, size[0], normal)
-
-
-@device_function
-def capsule(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
-    """Radius size[0] about the segment |z| < size[1]."""
-    return _from_center_line(x, y, z - min(max(z, -size[1]), size[1]), size[0], normal)
 
 
 @device_function
@@ -259,23 +242,6 @@ def box(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
 
 
 @device_function
-def _ellipsoid_root(r0: float, r1: float, z0: float, z1: float, z2: float) -> Any:
-    """Return q > 0 with sum_i (r_i z_i / (q + r_i - 1))^2 = 1, r_2 = 1 <= r_i."""
-    # no term exceeds 1 at the root, so it lies above each of these; from below Newton's method is monotone
-    q = max(z2, r0 * z0 - r0 + 1.0, r1 * z1 - r1 + 1.0)
-    for _ in range(_ROOT_ITERATIONS_MAX):
-        d0, d1 = q + (r0 - 1.0), q + (r1 - 1.0)
-        t0, t1, t2 = r0 * z0 / d0, r1 * z1 / d1, z2 / q
-        value = t0 * t0 + t1 * t1 + t2 * t2 - 1.0
-        slope = -2.0 * (t0 * t0 / d0 + t1 * t1 / d1 + t2 * t2 / q)
-        step = -value / slope
-        q += step
-        if not step > _ROOT_RELATIVE * q:
-            break
-    return q
-
-
-@device_function
 def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     """Half axes size[0..2] along x, y, z."""
     p = (x, y, z)
@@ -290,7 +256,17 @@ def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
     pc = max(abs(p[small]), _OFF_PLANE * least)
     ra, rb = (size[a] / least) ** 2, (size[b] / least) ** 2
     inside = (pa / size[a]) ** 2 + (pb / size[b]) ** 2 + (pc / least) ** 2 < 1.0
-    q = _ellipsoid_root(ra, rb, pa / size[a], pb / size[b], pc / least)
+    # q > 0 with sum_i (r_i z_i / (q + r_i - 1))^2 = 1, z the point in half axes: no term exceeds 1 there, so
+    # the root lies above each of these; from below Newton's method is monotone
+    za, zb, zc = pa / size[a], pb / size[b], pc / least
+    q = max(zc, ra * za - ra + 1.0, rb * zb - rb + 1.0)
+    for _ in range(_ROOT_ITERATIONS_MAX):
+        da, db = q + (ra - 1.0), q + (rb - 1.0)
+        ta, tb, tc = ra * za / da, rb * zb / db, zc / q
+        step = -(ta * ta + tb * tb + tc * tc - 1.0) / (-2.0 * (ta * ta / da + tb * tb / db + tc * tc / q))
+        q += step
+        if not step > _ROOT_RELATIVE * q:
+            break
     fa, fb, fc = ra * pa / (q + (ra - 1.0)), rb * pb / (q + (rb - 1.0)), pc / q
     distance = np.sqrt((pa - fa) ** 2 + (pb - fb) ** 2 + (pc - fc) ** 2)
     na, nb, nc = fa / size[a] ** 2, fb / size[b] ** 2, fc / least**2
@@ -302,26 +278,16 @@ def ellipsoid(x: float, y: float, z: float, size: Array, normal: Array) -> Any:
 
 
 @device_function
-def _distance(
-    kind: int,
-    p: Vector,
-    size: Vector,
-    reach: float,
-    planes: Matrix,
-    corners: Blocks,
-    values: Vector,
-    table: Indices,
-    origin: Vector,
-    spacing: Vector,
-    weight: Vector,
-    normal: Vector,
-) -> float:
-    if kind == 0:
-        return plane(p[0], p[1], p[2], size, normal)
+def _distance(shapes: Shapes, g: int, p: Vector, reach: float, weight: Vector, normal: Vector) -> float:
+    """Shape g, p in its frame; `weight` (3,) is scratch."""
+    kind, size = shapes.kind[g], shapes.size[g]
+    if kind == 0:  # half-space z < 0
+        normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
+        return p[2]
     if kind == 2:
-        return sphere(p[0], p[1], p[2], size, normal)
-    if kind == 3:
-        return capsule(p[0], p[1], p[2], size, normal)
+        return _from_center_line(p[0], p[1], p[2], size[0], normal)
+    if kind == 3:  # radius size[0] about the segment |z| < size[1]
+        return _from_center_line(p[0], p[1], p[2] - min(max(p[2], -size[1]), size[1]), size[0], normal)
     if kind == 4:
         return ellipsoid(p[0], p[1], p[2], size, normal)
     if kind == 5:
@@ -329,73 +295,90 @@ def _distance(
     if kind == 6:
         return box(p[0], p[1], p[2], size, normal)
     if kind == 7:
-        return hull(p, planes, corners, reach, weight, normal)
+        first, last = shapes.faces[g, 0], shapes.faces[g, 1]
+        return hull(p, shapes.planes[first:last], shapes.corners[first:last], reach, weight, normal)
     if kind == 8:
-        nx, ny, nz = table[1], table[2], table[3]
-        distances = values[table[0] : table[0] + nx * ny * nz].reshape((nx, ny, nz))
-        return grid(p, distances, origin, spacing, normal)
-    return FAR
+        at, nx, ny, nz = shapes.table[g, 0], shapes.table[g, 1], shapes.table[g, 2], shapes.table[g, 3]
+        distances = shapes.values[at : at + nx * ny * nz].reshape((nx, ny, nz))
+        return grid(p, distances, shapes.origin[g], shapes.spacing[g], normal)
+    return -FAR if kind == _BOUNDS else FAR
+
+
+class PointLists(NamedTuple):
+    """Points asked for, shape by shape: listed[spans[a, 0]] .. listed[spans[a, 1] - 1] of the a-th one.
+
+    Args:
+        active: (a,) shapes.
+        spans: (a, 2).
+        listed: (k,) indices of points.
+    """
+
+    active: Indices
+    spans: IndexTable
+    listed: Indices
+
+    @classmethod
+    def whole(cls, points: int, active: IntArray) -> PointLists:
+        """Return all points for each active shape."""
+        return cls(active, np.tile([0, points], (len(active), 1)), np.arange(points))
+
+    @classmethod
+    def around(
+        cls, points: Array, shapes: Shapes, poses: ShapePoses, reach_m: float, active: IntArray
+    ) -> PointLists:
+        """Return, for each active shape, all points that come within `reach_m` of it, and some others.
+
+        Arguments as of `near_points`.
+        """
+        # what a grid says of points that are not close to its surface is no bound on their distance
+        bounds = shapes._replace(kind=np.where(shapes.kind == ShapeKind.GRID, _BOUNDS, shapes.kind))
+        hits = near_points(points, bounds, poses, cls.whole(len(points), active), reach_m)
+        ends = np.cumsum(np.bincount(hits.shape, minlength=len(shapes.kind))[active])
+        return cls(active, np.column_stack([ends - np.diff(ends, prepend=0), ends]), hits.point.copy())
+
+
+class HitRows(NamedTuple):
+    """Room for pairs of a point and a shape.
+
+    Args:
+        point: (k,).
+        shape: (k,).
+        found: (k, 4), distance [m] and world normal.
+    """
+
+    point: Indices
+    shape: Indices
+    found: Matrix
 
 
 @kernel
 def points_near(
-    points: Matrix,
-    reach: float,
-    boxes: bool,
-    active: Indices,
-    spans: IndexTable,
-    listed: Indices,
-    position: Matrix,
-    rotation: Blocks,
-    kind: Indices,
-    size: Matrix,
-    center: Matrix,
-    half: Matrix,
-    faces: IndexTable,
-    planes: Matrix,
-    corners: Blocks,
-    table: IndexTable,
-    origin: Matrix,
-    spacing: Matrix,
-    values: Vector,
-    out_point: Indices,
-    out_shape: Indices,
-    out: Matrix,
+    points: Matrix, shapes: Shapes, poses: ShapePoses, lists: PointLists, reach: float, hits: HitRows
 ) -> int:
-    """Fill the pairs nearer than `reach`: indices, distance and world normal; return how many.
-
-    Asked for are active[a] with each of listed[spans[a, 0]] .. listed[spans[a, 1] - 1]. With `boxes` a point
-    that is nearer than that to the bounding box of a grid counts as well.
-    """
+    """Fill the pairs nearer than `reach`; return how many."""
     count = 0
     p, normal, weight, bound = small_vector(3), small_vector(3), small_vector(3), small_vector(3)
-    for a in range(active.shape[0]):
-        g = active[a]
-        first, last = faces[g, 0], faces[g, 1]
-        turn, place, extent = rotation[g], position[g], size[g]
-        own_planes, own_corners = planes[first:last], corners[first:last]
-        own_table, own_origin, own_spacing = table[g], origin[g], spacing[g]
+    for a in range(lists.active.shape[0]):
+        g = lists.active[a]
+        turn, place = poses.rotation[g], poses.position[g]
         for r in range(3):
-            bound[r] = half[g, r] + reach
-        for k in range(spans[a, 0], spans[a, 1]):
-            n = listed[k]
+            bound[r] = shapes.half[g, r] + reach
+        for k in range(lists.spans[a, 0], lists.spans[a, 1]):
+            n = lists.listed[k]
             dx, dy, dz = points[n, 0] - place[0], points[n, 1] - place[1], points[n, 2] - place[2]
             outside = False
             for r in range(3):
                 p[r] = turn[0, r] * dx + turn[1, r] * dy + turn[2, r] * dz
-                if not abs(p[r] - center[g, r]) < bound[r]:
+                if not abs(p[r] - shapes.center[g, r]) < bound[r]:
                     outside = True
                     break
             if outside:
                 continue
-            distance = _distance(
-                kind[g], p, extent, reach, own_planes, own_corners, values, own_table, own_origin,
-                own_spacing, weight, normal,
-            )  # fmt: skip
-            if distance < reach or (boxes and kind[g] == 8):
-                out_point[count], out_shape[count], out[count, 0] = n, g, distance
+            distance = _distance(shapes, g, p, reach, weight, normal)
+            if distance < reach:
+                hits.point[count], hits.shape[count], hits.found[count, 0] = n, g, distance
                 for r in range(3):
-                    out[count, 1 + r] = (
+                    hits.found[count, 1 + r] = (
                         turn[r, 0] * normal[0] + turn[r, 1] * normal[1] + turn[r, 2] * normal[2]
                     )
                 count += 1
@@ -423,82 +406,18 @@ class Hits:
         return len(self.point)
 
 
-@final
-@dataclass(frozen=True)
-class PointLists:
-    """Points asked for, shape by shape: listed[spans[a, 0]] .. listed[spans[a, 1] - 1] of the a-th one.
+def near_points(points: Array, shapes: Shapes, poses: ShapePoses, lists: PointLists, reach_m: float) -> Hits:
+    """Return every pair of a point and a shape with a signed distance below `reach_m`.
 
     Args:
-        spans: (a, 2).
-        listed: (k,) indices of points.
-    """
-
-    spans: IntArray
-    listed: IntArray
-
-    @classmethod
-    def whole(cls, points: int, shapes: int) -> PointLists:
-        """Return all points for each of the shapes."""
-        return cls(np.tile([0, points], (shapes, 1)), np.arange(points))
-
-    @classmethod
-    def around(
-        cls, shapes: Shapes, position: Array, rotation: Array, points: Array, reach_m: float, active: IntArray
-    ) -> PointLists:
-        """Return, for each active shape, all points that come within `reach_m` of it, and some others.
-
-        Arguments as of `near_points`.
-        """
-        lists = cls.whole(len(points), len(active))
-        # what a grid says of points that are not close to its surface is no bound on their distance
-        hits = _near(shapes, position, rotation, points, reach_m, active, lists, boxes=True)
-        ends = np.cumsum(np.bincount(hits.shape, minlength=len(shapes.kind))[active])
-        return cls(np.column_stack([ends - np.diff(ends, prepend=0), ends]), hits.point.copy())
-
-
-def near_points(
-    shapes: Shapes,
-    position: Array,
-    rotation: Array,
-    points: Array,
-    reach_m: float,
-    active: IntArray,
-    lists: PointLists | None = None,
-) -> Hits:
-    """Return every pair of a point and an active shape with a signed distance below `reach_m`.
-
-    Args:
-        shapes: in their own frames.
-        position: (g, 3) [m], of the shapes' frames, world.
-        rotation: (g, 3, 3), world from shape.
         points: (n, 3) [m], world, C-contiguous.
+        shapes: in their own frames.
+        poses: of these.
+        lists: points asked for.
         reach_m: bound [m].
-        active: (a,) shapes asked for.
-        lists: points asked for of each; all unless given.
     """
-    if lists is None:
-        lists = PointLists.whole(len(points), len(active))
-    return _near(shapes, position, rotation, points, reach_m, active, lists)
-
-
-def _near(
-    s: Shapes,
-    position: Array,
-    rotation: Array,
-    points: Array,
-    reach_m: float,
-    active: IntArray,
-    lists: PointLists,
-    *,
-    boxes: bool = False,
-) -> Hits:
     room = int((lists.spans[:, 1] - lists.spans[:, 0]).sum())
-    point, shape = np.empty(room, np.int64), np.empty(room, np.int64)
-    out = np.empty((room, 4))
-    count = points_near(
-        points, reach_m, boxes, active, lists.spans, lists.listed, position, rotation, s.kind, s.size,
-        s.center, s.half, s.faces, s.planes, s.corners, s.table, s.origin, s.spacing, s.values, point, shape,
-        out,
-    )  # fmt: skip
-    distance, normal = out[:count, 0].copy(), out[:count, 1:].copy()
-    return Hits(point[:count], shape[:count], distance, normal)
+    rows = HitRows(np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 4)))
+    count = points_near(points, shapes, poses, lists, reach_m, rows)
+    found = rows.found[:count]
+    return Hits(rows.point[:count], rows.shape[:count], found[:, 0].copy(), found[:, 1:].copy())

@@ -10,12 +10,11 @@ alpha = u . e / e^2, beta = w . e / e^2.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import IndexTable, Matrix, Vector, device_function, small_vector
+from cosim.base.kernels import IndexTable, Matrix, Vector, device_function
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)
@@ -63,16 +62,10 @@ _CLOSED_LOGARITHM = math.log(math.cos(_CLOSED_ARGUMENT))
 
 
 @device_function
-def _spring(difference: float, stiffness: float) -> tuple[float, float, float]:
-    """Return energy, moment and tangent of a linear spring."""
-    return 0.5 * stiffness * difference * difference, stiffness * difference, stiffness
-
-
-@device_function
 def fold_law(angle: float, rest: float, stiffness: float, theta1: float) -> tuple[float, float, float]:
     """Return energy, moment and tangent of one spring, all finite and continuous, also beyond 0 and 2 pi."""
     if theta1 <= 0.0 or theta1 < angle < TURN - theta1:
-        return _spring(angle - rest, stiffness)
+        return 0.5 * stiffness * (angle - rest) * (angle - rest), stiffness * (angle - rest), stiffness
     # mirror the upper barrier onto the lower one: angle -> 2 pi - angle flips the moment's sign
     sign = 1.0
     if angle > math.pi:
@@ -102,6 +95,34 @@ QUANTITIES = 33
 ROOM = QUANTITIES * LANES
 
 
+class HingeRows(NamedTuple):
+    """Rotational springs, for kernels.
+
+    Args:
+        nodes: (h, 4) node indices i, j, k, l.
+        stiffness: (h,) [N m/rad].
+        rest: (h,) [rad], stress-free angle.
+        fold_barrier: theta1 [rad], where the barrier begins; 0 for none.
+    """
+
+    nodes: IndexTable
+    stiffness: Vector
+    rest: Vector
+    fold_barrier: float
+
+
+class HingeAngles(NamedTuple):
+    """Angles of hinges [rad], unwrapped.
+
+    Args:
+        before: (h,), at the last accepted state.
+        now: (h,), filled.
+    """
+
+    before: Vector
+    now: Vector
+
+
 @device_function
 def nodes_of(hinges: IndexTable, h: int) -> tuple[Any, Any, Any, Any]:
     """Return the nodes of a hinge, of a type that needs no test for places counted from the end."""
@@ -110,8 +131,8 @@ def nodes_of(hinges: IndexTable, h: int) -> tuple[Any, Any, Any, Any]:
 
 
 @device_function
-def gather(x: Array, hinges: IntArray, first: int, lanes: int, s: Array) -> None:
-    """Fill u, e and w of a group; lanes to spare repeat the first hinge."""
+def differentiate(x: Matrix, hinges: IndexTable, first: int, lanes: int, s: Vector) -> None:
+    """Fill u, e, w, angle, a, b, alpha and beta of a group; lanes to spare repeat the first hinge."""
     for lane in range(LANES):
         h = first + (lane if lane < lanes else 0)
         i, j, k, m = nodes_of(hinges, h)
@@ -120,10 +141,6 @@ def gather(x: Array, hinges: IntArray, first: int, lanes: int, s: Array) -> None
             s[E + r * LANES + lane] = x[k, r] - x[j, r]
             s[W + r * LANES + lane] = x[k, r] - x[m, r]
 
-
-@device_function
-def differentiate(s: Array) -> None:
-    """Fill angle, a, b, alpha and beta of a group."""
     for lane in range(LANES):
         u0, u1, u2 = s[U + lane], s[U + LANES + lane], s[U + 2 * LANES + lane]
         e0, e1, e2 = s[E + lane], s[E + LANES + lane], s[E + 2 * LANES + lane]
@@ -143,25 +160,18 @@ def differentiate(s: Array) -> None:
 
 
 @device_function
-def load(
-    stiffness: Vector,
-    rest: Vector,
-    theta1: float,
-    reference: Vector,
-    first: int,
-    lanes: int,
-    s: Vector,
-    angles: Vector,
-) -> float:
-    """Write a group's unwrapped angles to `angles`, fill its moments and tangents; return the energy."""
-    k, free, before, after = stiffness[first:], rest[first:], reference[first:], angles[first:]
+def load(springs: HingeRows, angles: HingeAngles, first: int, lanes: int, s: Vector) -> float:
+    """Write a group's unwrapped angles, fill its moments and tangents; return the energy."""
+    k, free, theta1 = springs.stiffness[first:], springs.rest[first:], springs.fold_barrier
+    before, after = angles.before[first:], angles.now[first:]
     for lane in range(lanes):
         angle = s[ANGLE + lane]
         beyond = angle - before[lane]
         angle = angle - TURN if beyond > math.pi else angle + TURN if beyond < -math.pi else angle
         after[lane] = s[ANGLE + lane] = angle
-        energy, moment, tangent = _spring(angle - free[lane], k[lane])
-        s[ENERGY + lane], s[MOMENT + lane], s[TANGENT + lane] = energy, moment, tangent
+        off, stiffness = angle - free[lane], k[lane]
+        s[ENERGY + lane], s[MOMENT + lane] = 0.5 * stiffness * off * off, stiffness * off
+        s[TANGENT + lane] = stiffness
     total = 0.0
     for lane in range(lanes):
         angle = s[ANGLE + lane]
@@ -173,7 +183,7 @@ def load(
 
 
 @device_function
-def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -> None:
+def scatter(hinges: IndexTable, first: int, lanes: int, s: Vector, gradient: Matrix) -> None:
     """Add a group to gradient."""
     for r in range(3):
         for lane in range(LANES):
@@ -191,29 +201,3 @@ def scatter(hinges: IntArray, first: int, lanes: int, s: Array, gradient: Any) -
             gradient[m, r] += s[FORCE + (4 * r + 1) * LANES + lane]
             gradient[j, r] += s[FORCE + (4 * r + 2) * LANES + lane]
             gradient[k, r] += s[FORCE + (4 * r + 3) * LANES + lane]
-
-
-@device_function
-def add_hinge_gradients(
-    x: Matrix,
-    hinges: IndexTable,
-    stiffness: Vector,
-    rest: Vector,
-    theta1: float,
-    reference: Vector,
-    gradient: Matrix,
-    angles: Vector,
-) -> float:
-    """Add all hinges to gradient, write their angles; return the energy as `add_hinges` does.
-
-    A loop of its own: one loop for both, with a branch for the Hessian, takes a fifth longer with it.
-    """
-    s = small_vector(ROOM)
-    energy = 0.0
-    for first in range(0, hinges.shape[0], LANES):
-        lanes = min(LANES, hinges.shape[0] - first)
-        gather(x, hinges, first, lanes, s)
-        differentiate(s)
-        energy += load(stiffness, rest, theta1, reference, first, lanes, s, angles)
-        scatter(hinges, first, lanes, s, gradient)
-    return energy

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, final
+from typing import Annotated, ClassVar, NamedTuple, final
 
 import numpy as np
 
@@ -67,10 +67,11 @@ def deformation(x: Matrix, triangle: Indices, g: Matrix, f: Matrix) -> tuple[flo
 
 
 @device_function
-def pair_block(
-    f: Matrix, stiffness: Matrix, ga: Vector, gb: Vector, geometric: float, area: float, out: Matrix
+def _pair_block(
+    f: Matrix, stiffness: Matrix, pair: tuple[Vector, Vector], n: Vector, area: float, out: Matrix
 ) -> None:
-    """Fill out = area (geometric 1 + B_a^T C B_b) with B_a = u1_a f1^T + u2_a f2^T."""
+    """Fill out = area ((g_a . N g_b) 1 + B_a^T C B_b) with B_a = u1_a f1^T + u2_a f2^T."""
+    ga, gb = pair
     # C u_q for u_1 = (gb0, 0, gb1) and u_2 = (0, gb1, gb0), in the strain components (E11, E22, 2 E12)
     p0 = stiffness[0, 0] * gb[0] + stiffness[0, 2] * gb[1]
     p1 = stiffness[1, 0] * gb[0] + stiffness[1, 2] * gb[1]
@@ -82,6 +83,7 @@ def pair_block(
     c21 = area * (ga[1] * p1 + ga[0] * p2)
     c12 = area * (ga[0] * q0 + ga[1] * q2)
     c22 = area * (ga[1] * q1 + ga[0] * q2)
+    geometric = ga[0] * (n[0] * gb[0] + n[2] * gb[1]) + ga[1] * (n[2] * gb[0] + n[1] * gb[1])
     for r in range(3):
         left1 = f[0, r] * c11 + f[1, r] * c21
         left2 = f[0, r] * c12 + f[1, r] * c22
@@ -90,16 +92,28 @@ def pair_block(
         out[r, r] += area * geometric
 
 
-@device_function
-def first_node_blocks(k11: Matrix, k21: Matrix, k22: Matrix, k10: Matrix, k20: Matrix, k00: Matrix) -> None:
-    """Fill the blocks of node 0: the gradients g_a sum to zero, so they follow from the others."""
-    for r in range(3):
-        for c in range(3):
-            k10[r, c] = -k11[r, c] - k21[c, r]
-            k20[r, c] = -k21[r, c] - k22[r, c]
-    for r in range(3):
-        for c in range(3):
-            k00[r, c] = -k10[r, c] - k20[r, c]
+class FilmRows(NamedTuple):
+    """Film triangles of one material, for kernels.
+
+    Args:
+        triangles: (m, 3) node indices.
+        gradients: (m, 3, 2), see `Membranes`.
+        areas: (m,) [m^2].
+        drawn: (groups, 5 LANES), see `in_lanes`.
+        stiffness: (3, 3) [N/m].
+        law: code of the film's law.
+        fraction: compressive fraction.
+        forces: (m, 2) [N/m], see `wrinkling_forces`; empty for other laws.
+    """
+
+    triangles: IndexTable
+    gradients: Blocks
+    areas: Vector
+    drawn: Matrix
+    stiffness: Matrix
+    law: int
+    fraction: float
+    forces: Matrix
 
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
@@ -125,25 +139,19 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
 
 
 @device_function
-def corners_of(triangles: IndexTable, e: int) -> tuple[Any, Any, Any]:
-    """Return the nodes of a triangle, of a type that needs no test for places counted from the end."""
-    return np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
+def _stretch(x: Matrix, film: FilmRows, first: int, lanes: int, drawn: Vector, s: Vector) -> None:
+    """Fill F^T and strains, and forces A N and energies of the plain law, of a group of triangles.
 
-
-@device_function
-def _gather(x: Matrix, triangles: IndexTable, first: int, lanes: int, s: Vector) -> None:
-    """Fill both edges from node 0; lanes to spare repeat the first triangle."""
-    for lane in range(LANES):
+    Lanes to spare repeat the first of them. Nodes are of a type that needs no test for places counted from
+    the end.
+    """
+    triangles, stiffness = film.triangles, film.stiffness
+    for lane in range(LANES):  # both edges from node 0
         e = first + (lane if lane < lanes else 0)
-        i, j, k = corners_of(triangles, e)
+        i, j, k = np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
         for r in range(3):
             s[_D1 + r * LANES + lane] = x[j, r] - x[i, r]
             s[_D2 + r * LANES + lane] = x[k, r] - x[i, r]
-
-
-@device_function
-def _stretch(drawn: Vector, stiffness: Matrix, s: Vector) -> None:
-    """Replace the edges by F^T, and fill strains, and forces A N and energies of the plain law."""
     c00, c01, c02 = stiffness[0, 0], stiffness[0, 1], stiffness[0, 2]
     c10, c11, c12 = stiffness[1, 0], stiffness[1, 1], stiffness[1, 2]
     c20, c21, c22 = stiffness[2, 0], stiffness[2, 1], stiffness[2, 2]
@@ -193,39 +201,33 @@ def _list_wrinkled(drawn: Vector, forces: Matrix, lanes: int, s: Vector) -> int:
 
 
 @device_function
-def _wrinkle_listed(count: int, stiffness: Matrix, s: Vector) -> None:
-    """Fill forces and energy density of listed lanes, as of the wrinkled state, and N1, which tells it."""
-    for lane in range(count):
+def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Vector) -> None:
+    """Replace forces A N and energies where a triangle is not taut."""
+    n, no_tangent, count = small_vector(3), small_matrix(0, 0), _list_wrinkled(drawn, forces, lanes, s)
+    for lane in range(-(-count // _STRIDE) * _STRIDE):  # as of the wrinkled state, and N1, which tells it
         plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
         e1, e2, cosine, sine = principal(s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane])
         r2, first = hide_across(e1, e2, stiffness, plate, hardening)
         n11, n22, n12 = turn_forces(first, -plate - r2, cosine, sine)
         s[_FOUND + lane], s[_FOUND + LANES + lane], s[_FOUND + 2 * LANES + lane] = n11, n22, n12
-        s[_FOUND + 3 * LANES + lane] = density(e1, e2, first, 0.0, r2, plate, hardening)
+        s[_FOUND + 3 * LANES + lane] = density((e1, e2), first, (0.0, r2), plate, hardening)
         s[_FIRST + lane] = first
-
-
-@device_function
-def _wrinkle(
-    drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, n: Vector, no_tangent: Matrix, s: Vector
-) -> None:
-    """Replace forces A N and energies where a triangle is not taut."""
-    count = _list_wrinkled(drawn, forces, lanes, s)
-    _wrinkle_listed(-(-count // _STRIDE) * _STRIDE, stiffness, s)
     for q in range(count):
         lane = int(s[_WHICH + q])
         area, psi, plate = drawn[4 * LANES + lane], s[_FOUND + 3 * LANES + q], s[_PLATE + q]
         n[0], n[1], n[2] = s[_FOUND + q], s[_FOUND + LANES + q], s[_FOUND + 2 * LANES + q]
         if s[_FIRST + q] < -plate:  # slack
-            e11, e22, e12 = s[_E + q], s[_E + LANES + q], s[_E + 2 * LANES + q]
-            psi = wrinkling(e11, e22, e12, stiffness, plate, s[_HARDENING + q], n, no_tangent)
+            strain = s[_E + q], s[_E + LANES + q], s[_E + 2 * LANES + q]
+            psi = wrinkling(strain, stiffness, plate, s[_HARDENING + q], n, no_tangent)
         s[_ENERGY + lane] = area * psi
         s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane] = area * n[0], area * n[1], area * n[2]
 
 
 @device_function
-def _pull(drawn: Vector, s: Vector) -> None:
-    """Replace F^T by the gradients of nodes 1 and 2."""
+def _scatter(
+    drawn: Vector, triangles: IndexTable, first: int, lanes: int, s: Vector, gradient: Matrix
+) -> float:
+    """Replace F^T by the gradients of nodes 1 and 2, and add a group to gradient; return its energy."""
     for lane in range(LANES):
         ax, ay = drawn[lane], drawn[LANES + lane]
         bx, by = drawn[2 * LANES + lane], drawn[3 * LANES + lane]
@@ -237,17 +239,12 @@ def _pull(drawn: Vector, s: Vector) -> None:
         s[_D1 + lane], s[_D2 + lane] = f0 * p1 + k0 * q1, f0 * p2 + k0 * q2
         s[_D1 + LANES + lane], s[_D2 + LANES + lane] = f1 * p1 + k1 * q1, f1 * p2 + k1 * q2
         s[_D1 + 2 * LANES + lane], s[_D2 + 2 * LANES + lane] = f2 * p1 + k2 * q1, f2 * p2 + k2 * q2
-
-
-@device_function
-def _scatter(triangles: IndexTable, first: int, lanes: int, s: Vector, gradient: Matrix) -> float:
-    """Add a group to gradient; return its energy."""
     energy = 0.0
     for lane in range(LANES):
         if lane == lanes:
             break
         e = first + lane
-        i, j, k = corners_of(triangles, e)
+        i, j, k = np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
         energy += s[_ENERGY + lane]
         for r in range(3):
             one, two = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]
@@ -258,76 +255,83 @@ def _scatter(triangles: IndexTable, first: int, lanes: int, s: Vector, gradient:
 
 
 @device_function
-def add_membrane_gradients(
-    x: Matrix, triangles: IndexTable, drawn: Matrix, stiffness: Matrix, forces: Matrix, gradient: Matrix
-) -> float:
-    """Add the gradient of all triangles to gradient; return the energy [J].
-
-    `drawn` is what `in_lanes` returns; `forces` those of `wrinkling_forces`, empty for the plain law.
-    """
-    s, n, no_tangent = small_vector(_SIZE), small_vector(3), small_matrix(0, 0)
-    energy = 0.0
+def _add_in_lanes(x: Matrix, film: FilmRows, gradient: Matrix) -> float:
+    """Add the gradient of all triangles, plain or wrinkling, to gradient; return the energy [J]."""
+    s, triangles, energy = small_vector(_SIZE), film.triangles, 0.0
     for first in range(0, triangles.shape[0], LANES):
-        lanes, group = min(LANES, triangles.shape[0] - first), drawn[first // LANES]
-        _gather(x, triangles, first, lanes, s)
-        _stretch(group, stiffness, s)
-        if forces.shape[0] > 0:
-            _wrinkle(group, forces[first : first + lanes], lanes, stiffness, n, no_tangent, s)
-        _pull(group, s)
-        energy += _scatter(triangles, first, lanes, s, gradient)
+        lanes, group = min(LANES, triangles.shape[0] - first), film.drawn[first // LANES]
+        _stretch(x, film, first, lanes, group, s)
+        if film.forces.shape[0] > 0:
+            _wrinkle(group, film.forces[first : first + lanes], lanes, film.stiffness, s)
+        energy += _scatter(group, triangles, first, lanes, s, gradient)
     return energy
 
 
-@kernel
-def add_membranes(
-    x: Matrix,
-    triangles: IndexTable,
-    gradients: Blocks,
-    areas: Vector,
-    drawn: Matrix,
-    stiffness: Matrix,
-    law: int,
-    fraction: float,
-    forces: Matrix,
-    slots: IndexTable,
-    gradient: Matrix,
-    blocks: Blocks,
+@device_function
+def _film_law(
+    film: FilmRows, e: int, strain: tuple[float, float, float], n: Vector, tangent: Matrix
 ) -> float:
-    """Add all triangles to gradient and, if slots is not empty, their Hessian to blocks.
+    """Fill n (3,) and tangent (3, 3), derivatives of the energy density [J/m^2] of triangle e; return that.
 
-    `law` is a law code of the film, `fraction` the compressive fraction, `forces` those of
-    `wrinkling_forces`, empty for other laws. Returns the energy [J].
+    Of the plain law the tangent stays as it is.
     """
-    if law in (PLAIN, WRINKLING) and slots.shape[0] == 0:
-        return add_membrane_gradients(x, triangles, drawn, stiffness, forces, gradient)
-    f, fn, n = small_matrix(2, 3), small_matrix(2, 3), small_vector(3)
+    stiffness = film.stiffness
+    if film.law == WRINKLING:
+        return wrinkling(strain, stiffness, film.forces[e, 0], film.forces[e, 1], n, tangent)
+    if film.law == TENSION_FIELD:
+        return tension_field(strain, stiffness, film.fraction, n, tangent)
+    if film.law != PLAIN:
+        return edge_strain(strain, film.gradients[e], stiffness, n, tangent)
+    for r in range(3):
+        n[r] = stiffness[r, 0] * strain[0] + stiffness[r, 1] * strain[1] + stiffness[r, 2] * strain[2]
+    return 0.5 * (strain[0] * n[0] + strain[1] * n[1] + strain[2] * n[2])
+
+
+@device_function
+def _add_hessian(
+    f: Matrix, tangent: Matrix, n: Vector, film: tuple[Matrix, float], slots: Indices, blocks: Blocks
+) -> None:
+    """Add a triangle's Hessian; the gradients g_a sum to zero, so the blocks of node 0 follow from others."""
+    g, area = film
     k11, k21, k22 = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
     k10, k20, k00 = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
-    rows, columns, tangent = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
+    _pair_block(f, tangent, (g[1], g[1]), n, area, k11)
+    _pair_block(f, tangent, (g[2], g[1]), n, area, k21)
+    _pair_block(f, tangent, (g[2], g[2]), n, area, k22)
     for r in range(3):
         for c in range(3):
-            tangent[r, c] = stiffness[r, c]
-    with_hessian, energy = slots.shape[0] > 0, 0.0
+            k10[r, c] = -k11[r, c] - k21[c, r]
+            k20[r, c] = -k21[r, c] - k22[r, c]
+    for r in range(3):
+        for c in range(3):
+            k00[r, c] = -k10[r, c] - k20[r, c]
+    add_block(blocks, slots[0], k00)
+    add_block(blocks, slots[1], k10)
+    add_block(blocks, slots[2], k11)
+    add_block(blocks, slots[3], k20)
+    add_block(blocks, slots[4], k21)
+    add_block(blocks, slots[5], k22)
+
+
+@kernel
+def add_membranes(x: Matrix, film: FilmRows, slots: IndexTable, gradient: Matrix, blocks: Blocks) -> float:
+    """Add all triangles to gradient and, if slots is not empty, their Hessian to blocks.
+
+    Returns the energy [J].
+    """
+    triangles, energy = film.triangles, 0.0
+    if film.law in (PLAIN, WRINKLING) and slots.shape[0] == 0:
+        return _add_in_lanes(x, film, gradient)
+    f, fn, n, tangent = small_matrix(2, 3), small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
+    for r in range(3):
+        for c in range(3):
+            tangent[r, c] = film.stiffness[r, c]
     for e in range(triangles.shape[0]):
-        g, area = gradients[e], areas[e]
-        e11, e22, e12 = deformation(x, triangles[e], g, f)
-        if law == PLAIN:
-            n11 = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
-            n22 = stiffness[1, 0] * e11 + stiffness[1, 1] * e22 + stiffness[1, 2] * e12
-            n12 = stiffness[2, 0] * e11 + stiffness[2, 1] * e22 + stiffness[2, 2] * e12
-            energy += 0.5 * area * (e11 * n11 + e22 * n22 + e12 * n12)
-        else:
-            if law == WRINKLING:
-                density = wrinkling(e11, e22, e12, stiffness, forces[e, 0], forces[e, 1], n, tangent)
-            elif law == TENSION_FIELD:
-                density = tension_field(e11, e22, e12, stiffness, fraction, n, tangent)
-            else:
-                density = edge_strain(e11, e22, e12, g, stiffness, rows, columns, n, tangent)
-            n11, n22, n12 = n[0], n[1], n[2]
-            energy += area * density
+        g, area = film.gradients[e], film.areas[e]
+        energy += area * _film_law(film, e, deformation(x, triangles[e], g, f), n, tangent)
         for k in range(3):
-            fn[0, k] = area * (f[0, k] * n11 + f[1, k] * n12)
-            fn[1, k] = area * (f[0, k] * n12 + f[1, k] * n22)
+            fn[0, k] = area * (f[0, k] * n[0] + f[1, k] * n[2])
+            fn[1, k] = area * (f[0, k] * n[2] + f[1, k] * n[1])
         i0, i1, i2 = triangles[e, 0], triangles[e, 1], triangles[e, 2]
         for k in range(3):
             r1 = fn[0, k] * g[1, 0] + fn[1, k] * g[1, 1]
@@ -335,49 +339,19 @@ def add_membranes(
             gradient[i1, k] += r1
             gradient[i2, k] += r2
             gradient[i0, k] -= r1 + r2
-        if with_hessian:
-            s11 = g[1, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[1, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
-            s21 = g[2, 0] * (n11 * g[1, 0] + n12 * g[1, 1]) + g[2, 1] * (n12 * g[1, 0] + n22 * g[1, 1])
-            s22 = g[2, 0] * (n11 * g[2, 0] + n12 * g[2, 1]) + g[2, 1] * (n12 * g[2, 0] + n22 * g[2, 1])
-            pair_block(f, tangent, g[1], g[1], s11, area, k11)
-            pair_block(f, tangent, g[2], g[1], s21, area, k21)
-            pair_block(f, tangent, g[2], g[2], s22, area, k22)
-            first_node_blocks(k11, k21, k22, k10, k20, k00)
-            add_block(blocks, slots[e, 0], k00)
-            add_block(blocks, slots[e, 1], k10)
-            add_block(blocks, slots[e, 2], k11)
-            add_block(blocks, slots[e, 3], k20)
-            add_block(blocks, slots[e, 4], k21)
-            add_block(blocks, slots[e, 5], k22)
+        if slots.shape[0] > 0:
+            _add_hessian(f, tangent, n, (g, area), slots[e], blocks)
     return energy
 
 
 @kernel(allocates=True)
-def principal_forces(
-    x: Matrix,
-    triangles: IndexTable,
-    gradients: Blocks,
-    stiffness: Matrix,
-    law: int,
-    fraction: float,
-    forces: Matrix,
-) -> Matrix:
+def principal_forces(x: Matrix, film: FilmRows) -> Matrix:
     """Return the principal membrane forces (m, 2) [N/m] of all triangles by the law, largest first."""
-    principal = np.empty((triangles.shape[0], 2))
-    f, n = small_matrix(2, 3), small_vector(3)
-    tangent, rows, columns = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
-    for e in range(triangles.shape[0]):
-        e11, e22, e12 = deformation(x, triangles[e], gradients[e], f)
-        if law == PLAIN:
-            n[0] = stiffness[0, 0] * e11 + stiffness[0, 1] * e22 + stiffness[0, 2] * e12
-            n[1] = stiffness[1, 0] * e11 + stiffness[1, 1] * e22 + stiffness[1, 2] * e12
-            n[2] = stiffness[2, 0] * e11 + stiffness[2, 1] * e22 + stiffness[2, 2] * e12
-        elif law == WRINKLING:
-            wrinkling(e11, e22, e12, stiffness, forces[e, 0], forces[e, 1], n, tangent)
-        elif law == TENSION_FIELD:
-            tension_field(e11, e22, e12, stiffness, fraction, n, tangent)
-        else:
-            edge_strain(e11, e22, e12, gradients[e], stiffness, rows, columns, n, tangent)
+    principal = np.empty((film.triangles.shape[0], 2))
+    f, n, tangent = small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
+    for e in range(film.triangles.shape[0]):
+        strain = deformation(x, film.triangles[e], film.gradients[e], f)
+        _film_law(film, e, strain, n, tangent)
         half = 0.5 * (n[0] - n[1])
         mean, radius = 0.5 * (n[0] + n[1]), np.sqrt(half * half + n[2] * n[2])
         principal[e, 0], principal[e, 1] = mean + radius, mean - radius
@@ -464,13 +438,13 @@ class Membranes(DirectElement):
     def add(
         self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
     ) -> float:
-        energy: float = add_membranes(positions, *self.arrays, slots, gradient, blocks)
+        energy: float = add_membranes(positions, self.arrays, slots, gradient, blocks)
         return energy
 
     @cached_property
-    def arrays(self) -> tuple[IntArray, Array, Array, Array, Array, int, float, Array]:
-        """What `add_membranes` takes of them."""
-        return (
+    def arrays(self) -> FilmRows:
+        """The triangles as kernels know them."""
+        return FilmRows(
             self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
             self._stiffness, self.film.law_code, self.film.compressive_fraction, self._forces,
         )  # fmt: skip
@@ -516,9 +490,5 @@ class Membranes(DirectElement):
         Args:
             positions: (n, 3) [m].
         """
-        film = self.film
-        forces: Array = principal_forces(
-            np.ascontiguousarray(positions), self.triangles, self.shape_gradients, self._stiffness,
-            film.law_code, film.compressive_fraction, self._forces,
-        )  # fmt: skip
-        return forces / film.thickness_m
+        forces: Array = principal_forces(np.ascontiguousarray(positions), self.arrays)
+        return forces / self.film.thickness_m

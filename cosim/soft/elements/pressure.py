@@ -122,30 +122,6 @@ def _cap_volume(x: Matrix, ring: Indices, total: Vector, area: Vector) -> float:
     return (total[0] * area[0] + total[1] * area[1] + total[2] * area[2]) / (6.0 * count)
 
 
-@device_function
-def _add_cap_hessian(
-    x: Matrix, ring: Indices, factor: float, total: Vector, slots: Indices, blocks: Blocks, k: Matrix
-) -> None:
-    """Add the second derivatives of -p V of one cap; ring nodes are coupled pairwise."""
-    count = ring.shape[0]
-    vector = small_vector(3)
-    pair = 0
-    for a in range(count):
-        for b in range(a + 1):
-            # rows a, columns b of d/dr_b [area + (r_a+1 - r_a-1) x total]
-            for r in range(3):
-                da = x[ring[(a + 1) % count], r] - x[ring[(a - 1) % count], r]
-                db = x[ring[(b + 1) % count], r] - x[ring[(b - 1) % count], r]
-                vector[r] = da - db
-                if b == (a + 1) % count:
-                    vector[r] -= total[r]
-                if b == (a - 1) % count:
-                    vector[r] += total[r]
-            _cross_block(vector, -factor, k)
-            add_block(blocks, slots[pair], k)
-            pair += 1
-
-
 @kernel
 def add_cap(
     x: Matrix, ring: Indices, pressure: float, slots: Indices, gradient: Matrix, blocks: Blocks
@@ -169,8 +145,21 @@ def add_cap(
             s, t = (r + 1) % 3, (r + 2) % 3
             # d(total . area)/dr_i = area + (r_i+1 - r_i-1) x total
             gradient[ring[i], r] -= factor * (area[r] + difference[s] * total[t] - difference[t] * total[s])
-    if with_hessian:
-        _add_cap_hessian(x, ring, factor, total, slots, blocks, k)
+    pair = 0
+    for a in range(count if with_hessian else 0):  # ring nodes are coupled pairwise
+        for b in range(a + 1):
+            # rows a, columns b of d/dr_b [area + (r_a+1 - r_a-1) x total]
+            for r in range(3):
+                da = x[ring[(a + 1) % count], r] - x[ring[(a - 1) % count], r]
+                db = x[ring[(b + 1) % count], r] - x[ring[(b - 1) % count], r]
+                difference[r] = da - db
+                if b == (a + 1) % count:
+                    difference[r] -= total[r]
+                if b == (a - 1) % count:
+                    difference[r] += total[r]
+            _cross_block(difference, -factor, k)
+            add_block(blocks, slots[pair], k)
+            pair += 1
     return volume
 
 

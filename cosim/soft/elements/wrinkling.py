@@ -53,7 +53,7 @@ TAUT: Final = 2
 
 @device_function
 def tension_field(
-    e11: float, e22: float, e12: float, stiffness: Matrix, fraction: float, n: Vector, c: Matrix
+    strain: tuple[float, float, float], stiffness: Matrix, fraction: float, n: Vector, c: Matrix
 ) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
@@ -64,13 +64,16 @@ def tension_field(
     or slack.
 
     Args:
-        e11, e22, e12: E11, E22, 2 E12.
+        strain: E11, E22, 2 E12.
         stiffness: (3, 3) [N/m], of the plain law.
         fraction: f, 0 to 1.
+        n: filled.
+        c: filled.
 
     Returns:
         Energy density [J/m^2].
     """
+    e11, e22, e12 = strain
     mean = 0.5 * (e11 + e22)
     half = 0.5 * (e11 - e22)
     radius = math.sqrt(half * half + 0.25 * e12 * e12)
@@ -223,9 +226,11 @@ def turn_forces(first: float, second: float, cosine: float, sine: float) -> tupl
 
 @device_function
 def density(
-    e1: float, e2: float, first: float, r1: float, r2: float, plate: float, hardening: float
+    strain: tuple[float, float], first: float, below: tuple[float, float], plate: float, hardening: float
 ) -> float:
     """Return psi of principal strains, of N1, and of what N1 and N2 are below -plate."""
+    e1, e2 = strain
+    r1, r2 = below
     t1, t2 = r1 / hardening, r2 / hardening
     w1, w2 = t1 * t1 * t1, t2 * t2 * t2
     elastic = 0.5 * (first * (e1 + w1) - (plate + r2) * (e2 + w2))
@@ -234,9 +239,7 @@ def density(
 
 @device_function
 def wrinkling(
-    e11: float,
-    e22: float,
-    e12: float,
+    strain: tuple[float, float, float],
     stiffness: Matrix,
     plate: float,
     hardening: float,
@@ -252,15 +255,17 @@ def wrinkling(
     w2 - w1 = (N1 - N2) (r1^2 + r1 r2 + r2^2) / f0^3 in the slack state: it holds for equal strains too.
 
     Args:
-        e11, e22, e12: E11, E22, 2 E12.
+        strain: E11, E22, 2 E12.
         stiffness: (3, 3) [N/m], of the plain law.
-        plate, hardening: s0, f0 [N/m].
+        plate: s0 [N/m].
+        hardening: f0 [N/m].
         n: filled.
         c: (3, 3), filled, or empty if it is not asked for.
 
     Returns:
         Energy density [J/m^2].
     """
+    e11, e22, e12 = strain
     d00, d01 = stiffness[0, 0], stiffness[0, 1]
     n0, n1, n2 = d00 * e11 + d01 * e22, d01 * e11 + d00 * e22, stiffness[2, 2] * e12
     with_tangent = c.shape[0] > 0
@@ -285,7 +290,7 @@ def wrinkling(
     n[0], n[1], n[2] = turn_forces(first, second, cosine, sine)
     if with_tangent:
         _fill_tangent(c, stiffness, (r1, r2, hardening), (cosine, sine), first - second)
-    return density(e1, e2, first, r1, r2, plate, hardening)
+    return density((e1, e2), first, (r1, r2), plate, hardening)
 
 
 @device_function

@@ -14,7 +14,6 @@ import numpy as np
 from cosim.base.kernels import (
     Blocks,
     Matrix,
-    Vector,
     address_of,
     device_function,
     kernel,
@@ -29,8 +28,9 @@ from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import add_hinges
+from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
-from cosim.soft.elements.membrane import add_membranes
+from cosim.soft.elements.membrane import FilmRows, add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
 from cosim.soft.film.step_arrays import (
     BEAMS,
@@ -139,28 +139,25 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
 def _add_film(film: Any, slots: Any, k: int, x: Matrix, gradient: Matrix, blocks: Blocks) -> float:
     """Add the triangles of film k; return their energy [J]."""
     a, b = film.films[k], film.films[k + 1]
-    return _add_membranes(
-        film.calls[_MEMBRANES],
-        (
-            x, film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
-            film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k],
-            film.forces[a[2] : b[2]], slots.triangles[a[0] : b[0]], gradient, blocks,
-        ),
+    rows = FilmRows(
+        film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
+        film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k], film.forces[a[2] : b[2]],
     )  # fmt: skip
+    added = x, rows, slots.triangles[a[0] : b[0]], gradient, blocks
+    return _add_membranes(film.calls[_MEMBRANES], added)
 
 
 @device_function
 def _add_bends(film: Any, slots: Any, first: int, last: int, point: Any) -> float:
     """Add some of the hinges; return their energy [J]."""
     begin, end = film.angles[0] + first, film.angles[0] + last
-    return _add_hinges(
-        film.calls[_HINGES],
-        (
-            point.x, film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
-            film.fold_barrier[0], point.memory[begin:end], slots.hinges[first:last], point.gradient,
-            point.blocks, point.tracked[begin:end],
-        ),
+    springs = HingeRows(
+        film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
+        film.fold_barrier[0],
     )  # fmt: skip
+    angles = HingeAngles(point.memory[begin:end], point.tracked[begin:end])
+    added = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
+    return _add_hinges(film.calls[_HINGES], added)
 
 
 @device_function
@@ -271,13 +268,9 @@ def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, p
                 ring = film.rings[film.caps[cap] : film.caps[cap + 1]]
                 _add_cap_force(film.calls[_OPEN], (point.x, ring, given, point.gradient))
         more.found[k, 0], more.found[k, 1] = given, volume
-        energy += _sealed_energy(more.gas[k], volume) if sealed else -given * volume
+        gas, held = more.gas, -given * volume
+        energy += gas_potential(gas[k, 0], gas[k, 1], gas[k, 2], gas[k, 3], volume) if sealed else held
     return energy
-
-
-@device_function
-def _sealed_energy(gas: Vector, volume: float) -> float:
-    return gas_potential(gas[0], gas[1], gas[2], gas[3], volume)
 
 
 @device_function

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from cosim.base.kernels import Matrix, Vector, device_function
+from cosim.base.kernels import Matrix, Vector, device_function, small_matrix
 
 
 @device_function
@@ -44,15 +44,7 @@ def _edge_maps(g: Matrix, rows: Matrix, columns: Matrix) -> None:
 
 @device_function
 def edge_strain(
-    e11: float,
-    e22: float,
-    e12: float,
-    g: Matrix,
-    stiffness: Matrix,
-    rows: Matrix,
-    columns: Matrix,
-    n: Vector,
-    c: Matrix,
+    strain: tuple[float, float, float], g: Matrix, stiffness: Matrix, n: Vector, c: Matrix
 ) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
@@ -61,14 +53,17 @@ def edge_strain(
         K = Q^-T C Q^-1.
 
     Args:
-        e11, e22, e12: E11, E22, 2 E12.
+        strain: E11, E22, 2 E12.
         g: (3, 2) [1/m], shape gradients.
         stiffness: (3, 3) [N/m].
-        rows, columns: (3, 3), workspace.
+        n: filled.
+        c: filled.
 
     Returns:
         Energy density [J/m^2].
     """
+    e11, e22, e12 = strain
+    rows, columns = small_matrix(3, 3), small_matrix(3, 3)
     _edge_maps(g, rows, columns)
     strain0 = strain1 = strain2 = 0.0
     for i in range(3):

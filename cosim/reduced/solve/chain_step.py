@@ -1,0 +1,397 @@
+"""Newton's method for a chain of frames, in one kernel: statics, and implicit steps from start to wrench.
+
+The schemes are those of `cosim.soft.solve.time_step` on the frames' points: with v = (x - base) / span,
+acceleration = (v - speed) / span and damping alpha, inertia is an elastic bed of coefficient
+(1 + alpha span) / span^2 about the target base + span / (1 + alpha span) speed. Statics are without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final, NamedTuple, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.base.kernels import (
+    Blocks,
+    Cubes,
+    Flags,
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+    small_vector,
+)
+from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
+from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
+from cosim.reduced.solve.clamp import FrameClamp
+from cosim.soft.solve.newton_options import Outcome
+
+CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT, GOES_ON = range(6)
+_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
+_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
+_HALVINGS_MAX = 20
+
+FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
+"""Where Newton's method starts: as if nothing acted, where the frames are, as if rigid on the flange, or from
+what is in the result already."""
+
+OUTCOMES: Final = (
+    Outcome.CONVERGED, Outcome.ITERATION_LIMIT, Outcome.NOT_FINITE, Outcome.INDEFINITE, Outcome.NO_DESCENT,
+)  # fmt: skip
+"""In the order of the kernel's numbers."""
+
+
+@final
+@dataclass(frozen=True)
+class ChainState:
+    """Points of all frames and their velocities.
+
+    Args:
+        motion: (2, f, 4, 3), positions [m] of the origins and unit axes, and the velocities of both.
+        earlier: (2, f, 4, 3), the same one step before, for two-step integrators; None for none.
+    """
+
+    motion: Annotated[Array, (2, "frames", 4, 3)]
+    earlier: Annotated[Array, (2, "frames", 4, 3)] | None = None
+
+    @classmethod
+    def at_rest(cls, frames: Array) -> ChainState:
+        """Return frames (f, 4, 3) without velocity."""
+        return cls(np.array((frames, np.zeros_like(frames))))
+
+    @property
+    def frames(self) -> Array:
+        """(f, 4, 3) origins [m] and axes."""
+        frames: Array = self.motion[0]
+        return frames
+
+    @property
+    def rates(self) -> Array:
+        """(f, 4, 3), velocities of the origins [m/s] and axes [1/s]."""
+        rates: Array = self.motion[1]
+        return rates
+
+
+@final
+@dataclass(frozen=True)
+class ChainStep:
+    """Where a step ended, or an equilibrium.
+
+    Args:
+        chain: there.
+        gradient: (f, 6) [N, N m] of the potential by (dr, phi) of each frame, inertia included.
+        figures: of the chain, see `fill_figures`.
+        outcome: how Newton's method ended.
+        iterations: linear solves.
+        residual_N: largest out-of-balance force of a free frame, or moment over its lever.
+        pressure_Pa: gauge pressure of the gas.
+        potential_J: there.
+        shifted: solves that met an indefinite tangent.
+    """
+
+    chain: ChainState
+    gradient: Array
+    figures: Array
+    outcome: Outcome
+    iterations: int
+    residual_N: float
+    pressure_Pa: float
+    potential_J: float = float("nan")
+    shifted: int = 0
+
+    @property
+    def frames(self) -> Array:
+        """(f, 4, 3)."""
+        return self.chain.frames
+
+
+@final
+@dataclass(frozen=True)
+class KeptTangentState:
+    """A kept factor.
+
+    Args:
+        low: (f, 6, 6), of the Cholesky factor.
+        side: (f, 6, 6).
+        step_s: length of the step that it was made in [s].
+        two_steps: whether that looked back over two steps.
+    """
+
+    low: Annotated[Array, ("frames", 6, 6)]
+    side: Annotated[Array, ("frames", 6, 6)]
+    step_s: float
+    two_steps: bool
+
+
+@final
+class KeptTangent:
+    """Owns a factor, in `work`; it serves steps of one length and scheme in one clamp.
+
+    Args:
+        work: whose other arrays it shares.
+    """
+
+    def __init__(self, work: ChainWork) -> None:
+        self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
+        self._clamp: FrameClamp | None = None
+        self._step_s, self._two_steps = 0.0, False
+
+    def serves(self, clamp: FrameClamp, step_s: float, two_steps: bool) -> bool:
+        """Whether there is a factor that such a step may begin with."""
+        return clamp is self._clamp and step_s == self._step_s and two_steps == self._two_steps
+
+    def keep(self, kept: bool, clamp: FrameClamp, step_s: float, two_steps: bool) -> None:
+        """Note the step in which the factor was made or used last, and whether it is worth keeping."""
+        self._clamp, self._step_s, self._two_steps = clamp if kept else None, step_s, two_steps
+
+    def save_state(self, clamp: FrameClamp) -> KeptTangentState | None:
+        """Return the factor; None where none is kept for a clamp."""
+        if clamp is not self._clamp:
+            return None
+        return KeptTangentState(self.work.low.copy(), self.work.side.copy(), self._step_s, self._two_steps)
+
+    def restore_state(self, state: KeptTangentState | None, clamp: FrameClamp) -> None:
+        """Return to a state of `save_state`, with the clamp of that moment."""
+        if state is None:
+            self._clamp = None
+            return
+        self.work.low[:], self.work.side[:] = state.low, state.side
+        self.keep(True, clamp, state.step_s, state.two_steps)
+
+
+class ChainSide(NamedTuple):
+    """A chain, how it is held, and its workspace.
+
+    Args:
+        chain: and what acts on it.
+        free: (f,) frames that can move.
+        offsets: (f, 4, 3), of held frames in the flange's; in statics without meaning.
+        work: holds a factor that may be kept.
+    """
+
+    chain: LoadedChain
+    free: Flags
+    offsets: Blocks
+    work: ChainWork
+
+
+class ChainScheme(NamedTuple):
+    """How solutions are found.
+
+    Args:
+        h: length of a step [s]; 0 for statics.
+        damping: [1/s].
+        tolerance_N: residual at which it is done.
+        lever_m: by which moments are divided.
+        iterations_max: linear solves.
+    """
+
+    h: float
+    damping: float
+    tolerance_N: float
+    lever_m: float
+    iterations_max: int
+
+
+class ChainEnds(NamedTuple):
+    """Where a solution begins and ends.
+
+    Args:
+        here: (2, f, 4, 3), points and their velocities where a step begins.
+        earlier: (2, f, 4, 3), the same one step earlier.
+        flange: (4, 3), its origin and axes at the end.
+        there: (2, f, 4, 3), filled: at the end.
+        gradient: (f, 6) [N, N m], filled: of the potential there, inertia included.
+        figures: (FIGURES,), filled, see `fill_figures`.
+    """
+
+    here: Cubes
+    earlier: Cubes
+    flange: Matrix
+    there: Cubes
+    gradient: Matrix
+    figures: Vector
+
+
+@device_function
+def _copy_frames(frames: Blocks, out: Blocks) -> None:
+    """Fill out (f, 4, 3); an assignment of whole arrays takes seconds to compile, as it can fail."""
+    for f in range(frames.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                out[f, a, r] = frames[f, a, r]
+
+
+@device_function
+def _residual(gradient: Matrix, free: Flags, lever: float) -> float:
+    """Return the largest out-of-balance force, or moment over lever."""
+    largest = 0.0
+    for f in range(free.shape[0]):
+        if free[f]:
+            for i in range(6):
+                value = abs(gradient[f, i]) / (1.0 if i < 3 else lever)
+                if not value <= largest:
+                    largest = value
+    return largest
+
+
+@device_function
+def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -> tuple[float, float, float]:
+    """Fill the step along a tangent, of which a new factor is made if told to.
+
+    Returns the least shift [N/m] tried that makes it definite, or one too large; the potential's slope along
+    the step, and the factor that bounds it.
+    """
+    free, step, shift, scale = side.free, side.work.step, 0.0, small_vector(6)
+    for i in range(6):
+        scale[i] = 1.0 if i < 3 else lever * lever
+    while renewed and shift <= _SHIFT_MAX and not factorise(free, side.work, shift, scale):
+        shift = max(_SHIFT_START, 6.0 * shift)
+    substitute(free, side.work, gradient)
+    slope = longest = turn = 0.0
+    for f in range(free.shape[0]):
+        for i in range(6):
+            step[f, i] = -step[f, i]
+            slope += gradient[f, i] * step[f, i] if free[f] else 0.0
+            if i < 3:
+                longest = max(longest, abs(step[f, i]))
+            else:
+                turn = max(turn, abs(step[f, i]))
+    factor = min(1.0, min(_STEP_MAX_M / max(longest, 1e-30), _TURN_MAX / max(turn, 1e-30)))
+    return shift, slope, factor
+
+
+@device_function
+def _descends(value: float, energy: float, fall: float, residual: float, before: float) -> bool:
+    """Whether a step has lowered the potential as it should, or the residual by far."""
+    if not np.isfinite(value):
+        return False
+    return value <= energy + 1e-4 * fall + 1e-13 * (1.0 + abs(energy)) or residual < 0.1 * before
+
+
+@device_function
+def _minimise(
+    side: ChainSide, scheme: ChainScheme, bed: Bed, ends: ChainEnds, kept: bool
+) -> tuple[int, int, float, bool, float, int]:
+    """Find the minimum of the potential near the frames at the end, which are moved there.
+
+    The factor of an earlier tangent, where one is kept, serves while the residual falls fast enough.
+    """
+    frames, gradient, work, tolerance = ends.there[0], ends.gradient, side.work, scheme.tolerance_N
+    _copy_frames(frames, work.trial)
+    iterations = shifted = tries = reused = 0
+    energy = residual = slope = factor = 0.0
+    # numba would compile all anew for a literal
+    wanted, judging, old, outcome = not kept, iterations > 0, kept, GOES_ON
+    while outcome == GOES_ON:
+        value = assemble(work.trial, side.chain, bed, gradient, work, wanted)
+        before, residual = residual, _residual(gradient, side.free, scheme.lever_m)
+        if judging and not _descends(value, energy, factor * slope, residual, before):
+            residual, tries, factor = before, tries + 1, 0.5 * factor
+            if old:  # a new tangent, where the step began
+                _copy_frames(frames, work.trial)
+                wanted, judging, old = True, False, False
+            elif tries < _HALVINGS_MAX:
+                change_frames(frames, work.step, factor, work.trial)
+            else:
+                outcome = NO_DESCENT
+            continue
+        energy = value
+        _copy_frames(work.trial, frames)
+        if not (np.isfinite(residual) and np.isfinite(energy)):
+            outcome = NOT_FINITE
+        elif residual <= tolerance:
+            outcome = CONVERGED
+        elif iterations >= scheme.iterations_max:
+            outcome = LIMIT
+        if outcome != GOES_ON:
+            break
+        if judging and not (old and residual * residual <= tolerance * before):
+            wanted, judging, old = True, False, False
+            continue
+        iterations += 1
+        shift, slope, factor = _fill_step(side, gradient, scheme.lever_m, wanted)
+        outcome = INDEFINITE if shift > _SHIFT_MAX else GOES_ON
+        kept, reused = shift == 0.0 if wanted else kept, 0 if wanted else reused + 1
+        shifted += shift > 0.0
+        wanted, judging, tries = False, True, 0
+        change_frames(frames, work.step, factor, work.trial)
+    return outcome, iterations, residual, outcome == CONVERGED and kept and reused < 2, energy, shifted
+
+
+@device_function
+def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
+    """Fill the frames at the end where Newton's method starts, the held ones where the flange has them."""
+    here, flange, out, twists, free = ends.here, ends.flange, ends.there[0], ends.gradient, side.free
+    frames, arm, offsets = here[0], small_vector(3), side.offsets
+    if start == FREE_FLIGHT:
+        for f in range(out.shape[0]):
+            for r in range(3):
+                i, k = (r + 1) % 3, (r + 2) % 3
+                twists[f, r] = here[1, f, 0, r]
+                spin = 0.0
+                for a in range(1, 4):
+                    spin += here[0, f, a, i] * here[1, f, a, k] - here[0, f, a, k] * here[1, f, a, i]
+                twists[f, 3 + r] = 0.5 * spin
+        change_frames(frames, twists, h, out)
+    elif start == STANDING:
+        _copy_frames(frames, out)
+    for f in range(out.shape[0]):
+        if free[f] and start != CARRIED:
+            continue
+        for a in range(4):
+            for i in range(3):
+                arm[i] = 0.0 if free[f] else offsets[f, a, i]
+                for r in range(3 if free[f] else 0):
+                    from_origin = frames[f, a, r] - (frames[0, 0, r] if a == 0 else 0.0)
+                    arm[i] += from_origin * frames[0, i + 1, r]
+            for r in range(3):
+                out[f, a, r] = arm[0] * flange[1, r] + arm[1] * flange[2, r] + arm[2] * flange[3, r]
+                if a == 0:
+                    out[f, a, r] += flange[0, r]
+
+
+@kernel
+def solve_chain(
+    side: ChainSide, scheme: ChainScheme, ends: ChainEnds, start: int, two_steps: bool, kept: bool
+) -> tuple[int, int, float, bool, float, int]:
+    """Find an equilibrium near the frames that are at the end, or take one step in time.
+
+    Args:
+        side: what is solved.
+        scheme: how.
+        ends: where it begins and ends.
+        start: of a step, such as FREE_FLIGHT.
+        two_steps: whether a step looks back over two.
+        kept: whether the factor of an earlier tangent is there to begin with.
+
+    Returns:
+        Outcome, iterations, residual [N], whether the factor that is left may serve the next solution,
+        potential [J], iterations that met an indefinite tangent.
+    """
+    here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]
+    target, h = side.work.target, scheme.h
+    span = 2.0 * h / 3.0 if two_steps else h
+    share = span / (1.0 + scheme.damping * span)
+    for f in range(base.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                x, speed = here[0, f, a, r], here[1, f, a, r]
+                if two_steps:
+                    x = (4.0 * x - earlier[0, f, a, r]) / 3.0
+                    speed = (4.0 * speed - earlier[1, f, a, r]) / 3.0
+                base[f, a, r] = x
+                target[f, a, r] = x + share * speed
+    coefficient = 0.0
+    if h > 0.0:
+        coefficient = (1.0 + scheme.damping * span) / (span * span)
+        _start(side, ends, h, start)
+    found = _minimise(side, scheme, Bed(coefficient, target), ends, kept)
+    for f in range(base.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / span if h > 0.0 else 0.0
+    fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
+    return found
