@@ -175,7 +175,7 @@ class QuasistaticSimulation(SteppedRun):
         guess = local if self._earlier is None else 2.0 * local - self._earlier
         self._earlier = local
         try:
-            found = soft.solve(here.state, pose, loads, pose.apply(guess))
+            found = soft.leave(here, soft.solve(here.state, pose, loads, pose.apply(guess)))
             spent = found.iterations
         except ConvergenceError as error:
             found = soft.follow(here, pose, loads)
@@ -193,9 +193,10 @@ class QuasistaticSimulation(SteppedRun):
             soft.settle(found)
             if not carrier.relax_under(reference, relaxed.next(found.wrench)):
                 return found, spent
-            slides, before = found.slides, found.world_from_flange
+            last, before = found, found.world_from_flange
             found = soft.follow(found, carrier.flange_pose, found.loads)
-            spent, found = spent + found.iterations, replace(found, slides=slides + found.slides)
+            spent, slides = spent + found.iterations, last.slides + found.slides
+            found = replace(found, slides=slides, branchings=(*last.branchings, *found.branchings))
         moved = float(np.linalg.norm(found.world_from_flange.translation - before.translation))
         if moved > _SWINGS_M:
             raise ConvergenceError(

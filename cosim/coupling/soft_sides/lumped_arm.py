@@ -352,6 +352,10 @@ class SoftArm(SoftSide):
         with self.effort.search("an equilibrium"):
             return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
 
+    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium beside one that is not; one that is stable as it is."""
+        return self.equilibrium_solver.leave(begin, found)
+
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
         return self.equilibrium_solver.follow(begin, world_from_flange, loads)

@@ -341,6 +341,18 @@ class SoftSide(ABC):
             ConvergenceError: none was found.
         """
 
+    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium beside one that is not; one that is stable as it is.
+
+        Args:
+            begin: equilibrium before, from where it was followed; None for a first one.
+            found: what `solve` has found.
+
+        Raises:
+            ConvergenceError: the search took all the iterations that it may.
+        """
+        return found
+
     @abstractmethod
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays.

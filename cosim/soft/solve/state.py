@@ -285,6 +285,35 @@ Obstacles: TypeAlias = Callable[[Array], ContactPlanes | None]
 
 @final
 @dataclass(frozen=True)
+class Branching:
+    """Where a branch of stable equilibria ends in an unstable one, and how it was gone on.
+
+    Args:
+        share: of the way from the last stable equilibrium to where the unstable one was found, at which it
+            lies; bisected to 1 % of the loads.
+        pressure_Pa: gauge pressure there, of each chamber.
+        cable_tension_N: of each cable there.
+        place: node that moves most as the unstable one is left, and its ring.
+        direction: (x, y, z), unit vector of that motion, world axes; its largest component is positive.
+        ways: independent directions in which the potential falls.
+        tip_m: (x, y, z), of the branch that was taken; None where none is known.
+        other_tip_m: of the branch on the other side, under the same loads; None where none was found.
+        chosen: why that branch.
+    """
+
+    share: float
+    pressure_Pa: tuple[float, ...]
+    cable_tension_N: tuple[float, ...]
+    place: str
+    direction: tuple[float, float, float]
+    ways: int
+    tip_m: tuple[float, float, float] | None
+    other_tip_m: tuple[float, float, float] | None
+    chosen: str
+
+
+@final
+@dataclass(frozen=True)
 class Equilibrium:
     """A solved equilibrium.
 
@@ -299,7 +328,9 @@ class Equilibrium:
         shifted: iterations that met an indefinite tangent.
         slides: how often on the way Newton's method found nothing near and a damped slide led on; see
             `equilibrium.slide`.
-        negative_pivots: of its tangent, see `NewtonResult`.
+        negative_pivots: of its tangent, with losses along cables held: directions in which the potential
+            falls, 0 where it is stable; None where loads have no potential.
+        branchings: passed on the way.
     """
 
     state: SoftState
@@ -312,6 +343,7 @@ class Equilibrium:
     shifted: int
     slides: int = 0
     negative_pivots: int | None = None
+    branchings: tuple[Branching, ...] = ()
 
 
 @final
