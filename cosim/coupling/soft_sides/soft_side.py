@@ -37,8 +37,16 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.mass_terms import mass_moments
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import SearchEffort
-from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
+from cosim.soft.solve.state import (
+    Equilibrium,
+    Integrator,
+    Obstacles,
+    SoftState,
+    StepAim,
+    inertia_weight,
+)
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
@@ -352,6 +360,18 @@ class SoftSide(ABC):
             ConvergenceError: the search took all the iterations that it may.
         """
         return found
+
+    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Branching | None:
+        """Return in which direction a shape would give way if it was at rest; None: in none, or unknown.
+
+        What the body touches is left out.
+
+        Args:
+            shape: of `shape_now`, after the last step or some steps before.
+            world_from_flange: pose of the flange then.
+            loads: that act then.
+        """
+        return None
 
     @abstractmethod
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:

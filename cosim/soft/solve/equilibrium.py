@@ -23,11 +23,12 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.stability import leave
-from cosim.soft.solve.state import Branching, Clamp, Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 
 _BED_N_m = 1e3  # c of the first step
 _FALL, _RISE = 0.4, 6.0

@@ -15,11 +15,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from cosim.base.frames import Array
 from cosim.errors import ConvergenceError
+from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
+from cosim.soft.solve.branching import UNDECIDED, Branching
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import Branching, Equilibrium, SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 if TYPE_CHECKING:
     from cosim.soft.solve.equilibrium import EquilibriumSolver
@@ -50,8 +52,15 @@ class Softest:
         x, y, z = (most / np.linalg.norm(most)).tolist()
         return x, y, z
 
+    @property
+    def extent(self) -> float:
+        """Root mean square of the nodes' motion, of the largest component."""
+        return math.sqrt(float((self.mode**2).sum(axis=1).mean()))
 
-def softest(solver: NewtonSolver, equilibrium: Equilibrium, weight: Array | None = None) -> Softest:
+
+def softest(
+    solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array, weight: Array | None = None
+) -> Softest:
     """Return the lowest eigenvalue of the static tangent K, and its mode: K v = e W v.
 
     Inverse Lanczos iteration on K + s W, s the shift that makes it positive definite, with sealed gas and
@@ -59,19 +68,21 @@ def softest(solver: NewtonSolver, equilibrium: Equilibrium, weight: Array | None
 
     Args:
         solver: Newton's method for the body with the clamp in force.
-        equilibrium: where the tangent is taken.
+        state: where the tangent is taken.
+        loads: that act there.
+        frame: (3, 3), rotation of the flange.
         weight: (n,), of the nodes, above 0, such as their mass [kg], of which e is the square of an angular
             frequency; None for 1.
     """
-    x, memory, loads = equilibrium.state.positions, equilibrium.state.memory, equilibrium.loads
+    x, shift = state.positions, 0.0
     weights = np.ones(len(x)) if weight is None else weight
-    frame, shift, root = equilibrium.world_from_flange.rotation, 0.0, np.sqrt(weights)[:, None]
+    root = np.sqrt(weights)[:, None]
 
     def definite(by: float) -> bool:
         nonlocal shift
         shift = by
         bed = Inertia(by * weights, x) if by else None
-        return solver.factorise(x, memory, loads, bed, frame)
+        return solver.factorise(x, state.memory, loads, bed, frame)
 
     def inverse(vector: Array) -> Array:
         return np.asarray(root * solver.linear.solve(root * vector.reshape(-1, 3))).ravel()
@@ -124,16 +135,14 @@ def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibri
         saddle, spent = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:  # there is one way to snap
             return replace(found, iterations=spent)
-        lowest = softest(solver.solver, saddle)
+        lowest = _softest_of(solver, saddle)
         ends = [_descended(solver, saddle, side * lowest.mode) for side in (1.0, -1.0)] if leaves else []
         stable = [end for end in ends if end is not None]
         stable.sort(key=lambda end: -_along(lowest.mode, saddle, end))
         why, *taken = _choice(saddle, stable) if leaves else (ON_PURPOSE,)
         tips = [_tip(solver, end) for end in (*taken, None, None)]
-        branching = Branching(
-            fork.share, saddle.loads.pressure_Pa, saddle.loads.cable_tension_N, lowest.place,
-            lowest.direction, saddle.negative_pivots, tips[0], tips[1], why,
-        )  # fmt: skip
+        named = _named(solver.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
+        branching = replace(named, load_factor=fork.share, tip_m=tips[0], other_tip_m=tips[1], chosen=why)
         here = found
         if taken:
             spent += sum(end.iterations for end in stable)
@@ -145,6 +154,34 @@ def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibri
         slides=found.slides,
         branchings=(*found.branchings, branching, *here.branchings),
     )
+
+
+def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
+    """Return in which direction a body in motion would give way if it was at rest; None where it would not.
+
+    Args:
+        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        state: where the body is.
+        loads: that act there.
+        frame: (3, 3), rotation of the flange.
+    """
+    if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
+        return None
+    ways = solver.negative_pivots(state.positions, state.memory, loads)
+    return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
+
+
+def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
+    """Return what is known of an unstable equilibrium by itself."""
+    volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
+    return Branching(
+        1.0, loads.pressures_at(tuple(volumes.tolist())), loads.cable_tension_N, lowest.place,
+        lowest.direction, lowest.extent, ways, None, None, UNDECIDED,
+    )  # fmt: skip
+
+
+def _softest_of(solver: EquilibriumSolver, here: Equilibrium) -> Softest:
+    return softest(solver.solver, here.state, here.loads, here.world_from_flange.rotation)
 
 
 @final
@@ -204,7 +241,7 @@ def _descended(solver: EquilibriumSolver, saddle: Equilibrium, push: Array) -> E
         spent += here.iterations
         if not here.negative_pivots:
             return replace(here, iterations=spent)
-        mode = softest(solver.solver, here).mode
+        mode = _softest_of(solver, here).mode
         push, size = math.copysign(1.0, _along(mode, saddle, here)) * mode, _PUSH_GROWTH * size
     return None
 

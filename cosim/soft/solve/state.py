@@ -36,6 +36,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import NewtonOptions
 
 _JUMP_m: Final = 2e-5
@@ -281,35 +282,6 @@ class SoftState:
 
 Obstacles: TypeAlias = Callable[[Array], ContactPlanes | None]
 """Positions (n, 3) [m] -> what may be touched near them, without friction; None for nothing."""
-
-
-@final
-@dataclass(frozen=True)
-class Branching:
-    """Where a branch of stable equilibria ends in an unstable one, and how it was gone on.
-
-    Args:
-        share: of the way from the last stable equilibrium to where the unstable one was found, at which it
-            lies; bisected to 1 % of the loads.
-        pressure_Pa: gauge pressure there, of each chamber.
-        cable_tension_N: of each cable there.
-        place: node that moves most as the unstable one is left, and its ring.
-        direction: (x, y, z), unit vector of that motion, world axes; its largest component is positive.
-        ways: independent directions in which the potential falls.
-        tip_m: (x, y, z), of the branch that was taken; None where none is known.
-        other_tip_m: of the branch on the other side, under the same loads; None where none was found.
-        chosen: why that branch.
-    """
-
-    share: float
-    pressure_Pa: tuple[float, ...]
-    cable_tension_N: tuple[float, ...]
-    place: str
-    direction: tuple[float, float, float]
-    ways: int
-    tip_m: tuple[float, float, float] | None
-    other_tip_m: tuple[float, float, float] | None
-    chosen: str
 
 
 @final
