@@ -89,6 +89,7 @@ def static_options(scenario: Scenario) -> NewtonOptions:
         search_iterations_max=scenario.solver.search_iterations_max,
         reuse_max=_REUSE_MAX if scenario.mode == "quasistatic" else 0,
         reuse_below_N=_STATIC_REUSE_BELOW_N,
+        leaves_saddles=not scenario.solver.follow_unstable,
     )
 
 

@@ -18,6 +18,7 @@ from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.results.curves import drawn
+from cosim.telemetry.figures import branching_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import SummaryBuilder, reason_of
 from cosim.telemetry.tick_batch import TickBatch
@@ -33,6 +34,7 @@ def as_html(text: str, summary: Mapping[str, Any]) -> str:
     lines = [*text.split("\n"), *([f"reason: {summary['reason']}"] if summary.get("reason") else [])]
     lines += [f"warning: {text}" for text in summary.get("warnings", ())]
     heads = ("phase", "end [s]", "pressure [kPa]", "tip [mm]", "sag [mm]")
+    lines += [f"stability: {text}" for text in branching_lines(summary.get("branchings", []))]
     rows = [
         (
             phase["name"] + ("" if phase["complete"] else " (incomplete)"),

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Twist
+from cosim.base.frames import Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.branching import Branching
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
@@ -23,6 +24,9 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
+
+
+_LOOKS: Final = 8  # in a phase, the last one at its end: whether the soft robot is at an unstable equilibrium
 
 
 @final
@@ -85,7 +89,10 @@ class DynamicSimulation(SteppedRun):
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )
         still, torque = np.zeros_like(plan.joints), carrier.holding_torque(found.wrench)
-        moment = TickState(0, 0.0, 0, plan.joints, loads, carrier.flange_pose, Twist(), still, torque)
+        moment = TickState(
+            0, 0.0, 0, plan.joints, loads, carrier.flange_pose, Twist(), still, torque,
+            branchings=found.branchings,
+        )  # fmt: skip
         carrier.couple(found.wrench)
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
@@ -132,6 +139,19 @@ class DynamicSimulation(SteppedRun):
         found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
         return {k: contacts for k, contacts in found.items() if contacts}
 
+    def _undecided(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, tuple[Branching, ...]]:
+        """Return in which directions the soft robot would give way, if it was at rest, after some ticks."""
+        count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
+        places = {-(-count * k // _LOOKS) - to.done for k in range(1, _LOOKS + 1)}
+        rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
+        found = dict[int, tuple[Branching, ...]]()
+        for row in rows:
+            flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
+            branching = soft.undecided(taken.shapes[row], flange, asked.loads[row])
+            if branching is not None:
+                found[row] = (replace(branching, load_factor=(to.done + row) / count),)
+        return found
+
     def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
         """Return what ticks show, the first of which ends at `to`."""
         n, parts = taken.done, self._parts
@@ -155,6 +175,7 @@ class DynamicSimulation(SteppedRun):
             tick_wall_s=np.full(n, (time.perf_counter() - began) / n),
             devices=(report,) * n,
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
+            branchings=self._undecided(taken, asked, to),
         )
 
     def _step_of(self, to: Cursor) -> str:

@@ -26,6 +26,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
@@ -151,6 +152,7 @@ class TickState:
         joint_velocity: (joints,) [rad/s].
         joint_torque: (joints,) [N m], of the servos.
         touched: what the soft robot presses on.
+        branchings: unstable states that the soft robot has met on the way.
     """
 
     tick: int
@@ -163,6 +165,7 @@ class TickState:
     joint_velocity: Array
     joint_torque: Array
     touched: ContactReport = NOTHING_TOUCHED
+    branchings: tuple[Branching, ...] = ()
 
 
 @final
@@ -269,4 +272,5 @@ class Parts:
             tick_wall_s=wall_s,
             devices=devices,
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
+            branchings=moment.branchings,
         )

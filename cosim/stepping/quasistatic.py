@@ -25,6 +25,7 @@ from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError
 from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
@@ -133,7 +134,7 @@ class QuasistaticSimulation(SteppedRun):
         assert self._here is not None, "the run has begun"
         # which films touch is found anew in every increment
         loads = replace(self._here.loads, self_contact=None)
-        return QuasistaticState(replace(self._here, loads=loads), self._earlier)
+        return QuasistaticState(replace(self._here, loads=loads, branchings=()), self._earlier)
 
     def _restore_own(self, state: object) -> None:
         if not isinstance(state, QuasistaticState):
@@ -162,8 +163,16 @@ class QuasistaticSimulation(SteppedRun):
         moment = TickState(
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
             motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
+            self._branchings(to, here.branchings),
         )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
+
+    def _branchings(self, to: Cursor, passed: tuple[Branching, ...]) -> tuple[Branching, ...]:
+        """Return what an increment has passed, with load factors of the phase in place of the increment."""
+        if not to.done:
+            return passed
+        before, count = to.done - 1, self._counts[to.phase]
+        return tuple(replace(each, load_factor=(before + each.load_factor) / count) for each in passed)
 
     def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
         """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
@@ -175,7 +184,7 @@ class QuasistaticSimulation(SteppedRun):
         guess = local if self._earlier is None else 2.0 * local - self._earlier
         self._earlier = local
         try:
-            found = soft.solve(here.state, pose, loads, pose.apply(guess))
+            found = soft.leave(here, soft.solve(here.state, pose, loads, pose.apply(guess)))
             spent = found.iterations
         except ConvergenceError as error:
             found = soft.follow(here, pose, loads)
@@ -193,9 +202,10 @@ class QuasistaticSimulation(SteppedRun):
             soft.settle(found)
             if not carrier.relax_under(reference, relaxed.next(found.wrench)):
                 return found, spent
-            slides, before = found.slides, found.world_from_flange
+            last, before = found, found.world_from_flange
             found = soft.follow(found, carrier.flange_pose, found.loads)
-            spent, found = spent + found.iterations, replace(found, slides=slides + found.slides)
+            spent, slides = spent + found.iterations, last.slides + found.slides
+            found = replace(found, slides=slides, branchings=(*last.branchings, *found.branchings))
         moved = float(np.linalg.norm(found.world_from_flange.translation - before.translation))
         if moved > _SWINGS_M:
             raise ConvergenceError(

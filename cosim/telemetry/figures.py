@@ -13,6 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
+from cosim.soft.solve.branching import UNDECIDED, Branching
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -434,3 +435,76 @@ def control_figures(time_s: Array, measured: Array, setpoint: float) -> dict[str
         "settling_time_s": settled,
         "ripple": 0.5 * float(np.ptp(end)),
     }
+
+
+_WHOLE: Final = 0.2  # extent of a mode in which more than a wrinkle moves
+
+
+def joined_branchings(
+    found: list[dict[str, Any]], phase: str, time_s: float, more: Sequence[Branching]
+) -> list[dict[str, Any]]:
+    """Return the branchings of a run so far; looks at one unstable state, time after time, are one.
+
+    Args:
+        found: before.
+        phase: name of the phase of the tick that follows.
+        time_s: of its end.
+        more: that it has met.
+    """
+    joined = list(found)
+    for each in more:
+        row: dict[str, Any] = {"phase": phase, "time_s": time_s, "until_s": time_s} | vars(each)
+        last = joined[-1] if joined else {"chosen": ""}
+        if each.chosen == last["chosen"] == UNDECIDED and last["phase"] == phase:
+            whole = max(last, row, key=lambda one: float(one["extent"]))
+            joined[-1] = whole | {"time_s": last["time_s"], "until_s": time_s}
+        else:
+            joined.append(row)
+    return joined
+
+
+def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:
+    """Return a sentence on each unstable state in motion from which more than a wrinkle moves."""
+    return [
+        f"{_whereabouts(row)}; the run was there from {row['time_s']:.4g} to {row['until_s']:.4g} s, and "
+        f"{row['chosen']}"
+        for row in branchings
+        if row["chosen"] == UNDECIDED and row["extent"] >= _WHOLE
+    ]
+
+
+def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
+    """Return a sentence on each branching in statics beyond wrinkles, and one on wrinkles.
+
+    Args:
+        branchings: of the summary.
+    """
+    lines = [
+        _branching_line(row) for row in branchings if row["chosen"] != UNDECIDED and row["extent"] >= _WHOLE
+    ]
+    small = sum(row["extent"] < _WHOLE for row in branchings)
+    wrinkles = f"{small} branchings of wrinkles: see branchings in summary.json"
+    return [*lines, wrinkles] if small else lines
+
+
+def _branching_line(row: dict[str, Any]) -> str:
+    line, other = _whereabouts(row), row["other_tip_m"]
+    if row["tip_m"] is None:
+        return f"{line}; {row['chosen']}"
+    beside = "" if other is None else f"; on the other side it is at {_place(other)}"
+    return f"{line}; tip at {_place(row['tip_m'])}: {row['chosen']}{beside}"
+
+
+def _whereabouts(row: dict[str, Any]) -> str:
+    pressures = "/".join(f"{1e-3 * value:.4g}" for value in row["pressure_Pa"]) or "0"
+    tensions = "/".join(f"{value:.4g}" for value in row["cable_tension_N"])
+    loads = f"{pressures} kPa" + (f", cables at {tensions} N" if any(row["cable_tension_N"]) else "")
+    way = ", ".join(f"{round(value, 2) + 0.0:g}" for value in row["direction"])
+    return (
+        f"phase '{row['phase']}' branches at {loads} ({100.0 * row['load_factor']:.3g} % of its way): "
+        f"{row['place']} gives way along ({way}) or against it"
+    )
+
+
+def _place(position_m: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{1e3 * value:.1f}" for value in position_m) + ") mm"

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
+    from cosim.soft.solve.branching import Branching
 
 
 @final
@@ -277,6 +278,7 @@ class Snapshot(Shown):
         tick_wall_s: wall time of this tick [s].
         devices: what pumps, winches and controllers do; None in a scenario without.
         link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
+        branchings: unstable states that the soft robot has met in the tick, or is in.
     """
 
     tick: int
@@ -299,6 +301,7 @@ class Snapshot(Shown):
     tick_wall_s: float
     devices: ActuationReport | None = None
     link_contacts: tuple[LinkContact, ...] = ()
+    branchings: tuple[Branching, ...] = ()
 
     @property
     def node_position(self) -> Array:

@@ -18,10 +18,13 @@ from cosim.telemetry.figures import (
     ExchangeFigures,
     TipPathFigures,
     arm_table,
+    branching_lines,
     elastic_figures,
+    joined_branchings,
     largest,
     path_lines,
     strength_warnings,
+    undecided_warnings,
 )
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -64,6 +67,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
         "",
         *(f"- warning: {line}" for line in summary["warnings"]),
+        *(f"- stability: {line}" for line in branching_lines(summary["branchings"])),
         *arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
@@ -143,6 +147,7 @@ class SummaryBuilder:
         self._max_self_contact_depth_m = 0.0
         self._arm = ArmFigures()
         self._tip_path = TipPathFigures()
+        self._branchings: list[dict[str, Any]] = []
         self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
 
     def observe(self, batch: TickBatch) -> None:
@@ -156,6 +161,9 @@ class SummaryBuilder:
         self._newton_iterations += iterations
         self._slides += int(batch.slides.sum())
         self._phase_iterations += iterations
+        name = self._stage.phase_names[self._last.phase]
+        for row, passed in batch.branchings.items():
+            self._branchings = joined_branchings(self._branchings, name, batch.time_s.item(row), passed)
         self._exchange = self._exchange.after(batch)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
@@ -183,7 +191,7 @@ class SummaryBuilder:
         own = {name: value for name, value in vars(self).items() if name not in _GIVEN}
         if own.keys() != state.gathered.keys() or (self._devices is None) is not (state.devices is None):
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
-        check_state(state.gathered, own | {"_phases": []}, place="figures", finite=False)
+        check_state(state.gathered, own | {"_phases": [], "_branchings": []}, place="figures", finite=False)
         for phase in state.gathered["_phases"]:
             phase_row(json_ready(phase))
         self._last = state.last
@@ -233,6 +241,7 @@ class SummaryBuilder:
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
+            "branchings": self._branchings,
             "arm": self._arm_section(),
             "warnings": self._warnings(),
             "phases": self._phases,
@@ -248,7 +257,11 @@ class SummaryBuilder:
 
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
-        beyond = [*self._exchange.warnings(self._stage.tick_s), *strength_warnings(self._phases)]
+        beyond = [
+            *self._exchange.warnings(self._stage.tick_s),
+            *strength_warnings(self._phases),
+            *undecided_warnings(self._branchings),
+        ]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
@@ -259,6 +272,8 @@ class SummaryBuilder:
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
+        own = [row for row in self._branchings if row["phase"] == name]
+        figures["branchings"] = [*branching_lines(own), *undecided_warnings(own)]
         figures |= elastic_figures(self._stage, self._last.node_position)
         path = self._stage.tip_paths.get(self._last.phase)
         if path is not None:

@@ -27,6 +27,7 @@ from cosim.telemetry.snapshot import FilmShapes, Snapshot
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.ticks_taken import TicksTaken
+    from cosim.soft.solve.branching import Branching
 
 _NONE: Final = np.zeros(0)
 _NOWHERE: Final = np.full(3, np.nan)
@@ -69,6 +70,7 @@ class TickBatch:
         tick_wall_s: (n,), wall time.
         devices: n; None where a scenario has none.
         link_contacts: of the arm's links, by row; rows left out have none.
+        branchings: of the soft robot's states, by row; rows left out have none.
     """
 
     tick: IntArray
@@ -112,6 +114,7 @@ class TickBatch:
     tick_wall_s: Array
     devices: Sequence[ActuationReport | None]
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
+    branchings: Mapping[int, tuple[Branching, ...]]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -127,8 +130,10 @@ class TickBatch:
         def rows(name: str) -> Any:
             return _stacked(list(map(attrgetter(name), snapshots)))
 
+        def by_row(name: str) -> Any:
+            return {row: found for row, each in enumerate(snapshots) if (found := getattr(each, name))}
+
         targets = [snapshot.tip_target for snapshot in snapshots]
-        touching = ((row, snapshot.link_contacts) for row, snapshot in enumerate(snapshots))
         return cls(
             tick=column("tick", np.int64),
             time_s=column("time_s", np.float64),
@@ -142,7 +147,8 @@ class TickBatch:
             wrench=np.hstack([rows("ledger.wrench.force"), rows("ledger.wrench.torque")]),
             tick_wall_s=column("tick_wall_s", np.float64),
             devices=[snapshot.devices for snapshot in snapshots],
-            link_contacts={row: contacts for row, contacts in touching if contacts},
+            link_contacts=by_row("link_contacts"),
+            branchings=by_row("branchings"),
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
         )
@@ -178,11 +184,16 @@ class TickBatch:
         if len(batches) == 1:
             return batches[0]
         begins = np.cumsum([0, *map(len, batches)]).tolist()
-        touching = [(begin, batch.link_contacts) for begin, batch in zip(begins, batches, strict=False)]
+
+        def by_row(name: str) -> Any:
+            placed = zip(begins, batches, strict=False)
+            return {a + row: found for a, each in placed for row, found in getattr(each, name).items()}
+
         return cls(
             film=FilmShapes.joined([batch.film for batch in batches]),
             devices=[report for batch in batches for report in batch.devices],
-            link_contacts={begin + row: found for begin, those in touching for row, found in those.items()},
+            link_contacts=by_row("link_contacts"),
+            branchings=by_row("branchings"),
             **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
         )
 
@@ -196,11 +207,16 @@ class TickBatch:
     def some(self, rows: IntArray) -> TickBatch:
         """Return some of the ticks, by their rows, in arrays of their own."""
         places = {row: place for place, row in enumerate(rows.tolist())}
+
+        def by_row(given: Mapping[int, Any]) -> dict[int, Any]:
+            return {places[row]: found for row, found in given.items() if row in places}
+
         return replace(
             self,
             film=self.film.some(rows),
             devices=[self.devices[row] for row in places],
-            link_contacts={places[row]: found for row, found in self.link_contacts.items() if row in places},
+            link_contacts=by_row(self.link_contacts),
+            branchings=by_row(self.branchings),
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
@@ -225,6 +241,7 @@ class TickBatch:
             tick_wall_s=self.tick_wall_s.item(row),
             devices=self.devices[row],
             link_contacts=self.link_contacts.get(row, ()),
+            branchings=self.branchings.get(row, ()),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
 
@@ -320,6 +337,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_ARRAYS: Final = tuple(
-    field.name for field in fields(TickBatch) if field.name not in ("film", "devices", "link_contacts")
-)
+_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings")
+_ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
+from cosim.base.frames import Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.linear.linear_solver import LowRank, negative_added
+from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
-from cosim.verification.case import UNLOADED, Specimen
+from cosim.verification.case import NO_CLAMP, UNLOADED, Specimen
 from cosim.verification.strips import Strip
 
 STRIP = Strip(12)
@@ -72,7 +74,8 @@ def test_dense_terms_count_as_well(share: float, ways_down: int) -> None:
     here = specimen.solve(specimen.drawn(), replace(loads, cable_length_m=()))
     assert negative_pivots(specimen.newton, here) == 1
     assert negative_pivots(specimen.newton, replace(here, loads=loads)) == ways_down
-    again = specimen.newton.solve(here.state.positions, here.state.memory, loads, NewtonOptions(1e-3, 1e-3))
+    taken_as_it_is = EquilibriumSolver(specimen.newton, NO_CLAMP, NewtonOptions(1e-3, 1e-3))
+    again = taken_as_it_is.solve(here.state, Pose(), loads)
     assert again.negative_pivots == ways_down
 
 

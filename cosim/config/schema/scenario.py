@@ -107,6 +107,8 @@ class SolverTable:
         damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
         substep_error_m: the soft side's step is cut into up to 16 pieces where its error in a tick is larger;
             omitted: never.
+        follow_unstable: whether static solutions stay on equilibria that have become unstable; else they
+            leave them for stable ones.
     """
 
     residual_tolerance_N: Positive = 1e-6
@@ -117,6 +119,7 @@ class SolverTable:
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
     damping_per_s: NonNegative = 0.0
     substep_error_m: Positive | None = None
+    follow_unstable: bool = False
 
 
 @final

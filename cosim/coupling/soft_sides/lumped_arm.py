@@ -33,10 +33,12 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.linear.kept_factor import NewtonState
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.stability import undecided
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,
@@ -194,6 +196,7 @@ class SoftArm(SoftSide):
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
         self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self._films)
+        self._tester: NewtonSolver | None = None
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold further components where they are now; what is held as a whole goes with the flange.
@@ -351,6 +354,28 @@ class SoftArm(SoftSide):
         """Find the equilibrium near a state in one go; the present state stays."""
         with self.effort.search("an equilibrium"):
             return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
+
+    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium beside one that is not; one that is stable as it is."""
+        return self.equilibrium_solver.leave(begin, found)
+
+    def undecided(self, shape: Array, world_from_flange: Pose, loads: Loads) -> Branching | None:
+        """Return in which direction a shape would give way if it was at rest; None: in none."""
+        system, state = self._system, SoftState.at_rest(shape, self.state.memory)
+        serving, memory = system.serving, system.memory.copy()
+        pairs = None if self._films is None else self._films.static_pairs(shape)
+        loads = replace(loads, self_contact=pairs)
+        found = undecided(self._tested, state, loads, world_from_flange.rotation)
+        # the next step shall not depend on whether somebody has looked
+        system.serving, system.memory[:] = serving, memory
+        return found
+
+    @property
+    def _tested(self) -> NewtonSolver:
+        """Newton's method apart from that of the steps, which keeps a factorisation."""
+        if self._tester is None:
+            self._tester = NewtonSolver(self._system, self.clamp.mask(self.body.nodes))
+        return self._tester
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""

@@ -37,8 +37,16 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.mass_terms import mass_moments
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import SearchEffort
-from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
+from cosim.soft.solve.state import (
+    Equilibrium,
+    Integrator,
+    Obstacles,
+    SoftState,
+    StepAim,
+    inertia_weight,
+)
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
@@ -340,6 +348,30 @@ class SoftSide(ABC):
         Raises:
             ConvergenceError: none was found.
         """
+
+    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium beside one that is not; one that is stable as it is.
+
+        Args:
+            begin: equilibrium before, from where it was followed; None for a first one.
+            found: what `solve` has found.
+
+        Raises:
+            ConvergenceError: the search took all the iterations that it may.
+        """
+        return found
+
+    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Branching | None:
+        """Return in which direction a shape would give way if it was at rest; None: in none, or unknown.
+
+        What the body touches is left out.
+
+        Args:
+            shape: of `shape_now`, after the last step or some steps before.
+            world_from_flange: pose of the flange then.
+            loads: that act then.
+        """
+        return None
 
     @abstractmethod
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:

@@ -23,9 +23,11 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
+from cosim.soft.solve.stability import leave
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 
 _BED_N_m = 1e3  # c of the first step
@@ -170,8 +172,16 @@ class EquilibriumSolver:
         return Equilibrium(
             SoftState.at_rest(result.positions, memory, touching), world_from_flange, loads, wrench,
             result.residual_N, result.iterations, result.potential_J, result.shifted,
-            negative_pivots=result.negative_pivots,
+            negative_pivots=self._negative_pivots(result, loads, frame),
         )  # fmt: skip
+
+    def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
+        """Return in how many directions the potential falls; None where there is none."""
+        solver, here = self.solver, (result.positions, result.memory, loads)
+        if result.negative_pivots is not None or not solver.system.conservative:
+            return result.negative_pivots
+        # a factorisation that was kept may be of another shape; the new one serves the next solution
+        return 0 if solver.factorise(*here, None, frame) else solver.negative_pivots(*here)
 
     def hang(
         self, state: SoftState, world_from_flange: Pose, gravity: tuple[float, float, float]
@@ -189,11 +199,11 @@ class EquilibriumSolver:
         hanging = Loads((), (0.0,) * len(self.solver.system.body.cables), gravity)
         with self.effort.search("the equilibrium without pressure and tension"):
             try:
-                return self.solve(state, world_from_flange, hanging)
+                return self.leave(None, self.solve(state, world_from_flange, hanging))
             except ConvergenceError:
                 if not self.slides_max:
                     raise
-                return self.slide(state, world_from_flange, hanging)
+                return self.leave(None, self.slide(state, world_from_flange, hanging))
 
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.
@@ -207,7 +217,9 @@ class EquilibriumSolver:
         """
         found = self.follow(hung, hung.world_from_flange, loads)
         spent, slides = hung.iterations + found.iterations, hung.slides + found.slides
-        return replace(found, iterations=spent, slides=slides)
+        return replace(
+            found, iterations=spent, slides=slides, branchings=(*hung.branchings, *found.branchings)
+        )
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
@@ -230,6 +242,7 @@ class EquilibriumSolver:
 
     def _follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         here, done, piece, spent, slides, lost = begin, 0.0, 1.0, 0, 0, 0
+        branchings: tuple[Branching, ...] = ()
         while done < 1.0:
             load_factor = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(world_from_flange, load_factor)
@@ -237,7 +250,7 @@ class EquilibriumSolver:
             state = here.state.carried(pose @ here.world_from_flange.inverse())
             self.effort.tries(load.cable_tension_N, done, load_factor)
             try:
-                found = self.solve(state, pose, load)
+                found = self.leave(here, self.solve(state, pose, load))
             except ConvergenceError as error:
                 spent, lost = spent + error.iterations, lost + error.iterations
                 if piece > 0.5**_SPLITS_MAX and lost < _LOST_MAX:
@@ -246,11 +259,17 @@ class EquilibriumSolver:
                 if slides == self.slides_max:
                     raise _given_up(error, done, spent) from None
                 try:
-                    found, slides, piece = self.slide(state, pose, load), slides + 1, 1.0
+                    found = self.leave(here, self.slide(state, pose, load))
+                    slides, piece = slides + 1, 1.0
                 except ConvergenceError as last:
                     raise _given_up(last, done, spent + last.iterations) from None
             here, done, spent = found, load_factor, spent + found.iterations
-        return replace(here, iterations=spent, slides=slides)
+            branchings += found.branchings
+        return replace(here, iterations=spent, slides=slides, branchings=branchings)
+
+    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium in place of one that is not, see `stability.leave`."""
+        return leave(self, begin, found)
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Find the equilibrium that a damped body slides to, however far from a state: the last resort.

@@ -197,12 +197,15 @@ class NewtonSolver:
             system.evaluate(x, loads, share, reference, inertia=inertia, hessian=False)
             motion.new_memory[:] = system.memory
         found = solution.result(outcome)
-        if inertia is not None or not system.conservative or not found.converged:
-            return found
-        # a factor that is kept is of a positive definite tangent on the way
-        definite = all(kept is not None and kept.kind == kind for kept in self._kept)
-        count = 0 if definite else self.negative_pivots(x, motion.new_memory.copy(), loads)
-        return replace(found, negative_pivots=count)
+        # a new tangent that is kept was positive definite one step before the end
+        definite = (
+            solution.tangents > 0
+            and not solution.reused
+            and self._kept[0] is not None
+            and len(self._kept) == 1
+        )
+        stable = inertia is None and system.conservative and found.converged and definite
+        return replace(found, negative_pivots=0) if stable else found
 
     def numbers(
         self, options: NewtonOptions, loads: Loads, step: tuple[bool, float, float, float, float] = _STATICS

@@ -45,6 +45,7 @@ class NewtonOptions:
         reuse_rate: such an iteration must bring the residual below this share of the last one.
         step_max_m: longest nodal displacement in one iteration.
         search_iterations_max: iterations of all solutions of one search, see `SearchEffort`.
+        leaves_saddles: whether equilibria that are not stable are left for stable ones.
     """
 
     tolerance_N: float = 1e-6
@@ -58,6 +59,7 @@ class NewtonOptions:
     reuse_rate: float = 0.5
     reuse_below_N: float = math.inf
     search_iterations_max: int = 3000
+    leaves_saddles: bool = False
 
 
 @final
@@ -74,9 +76,8 @@ class NewtonResult:
         factorisations: of new tangents, attempts included.
         potential_J: there, inertia included.
         shifted: iterations in which the tangent was indefinite.
-        negative_pivots: of the tangent: directions in which the potential falls, 0 at a minimum. That of the
-            last tangent on the way if it was positive definite, otherwise where it ended; None for steps in
-            time, loads without a potential, and what has not converged.
+        negative_pivots: 0 where the last tangent, one step before the end, was positive definite; None where
+            that is not known.
     """
 
     positions: Array

@@ -36,6 +36,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import NewtonOptions
 
 _JUMP_m: Final = 2e-5
@@ -299,7 +300,9 @@ class Equilibrium:
         shifted: iterations that met an indefinite tangent.
         slides: how often on the way Newton's method found nothing near and a damped slide led on; see
             `equilibrium.slide`.
-        negative_pivots: of its tangent, see `NewtonResult`.
+        negative_pivots: of its tangent, with losses along cables held: directions in which the potential
+            falls, 0 where it is stable; None where loads have no potential.
+        branchings: passed on the way.
     """
 
     state: SoftState
@@ -312,6 +315,7 @@ class Equilibrium:
     shifted: int
     slides: int = 0
     negative_pivots: int | None = None
+    branchings: tuple[Branching, ...] = ()
 
 
 @final

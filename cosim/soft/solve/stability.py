@@ -1,0 +1,308 @@
+"""In which direction a soft body gives way most easily: the lowest eigenvector of its tangent stiffness.
+
+At a stable equilibrium the tangent is positive definite. Where it is not, the potential falls along the
+eigenvectors of its negative eigenvalues, on both sides: a branch of equilibria forks there, or ends.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, final
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from cosim.base.frames import Array
+from cosim.errors import ConvergenceError
+from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import place_of_largest
+from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.linear.linear_solver import ShiftSearch
+from cosim.soft.solve.branching import UNDECIDED, Branching
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.state import Equilibrium, SoftState
+
+if TYPE_CHECKING:
+    from cosim.soft.solve.equilibrium import EquilibriumSolver
+
+_LEAST_SHIFT, _LARGEST_SHIFT = 1e-3, 1e9  # of a weight of 1
+_TOLERANCE = 1e-8  # of the eigenvalue
+
+
+@final
+@dataclass(frozen=True)
+class Softest:
+    """The lowest eigenvalue of K v = e W v.
+
+    Args:
+        value: e; of weight 1 in N/m.
+        mode: (n, 3), v; its largest component is 1.
+        place: node that moves most, and its ring.
+    """
+
+    value: float
+    mode: Array
+    place: str
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector of the motion of the node that moves most; its largest component is positive."""
+        most = self.mode[int(np.argmax(self.mode.max(axis=1)))]
+        x, y, z = (most / np.linalg.norm(most)).tolist()
+        return x, y, z
+
+    @property
+    def extent(self) -> float:
+        """Root mean square of the nodes' motion, of the largest component."""
+        return math.sqrt(float((self.mode**2).sum(axis=1).mean()))
+
+
+def softest(
+    solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array, weight: Array | None = None
+) -> Softest:
+    """Return the lowest eigenvalue of the static tangent K, and its mode: K v = e W v.
+
+    Inverse Lanczos iteration on K + s W, s the shift that makes it positive definite, with sealed gas and
+    commanded lengths. The factorisation in store is lost.
+
+    Args:
+        solver: Newton's method for the body with the clamp in force.
+        state: where the tangent is taken.
+        loads: that act there.
+        frame: (3, 3), rotation of the flange.
+        weight: (n,), of the nodes, above 0, such as their mass [kg], of which e is the square of an angular
+            frequency; None for 1.
+    """
+    x, shift = state.positions, 0.0
+    weights = np.ones(len(x)) if weight is None else weight
+    root = np.sqrt(weights)[:, None]
+
+    def definite(by: float) -> bool:
+        nonlocal shift
+        shift = by
+        bed = Inertia(by * weights, x) if by else None
+        return solver.factorise(x, state.memory, loads, bed, frame)
+
+    def inverse(vector: Array) -> Array:
+        return np.asarray(root * solver.linear.solve(root * vector.reshape(-1, 3))).ravel()
+
+    least = _LEAST_SHIFT / float(weights.mean())
+    ShiftSearch().factor(definite, least, least * _LARGEST_SHIFT / _LEAST_SHIFT)
+    start = np.where(solver.free, np.random.default_rng(0).standard_normal(x.shape), 0.0).ravel()
+    operator = LinearOperator((x.size, x.size), matvec=inverse, dtype=np.float64)
+    values, vectors = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE)
+    solver.keep(None)
+    mode = vectors[:, 0].reshape(-1, 3) / root
+    mode /= mode.ravel()[np.argmax(np.abs(mode))]
+    place = place_of_largest(solver.system.body, x, mode, solver.free)
+    return Softest(float(1.0 / values[0] - shift), mode, place)
+
+
+_PUSH, _PUSH_GROWTH, _PUSHES_MAX = 1e-3, 3.0, 6  # off an unstable equilibrium; of the body's size
+_FAR = 0.05  # root mean square of the nodes' motion, of the body's size
+_WITHIN = 0.01  # of the loads
+_STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
+_EQUAL = 1e-6  # energies, of the fall from an unstable equilibrium
+ON_PURPOSE: Final = "it is followed on purpose (solver.follow_unstable)"
+NOWHERE: Final = "no stable equilibrium was found beside it"
+
+
+def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+    """Return a stable equilibrium in place of one that is not; one that is stable as it is.
+
+    Where stable equilibria end is looked for between `begin` and `found`; also where Newton's method met an
+    indefinite tangent and ended far away, as rounding may have decided on the side. The unstable equilibrium
+    there is left along the lowest eigenvector of its tangent, on both sides, from where the body slides down
+    to rest. The one of lower energy is taken, of equal ones the one in the direction whose largest component
+    is positive, and followed to the loads of `found`. A branch that is unstable at `begin` is followed.
+
+    Args:
+        solver: follows equilibria of the body; its options say whether unstable ones are left.
+        begin: equilibrium before, from where it was followed; None for a first one.
+        found: what was found.
+
+    Raises:
+        ConvergenceError: the search took all the iterations that it may.
+    """
+    if begin is not None and begin.negative_pivots:
+        return found
+    leaves = solver.options.leaves_saddles
+    if not found.negative_pivots and not (leaves and begin is not None and _jumped(begin, found)):
+        return found
+    with solver.effort.search("a stable equilibrium beside an unstable one"):
+        fork = _Fork(1.0, found, 0) if begin is None else _fork(solver, begin, found)
+        saddle, spent = fork.saddle, found.iterations + fork.iterations
+        if not saddle.negative_pivots:  # there is one way to snap
+            return replace(found, iterations=spent)
+        lowest = _softest_of(solver, saddle)
+        ends = [_descended(solver, saddle, side * lowest.mode) for side in (1.0, -1.0)] if leaves else []
+        stable = [end for end in ends if end is not None]
+        stable.sort(key=lambda end: -_along(lowest.mode, saddle, end))
+        why, *taken = _choice(saddle, stable) if leaves else (ON_PURPOSE,)
+        tips = [_tip(solver, end) for end in (*taken, None, None)]
+        named = _named(solver.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
+        branching = replace(named, load_factor=fork.share, tip_m=tips[0], other_tip_m=tips[1], chosen=why)
+        here = found
+        if taken:
+            spent += sum(end.iterations for end in stable)
+            here = solver.follow(taken[0], found.world_from_flange, found.loads)
+            spent += here.iterations
+    return replace(
+        here,
+        iterations=spent,
+        slides=found.slides,
+        branchings=(*found.branchings, branching, *here.branchings),
+    )
+
+
+def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
+    """Return in which direction a body in motion would give way if it was at rest; None where it would not.
+
+    Args:
+        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        state: where the body is.
+        loads: that act there.
+        frame: (3, 3), rotation of the flange.
+    """
+    if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
+        return None
+    ways = solver.negative_pivots(state.positions, state.memory, loads)
+    return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
+
+
+def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
+    """Return what is known of an unstable equilibrium by itself."""
+    volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
+    return Branching(
+        1.0, loads.pressures_at(tuple(volumes.tolist())), loads.cable_tension_N, lowest.place,
+        lowest.direction, lowest.extent, ways, None, None, UNDECIDED,
+    )  # fmt: skip
+
+
+def _softest_of(solver: EquilibriumSolver, here: Equilibrium) -> Softest:
+    return softest(solver.solver, here.state, here.loads, here.world_from_flange.rotation)
+
+
+@final
+@dataclass(frozen=True)
+class _Fork:
+    """Where stable equilibria end on a way.
+
+    Args:
+        share: of the way.
+        saddle: the first one after it, unstable unless it is where the body snaps to.
+        iterations: of the search.
+    """
+
+    share: float
+    saddle: Equilibrium
+    iterations: int
+
+
+def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _Fork:
+    """Return where stable equilibria end between a stable one and another, bisected."""
+    low, high, spent = 0.0, 1.0, 0
+    first, last, width = begin, end, _load_change(begin, end)
+    while (high - low) * width > _WITHIN and (last.negative_pivots or _jumped(first, last)):
+        middle = 0.5 * (low + high)
+        pose = begin.world_from_flange.interpolated(end.world_from_flange, middle)
+        loads = begin.loads.interpolated(end.loads, middle)
+        ends = [here.state.carried(pose @ here.world_from_flange.inverse()) for here in (first, last)]
+        start = 0.5 * (ends[0].positions + ends[1].positions) if last.negative_pivots else ends[0].positions
+        try:
+            found = solver.solve(ends[0], pose, loads, start)
+        except ConvergenceError:
+            break
+        spent += found.iterations
+        beyond = not last.negative_pivots and _motion(first, found) > _motion(found, last)
+        if found.negative_pivots or beyond:
+            high, last = middle, found
+        else:
+            low, first = middle, found
+    return _Fork(high, last, spent)
+
+
+def _descended(solver: EquilibriumSolver, saddle: Equilibrium, push: Array) -> Equilibrium | None:
+    """Return the stable equilibrium that the body slides to when it is pushed off; None if none is found.
+
+    Args:
+        solver: of the body.
+        saddle: where it starts.
+        push: (n, 3), direction; its largest component is 1 or -1.
+    """
+    here, size, spent = saddle, _PUSH * _size(saddle), 0
+    for _ in range(_PUSHES_MAX):
+        pushed = SoftState.at_rest(here.state.positions + size * push, here.state.memory)
+        try:
+            here = solver.slide(pushed, saddle.world_from_flange, saddle.loads)
+        except ConvergenceError:
+            return None
+        spent += here.iterations
+        if not here.negative_pivots:
+            return replace(here, iterations=spent)
+        mode = _softest_of(solver, here).mode
+        push, size = math.copysign(1.0, _along(mode, saddle, here)) * mode, _PUSH_GROWTH * size
+    return None
+
+
+def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[Equilibrium, ...]]:
+    """Return why, and which of the equilibria beside a saddle is taken, then the other one.
+
+    Args:
+        saddle: that is left.
+        ends: at most two, that in the positive direction first.
+    """
+    if not ends:
+        return (NOWHERE,)
+    if len(ends) == 1:
+        return "none was found on the other side", ends[0]
+    one, two = ends
+    fall = saddle.potential_J - min(one.potential_J, two.potential_J)
+    if abs(one.potential_J - two.potential_J) <= _EQUAL * fall:
+        return "both have the same energy, this is the one in the positive direction", one, two
+    return "it has the lower energy", *sorted(ends, key=lambda end: end.potential_J)
+
+
+def _tip(solver: EquilibriumSolver, end: Equilibrium | None) -> tuple[float, float, float] | None:
+    if end is None:
+        return None
+    x, y, z = solver.solver.system.body.tip_position(end.state.positions).tolist()
+    return x, y, z
+
+
+def _along(mode: Array, begin: Equilibrium, end: Equilibrium) -> float:
+    return float((mode * (end.state.positions - begin.state.positions)).sum())
+
+
+def _size(here: Equilibrium) -> float:
+    return float(np.ptp(here.state.positions, axis=0).max())
+
+
+def _motion(begin: Equilibrium, end: Equilibrium) -> float:
+    """Return the root mean square of the nodes' motion between two equilibria [m], seen from the flange."""
+    before, after = (here.world_from_flange.inverse().apply(here.state.positions) for here in (begin, end))
+    return math.sqrt(float(((after - before) ** 2).sum(axis=1).mean()))
+
+
+def _jumped(begin: Equilibrium, end: Equilibrium) -> bool:
+    """Return whether Newton's method met an indefinite tangent and ended far away."""
+    return end.shifted > 0 and _motion(begin, end) > _FAR * _size(begin)
+
+
+def _load_change(begin: Equilibrium, end: Equilibrium) -> float:
+    """Return how large a change of flange and loads is, compared with the loads at its end; at most 1."""
+    a, b = begin.loads, end.loads
+    plain = (a.pressure_Pa, b.pressure_Pa), (a.cable_tension_N, b.cable_tension_N), (a.gravity, b.gravity)
+    shares = [_relative(np.array(before), np.array(after)) for before, after in plain]
+    moved = end.world_from_flange @ begin.world_from_flange.inverse()
+    still = np.abs(moved.rotation - np.eye(3)).max() < _STILL > np.abs(moved.translation).max()
+    same = a.nodal_force is b.nodal_force and a.gas == b.gas and a.cable_length_m == b.cable_length_m
+    return min(1.0, max(shares)) if same and still else 1.0
+
+
+def _relative(before: Array, after: Array) -> float:
+    if len(before) != len(after):
+        return 1.0
+    change, size = np.abs(after - before).max(initial=0.0), np.abs(after).max(initial=0.0)
+    return float(change / size) if change else 0.0
