@@ -2,11 +2,11 @@
 
 A point over a triangle by `self_contact_search` is the distance of its foot from it, room at most, and the
 foot is no further from the triangle's bounding box than 2 b e, with e the longest edge and b the weight by
-which a foot may lie beyond an edge. The long list is made for more room by a margin m; it holds all such pairs
-while no two units have moved against each other by m / (1 + 4 b): point and foot, by the weights of which b
-are negative, have come nearer by m at most. Units that are further from one another than room and margin may
-move by that much more. Boxes around some points of a face, and around some triangles of another, tell first
-which can be near.
+which a foot may lie beyond an edge. The long list is made for more room by a margin m; it holds all such
+pairs while no two units have moved against each other by m / (1 + 4 b): point and foot, by the weights of
+which b are negative, have come nearer by m at most. Units that are further from one another than room and
+margin may move by that much more. Boxes around some points of a face, and around some triangles of another,
+tell first which can be near.
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
 
 Seen from one unit, turned and moved as its nodes have been in the mean, another may have gone a little way
@@ -14,9 +14,9 @@ though the film has been carried far. Any rotation bounds that motion; taken is 
 Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar factor, Higham, SIAM J. Sci.
 Stat. Comput. 7 (1986) 1160.
 
-The short list is made of the long one, for a small motion. A foot within its triangle, of a point at a distance
-d, was not far outside of it before point and corners had moved by m against each other: the triangle's plane
-has turned by an angle whose sine is q = 2 m / (h - 2 m) at most, with h its least height, and so
+The short list is made of the long one, for a small motion. A foot within its triangle, of a point at a
+distance d, was not far outside of it before point and corners had moved by m against each other: the
+triangle's plane has turned by an angle whose sine is q = 2 m / (h - 2 m) at most, h its least height, and so
 
     M = (1 + 4 b) m + (|d| + (1 + 4 b) m) q / sqrt(1 - q^2)
 
@@ -414,7 +414,7 @@ _FURTHER_M: Final = 0.2e-3  # for which the short list looks ahead beyond what i
 
 @device_function
 def _measure_sides(x: Matrix, triangles: IndexTable, sides: Matrix) -> None:
-    """Fill sides (t, 13): a triangle's first corner, normal, slopes of the others' weights, twice its area."""
+    """Fill sides (t, 13): a corner of each triangle, normal, slopes of the others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
     for t in range(triangles.shape[0]):
         shrink = plane_of(x, triangles[t], n)
