@@ -24,8 +24,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.contact import self_contact_pairs as film_contact
         from cosim.soft.contact import self_contact_search as film_search
         from cosim.soft.linear import multifrontal_kernels as fronts  # pairs of films may make matrices wide
+        from cosim.soft.solve import self_contact as film_pairs
 
-        modules = film_candidates, film_contact, film_search, fronts
+        modules = film_candidates, film_contact, film_search, film_pairs, fronts
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 

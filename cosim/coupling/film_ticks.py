@@ -48,9 +48,12 @@ from cosim.coupling.half_ticks import (
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, fill_center_and_inertia
 from cosim.soft.body.loads import PlainLoads, Touching
+from cosim.soft.contact.self_contact_pairs import settle_pairs
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.film.step_arrays import StepMotion, StepPlace
+from cosim.soft.solve import self_contact
 from cosim.soft.solve.film_step import FilmSide, film_step
+from cosim.soft.solve.self_contact import ADD, FIND, SETTLE, FilmContacts, find_pairs, first_pairs
 from cosim.soft.solve.state import add_wrench
 
 
@@ -95,33 +98,36 @@ class FilmSteps(NamedTuple):
 
     Args:
         side: of the soft steps.
-        untouched: what stands for nothing touched in them.
         place: from which they begin where nothing is touched.
         touching_place: the same where something is.
         rest_m: how far the film looks for shapes at rest.
+        films_rest_m: the same for films of its own.
         ahead_s: the time for whose way of the fastest node it looks further.
         calls: (kernels,), see `film_calls`.
         mass: (nodes, 1, 1) [kg].
         largest_turn: [rad], of the flange in a tick; beyond it a step is left.
         contact: with the scene.
+        films: that may touch one another.
     """
 
     side: FilmSide
-    untouched: Touching
     place: StepPlace
     touching_place: StepPlace
     rest_m: float
+    films_rest_m: float
     ahead_s: float
     calls: Indices
     mass: Blocks
     largest_turn: float
     contact: ContactArrays
+    films: FilmContacts
 
 
 _CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over)
 _STEP, _WRENCH, _MOMENTS, _RIGID, _HAND = range(len(_CALLED))
 _film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over = map(caller, _CALLED)
 _find_touched, _settle_touched = caller(find_touched), caller(settle_touched)
+_find_pairs, _settle_pairs = caller(find_pairs), caller(settle_pairs)
 
 
 def film_calls() -> IntArray:
@@ -161,17 +167,23 @@ def _fill_figures(
 
 @device_function
 def _take_soft_step(
-    found: int, commands: FilmCommands, row: FilmSteps, ticks: Any, way: FilmMotion, k: int, flange: Matrix
+    found: tuple[int, int],
+    commands: FilmCommands,
+    row: FilmSteps,
+    ticks: Any,
+    way: FilmMotion,
+    k: int,
+    flange: Matrix,
 ) -> bool:
-    """Take the film's step of tick k; return whether it has converged."""
-    touched = touched_planes(row.contact.touched, found)
-    touching = Touching(touched, row.untouched.call, row.untouched.pairs)
+    """Take the film's step of tick k with planes and pairs that were found; return whether it converged."""
+    planes, pairs = touched_planes(row.contact.touched, found[0]), first_pairs(row.films.pairs, found[1])
+    touching = Touching(planes, row.films.calls[ADD] if found[1] > 0 else 0, pairs)
     loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
     motion = StepMotion(
         way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
         way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
     )  # fmt: skip
-    place = row.place if found == 0 else row.touching_place
+    place = row.place if found[0] + found[1] == 0 else row.touching_place
     given = row.side, loads, touching, motion, place
     converged, iterations, tangents, residual, _ = _film_step(row.calls[_STEP], given)
     ticks.residual[k], ticks.iterations[k] = residual, iterations + (tangents if converged else 0)
@@ -192,6 +204,31 @@ def _settle(contact: ContactArrays, x: Matrix, ticks: Any, k: int) -> None:
 
 
 @device_function
+def _find(row: FilmSteps, x: Matrix, velocity: Matrix) -> tuple[int, int]:
+    """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve."""
+    contact, films, planes, pairs = row.contact, row.films, 0, 0
+    if contact.calls.shape[0] > 0:
+        asked = contact, x, velocity, row.rest_m, row.ahead_s
+        planes = _find_touched(contact.calls[FIND_TOUCHED], asked)
+    if films.calls.shape[0] > 0 and planes >= 0:
+        pairs = _find_pairs(films.calls[FIND], (films, x, velocity, row.films_rest_m, row.ahead_s))
+    return planes, pairs
+
+
+@device_function
+def _settle_films(films: FilmContacts, pairs: int, x: Matrix, ticks: Any, k: int) -> None:
+    """Take in the end of a step in which some pairs might touch."""
+    rows, memory = first_pairs(films.pairs, pairs), films.memory
+    count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[:pairs], False, memory))
+    films.counts[self_contact.REMEMBERED] = count
+    ticks.self_contact[k, 0], deepest = count, 0.0
+    for e in range(count):
+        ticks.self_contact[k, 1] += memory.normal_force[e]
+        deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
+    ticks.self_contact[k, 2] = -deepest
+
+
+@device_function
 def _take_tick(
     rigid: Any,
     servos: Any,
@@ -207,19 +244,17 @@ def _take_tick(
     if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
-    contact, x, velocity = row.contact, way.x[k + 1], way.velocity[k + 1]
-    found = 0
-    if contact.calls.shape[0] > 0:
-        asked = contact, x, velocity, row.rest_m, row.ahead_s
-        found = _find_touched(contact.calls[FIND_TOUCHED], asked)
-    if found < 0 or _turns_far(ticks, k, row.largest_turn):
+    contact, found = row.contact, _find(row, way.x[k + 1], way.velocity[k + 1])
+    if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
         return SOFT_STEP_BEGUN
     acting = row.side.held, row.side.work.gradient
     _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
-    if found > 0 or contact.counts[LEFT]:
+    if row.films.calls.shape[0] > 0:
+        _settle_films(row.films, found[1], way.x[k + 2], ticks, k)
+    if found[0] > 0 or contact.counts[LEFT]:
         _settle(contact, way.x[k + 2], ticks, k)
         if contact.counts[ASKS]:
             return ALL_DONE

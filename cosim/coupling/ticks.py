@@ -88,6 +88,8 @@ class Ticks(NamedTuple):
         contacts: (n,), points that press.
         contact: (n, 3), sum of their normal forces [N], depth of the deepest [m], contact ratio.
         body_force: (n, bodies, 3) [N], of the soft robot on each body, world axes.
+        self_contact: (n, 3), points of films on films, sum of their normal forces [N], depth of the deepest
+            [m].
     """
 
     figures: Matrix
@@ -107,6 +109,7 @@ class Ticks(NamedTuple):
     contacts: Indices
     contact: Matrix
     body_force: Blocks
+    self_contact: Matrix
 
     @classmethod
     def room(cls, n: int, joints: int, bodies: int) -> Ticks:
@@ -116,6 +119,7 @@ class Ticks(NamedTuple):
             np.zeros((n + 1, 7)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)),
             np.zeros((n, bodies, 3)), np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n),
             np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
+            np.zeros((n, 3)),
         )  # fmt: skip
 
     def from_on(self, first: int) -> Ticks:

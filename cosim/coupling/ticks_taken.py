@@ -26,7 +26,6 @@ class TicksTaken:
         pressure_Pa: (n, chambers), gauge.
         stability_ratio: (n,), see `LedgerEntry`, as for all that follow down to `interface_residual`.
         algorithmic_mass: (n,).
-        self_contact: (n, 3), points of films on films, sum of their normal forces, depth of the deepest.
         trials: (n,).
         interface_residual: (n,).
         scheme: of the exchange.
@@ -39,7 +38,6 @@ class TicksTaken:
     pressure_Pa: Array
     stability_ratio: Array
     algorithmic_mass: Mask
-    self_contact: Array
     trials: IntArray
     interface_residual: Array
     scheme: Scheme = "staggered"
@@ -52,7 +50,7 @@ class TicksTaken:
         """Return room for n ticks."""
         return cls(
             Ticks.room(n, joints, bodies), np.zeros((n, chambers)), np.zeros(n), np.zeros(n, dtype=bool),
-            np.zeros((n, 3)), np.ones(n, np.int64), np.zeros(n),
+            np.ones(n, np.int64), np.zeros(n),
         )  # fmt: skip
 
     @property
@@ -81,7 +79,7 @@ class TicksTaken:
         ticks.residual[k], ticks.iterations[k] = reply.residual_N, reply.iterations
         self.pressure_Pa[k] = soft.pressures_Pa
         if films is not None:
-            self.self_contact[k] = films.count, films.normal_force_N, films.depth_m
+            ticks.self_contact[k] = films.count, films.normal_force_N, films.depth_m
         self.parts.append([soft.shape_now()])
         self.done += 1
 
@@ -101,9 +99,9 @@ class TicksTaken:
             "contact_ratio": ticks.contact[:n, 2],
             "stability_ratio": self.stability_ratio[:n],
             "algorithmic_mass": self.algorithmic_mass[:n],
-            "self_contacts": self.self_contact[:n, 0].astype(np.int64),
-            "self_contact_force_N": self.self_contact[:n, 1],
-            "self_contact_depth_m": self.self_contact[:n, 2],
+            "self_contacts": ticks.self_contact[:n, 0].astype(np.int64),
+            "self_contact_force_N": ticks.self_contact[:n, 1],
+            "self_contact_depth_m": ticks.self_contact[:n, 2],
             "scheme": np.full(n, self.scheme),
             "trials": self.trials[:n],
             "interface_residual": self.interface_residual[:n],

@@ -264,17 +264,11 @@ def test_factors_of_different_steps_are_part_of_the_state() -> None:
 
 def test_fingers_that_may_touch_are_one_part() -> None:
     arm = held(gripper())
-    move = stepper(arm)
     state = hung(arm).state
-    scheme = move.scheme_of(state, STEP_S)
     films = SelfContact(arm.body, FilmContactLaw(ContactLaw()))
-    pairs = films.static_pairs(np.ascontiguousarray(arm.body.positions * (1.0, 1.0, 0.1)))
-    assert pairs is not None
     apart, coupled = (
-        arm.newton.side(
-            move.quick.sides.task(loads, arm.system.segment_share(state.positions, loads), scheme, STEP_S)
-        )
-        for loads in (no_load(arm.body), no_load(arm.body, self_contact=pairs))
+        move.quick.sides.of(move.scheme_of(state, STEP_S), STEP_S)
+        for move in (ImplicitStepper(arm.newton, arm.clamp, StepOptions(), each) for each in (None, films))
     )
     assert apart.film.parts[:, NODES].tolist() == bounds_of(arm.body)
     assert coupled.film.parts[:, NODES].tolist() == [0, arm.body.nodes]

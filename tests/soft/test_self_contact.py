@@ -156,7 +156,7 @@ def test_pairs_that_are_near_but_do_not_press_leave_the_tangent_narrow() -> None
     system, x = SoftSystem(body), body.positions
     pairs = SelfContact(body, FilmContactLaw(LAW)).static_pairs(x)
     assert pairs is not None
-    assert not pairs.at(x).normal_force.any()
+    assert pairs.memory(x) is None
     loads = no_load(body, self_contact=pairs)
     system.evaluate(x, loads, system.segment_share(x, loads), system.memory.copy())
     assert system.tangent_pattern is system.pattern
@@ -188,15 +188,16 @@ def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area()
     films = SelfContact(body, FilmContactLaw(LAW))
     pairs = films.static_pairs(body.positions)
     assert pairs is not None
-    found = pairs.at(body.positions)
-    pressing = found.normal_force > 0.0
-    np.testing.assert_allclose(found.distance[pressing], -depth, rtol=1e-9)
-    np.testing.assert_allclose(np.abs(found.force[pressing, 2]), found.normal_force[pressing], rtol=1e-9)
+    found = pairs.memory(body.positions)
+    assert found is not None
+    np.testing.assert_allclose(found.distance, -depth, rtol=1e-9)
+    pressing = np.isin(pairs.key, found.key)
     corners = body.positions[body.triangles]
     level = np.ptp(corners[:, :, 2], axis=1) < 1e-9
-    flat = np.isin(films.points.home[pairs.key // films.faces.units, 0], films.faces.face[level])
+    points = FilmPoints.of(films.faces, body.positions)
+    flat = np.isin(points.home[found.key // films.faces.units, 0], films.faces.face[level])
     assert not flat.all()  # points of the walls, at the lower edges, press besides
-    above = pairs.rows.nodes[:, 0] > 7
+    above = pairs.rows.nodes[pressing, 0] > 7
     # all of the small face; of the large one the midpoint of its diagonal and both centroids
     areas = narrow**2, (2.0 / 15.0 + 9.0 / 20.0) * wide**2
     for side, area in zip((above, ~above), areas, strict=True):

@@ -8,8 +8,8 @@ back as torque. So only a change of the answer meets A: a rigid load moves as on
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
-is more than they know: lists of what is near serve no longer, a tangent is indefinite, gas is sealed, films
-touch one another. That half is left to Python, and the row goes on.
+is more than they know: lists of what is near serve no longer, a tangent is indefinite, gas is sealed. That
+half is left to Python, and the row goes on.
 
 What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
 film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
@@ -62,6 +62,7 @@ from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.newton_options import Outcome
+from cosim.soft.solve.self_contact import FilmContacts
 from cosim.soft.solve.state import BegunStep, SoftState
 from cosim.soft.solve.time_step import LARGE_TURN_RAD
 
@@ -191,6 +192,11 @@ class _FilmHalves(SoftHalves):
         nothing: ContactArrays = nothing_of(ContactArrays)
         return nothing._replace(counts=np.zeros(6, np.int64))
 
+    @cached_property
+    def _no_films(self) -> FilmContacts:
+        nothing: FilmContacts = nothing_of(FilmContacts)
+        return nothing
+
     def _room(self, count: int) -> FilmMotion:
         state = self._soft.state
         x, velocity = (np.empty((count + 2, *state.positions.shape)) for _ in range(2))
@@ -212,23 +218,27 @@ class _FilmHalves(SoftHalves):
         way: FilmMotion,
     ) -> tuple[int, int]:
         soft, stepper, interface = self._soft, self._soft.stepper, self.interface
-        contact, tick_s = interface.contact, interface.scene.tick_s
+        contact, films, tick_s = interface.contact, soft.films, interface.scene.tick_s
         if soft.state.earlier is None:  # a first step looks back over one only
             servos, commands = servos.some(0, 1), commands.some(0, 1)
         quick, scheme = stepper.quick, stepper.scheme_of(soft.state, tick_s)
         side = quick.sides.of(scheme, tick_s)
         assert side is not None, "of a body and a factorisation that it knows"
         steps = FilmSteps(
-            side, quick.untouched, quick.begins(lenient=True), quick.begins(lenient=False),
-            0.0 if contact is None else contact.rest_reach_m, AHEAD_TICKS * tick_s, self._calls,
-            soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
+            side, quick.begins(lenient=True), quick.begins(lenient=False),
+            0.0 if contact is None else contact.rest_reach_m, 0.0 if films is None else films.rest_m,
+            AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
             self._nothing if contact is None else contact.arrays,
+            self._no_films if films is None else films.contacts,
         )  # fmt: skip
+        if films is not None:
+            films.remember(soft.state.touching)
         done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
         quick.sides.take_over(side, scheme)
         if done:
             x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
-            state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]))
+            touching = None if films is None else films.remembered
+            state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
             drive = ticks.flange(done), loads[done - 1]
             soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
         if ending == SOFT_STEP_BEGUN:

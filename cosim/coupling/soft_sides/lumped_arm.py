@@ -160,6 +160,8 @@ def pieces_after(pieces: int, error_m: float, bound_m: float, order: int) -> int
 class SoftArm(SoftSide):
     """A soft body held by the flange; owns solver and state.
 
+    `films` finds where its films touch one another; None where that is not modelled, or none can meet.
+
     Args:
         body: what it is.
         world_from_flange: where the flange is at first; the body starts in its drawn shape.
@@ -180,7 +182,8 @@ class SoftArm(SoftSide):
         self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
         self._system = SoftSystem(body)
         self._statics, self._dynamics = statics, dynamics
-        self._films = None if self_contact is None else SelfContact(body, self_contact)
+        films = None if self_contact is None else SelfContact(body, self_contact)
+        self.films = films if films is not None and films.faces.can_meet else None
         self._flange = world_from_flange
         self._flange_before: Pose | None = None
         self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
@@ -193,9 +196,9 @@ class SoftArm(SoftSide):
     def _hold(self, clamp: Clamp) -> None:
         self.clamp = clamp
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
-        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self._films, self.effort)
+        self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
-        self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self._films)
+        self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self.films)
         self._tester: NewtonSolver | None = None
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
@@ -245,8 +248,8 @@ class SoftArm(SoftSide):
 
     @property
     def steps_alone(self) -> bool:
-        """Whether a step is one step, whatever its error, of films that do not touch one another."""
-        return self._films is None and self._dynamics.substep_error_m is None
+        """Whether a step is one step, whatever its error."""
+        return self._dynamics.substep_error_m is None
 
     def go_to(self, state: SoftState, residual_N: float, before: Pose, drive: Drive) -> None:
         """Be where steps that were taken elsewhere have ended.

@@ -1,37 +1,33 @@
-"""Which points of a film may come over which triangles: a list that serves until units have moved too far.
+"""Which points of a film may come over which triangles: lists that serve until units have moved too far.
 
 A point over a triangle by `self_contact_search` is the distance of its foot from it, room at most, and the
 foot is no further from the triangle's bounding box than 2 b e, with e the longest edge and b the weight by
-which a foot may lie beyond an edge. The list is made for more room by a margin m; it holds all such pairs
-while no two units have moved against each other by m / (1 + 4 b) (`UnitMotion`): point and foot, by
-the weights of which b are negative, have come nearer by m at most. Units that are further from one another
-than room and margin may move by that much more.
-Boxes around some points of a face, and around some triangles of another, tell first which can be near.
+which a foot may lie beyond an edge. The long list is made for more room by a margin m; it holds all such
+pairs while no two units have moved against each other by m / (1 + 4 b): point and foot, by the weights of
+which b are negative, have come nearer by m at most. Units that are further from one another than room and
+margin may move by that much more. Boxes around some points of a face, and around some triangles of another,
+tell first which can be near.
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
-
-How far units of a film have moved against each other since an earlier shape of it.
 
 Seen from one unit, turned and moved as its nodes have been in the mean, another may have gone a little way
 though the film has been carried far. Any rotation bounds that motion; taken is the one of least squares.
 Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar factor, Higham, SIAM J. Sci.
 Stat. Comput. 7 (1986) 1160.
 
-Which candidates of a film are nearly over their triangle: a short list that serves for a small motion.
+The short list is made of the long one, for a small motion. A foot within its triangle, of a point at a
+distance d, was not far outside of it before point and corners had moved by m against each other: the
+triangle's plane has turned by an angle whose sine is q = 2 m / (h - 2 m) at most, h its least height, and so
 
-A foot within its triangle, of a point at a distance of up to R, was not far outside of it before point and
-corners had moved by m against each other: the triangle's plane has turned by no more than 2 m / (h - 2 m),
-with h its least height, and so
+    M = (1 + 4 b) m + (|d| + (1 + 4 b) m) q / sqrt(1 - q^2)
 
-    M = (1 + 4 b) m + R 2 m / (h - 2 m)
-
-in the plane, (1 + 4 b) m across; b is `BEYOND_EDGES`.
+in the plane, (1 + 4 b) m across; b is `BEYOND_EDGES`. Motions since both lists were made add up: of what the
+long one allows a part is left to the short one, so that only that is looked at in most steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final, NamedTuple, final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -45,9 +41,10 @@ from cosim.base.kernels import (
     kernel,
     small_matrix,
     small_vector,
+    zero_vector,
 )
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, plane_of
-from cosim.soft.contact.self_contact_faces import FilmFaces, Relation
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 BEYOND_EDGES: Final = 0.02
 """Barycentric weight by which a foot may lie outside of a triangle: none slips through between two."""
@@ -57,10 +54,10 @@ _ITERATIONS_MAX = 30
 _FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
 
 
-@kernel(allocates=True)
+@device_function
 def furthest_from_mean(values: Matrix) -> float:
     """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
-    mean, most = np.zeros(3), 0.0
+    mean, most = zero_vector(3), 0.0
     for n in range(values.shape[0]):
         for r in range(3):
             mean[r] += values[n, r] / values.shape[0]
@@ -69,7 +66,7 @@ def furthest_from_mean(values: Matrix) -> float:
         for r in range(3):
             square += (values[n, r] - mean[r]) ** 2
         most = max(most, square)
-    return float(np.sqrt(most))
+    return np.sqrt(most)
 
 
 @device_function
@@ -146,63 +143,23 @@ def _deviation(
     return np.sqrt(most)
 
 
-@kernel(allocates=True)
-def _stay(x: Matrix, before: Matrix, nodes: Indices, start: Indices, allowed: Matrix, whole: float) -> bool:
-    """Return whether no two units have moved against each other by more than is allowed, or by the whole."""
-    mean, turn, minors = np.empty((2, 3)), np.empty((3, 3)), np.empty((3, 3))
-    units = start.shape[0] - 1
-    for a in range(units):
-        own = -1.0
-        for b in range(a + 1, units):
-            if not allowed[a, b] < whole:
-                continue
-            if own < 0.0:
-                _fit(x, before, nodes, start[a], start[a + 1], mean, turn, minors)
-                own = _deviation(x, before, nodes, start[a], start[a + 1], mean, turn)
-            other = _deviation(x, before, nodes, start[b], start[b + 1], mean, turn)
-            if not own + other <= allowed[a, b]:
-                return False
-    return True
-
-
-@final
-class UnitMotion:
-    """Tells whether the units of a film have stayed where they were, seen from one another.
+class NearList(NamedTuple):
+    """Triangles near points, and how long that serves.
 
     Args:
-        nodes: of each unit.
-        meet: (u, u), which units can.
+        first: (p + 1,), where the triangles of each point begin.
+        listed: these, of each point ascending.
+        before: (n, 3) [m], the nodes when the list was made.
+        allowed: (u, u) [m], how far two units may have moved against each other since; symmetric.
+        bounds: (2,) [m], distances in front of a triangle and behind it to which the list holds; negative
+            before there is one.
     """
 
-    def __init__(self, nodes: Sequence[IntArray], meet: Mask) -> None:
-        self._nodes: IntArray = np.concatenate(nodes)
-        self._start: IntArray = np.cumsum([0, *map(len, nodes)], dtype=np.int64)
-        self._meet = meet
-
-    def gaps(self, positions: Array) -> Array:
-        """Return how far units are at least from one another (u, u) [m]; infinite for those that never meet.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-        """
-        x, first = positions[self._nodes], self._start[:-1]
-        low, high = np.minimum.reduceat(x, first), np.maximum.reduceat(x, first)
-        apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])
-        return np.where(self._meet, np.linalg.norm(np.maximum(apart, 0.0), axis=2), np.inf)
-
-    def stays(self, positions: Array, before: Array, allowed_m: Array) -> bool:
-        """Return whether no two units have moved against each other by more than what is allowed.
-
-        The motion of two is what a node of the one has gone at most and one of the other, together, besides
-        a rigid motion of both.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-            before: (n, 3) [m].
-            allowed_m: (u, u) [m], symmetric.
-        """
-        whole = 2.0 * furthest_from_mean(positions - before)
-        return bool(_stay(positions, before, self._nodes, self._start, allowed_m, whole))
+    first: Indices
+    listed: Indices
+    before: Matrix
+    allowed: Matrix
+    bounds: Vector
 
 
 _MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
@@ -210,8 +167,8 @@ _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
 _VALLEY = int(Relation.VALLEY)
 
 
-class _FilmRows(NamedTuple):
-    """Points and triangles of a film, and where their boxes begin.
+class FilmRows(NamedTuple):
+    """Points and triangles of a film, its units, and where boxes around some of them begin.
 
     Args:
         nodes: (p, 3) that each point combines.
@@ -220,8 +177,12 @@ class _FilmRows(NamedTuple):
         triangles: (t, 3).
         films: (t, 2), face and unit of each.
         relation: (faces, faces), see `Relation`.
+        start: (p + 1,), where the triangles around each point begin.
+        around: these.
         points_from: (a + 1,), of each box the first point; those of one are of one face.
         triangles_from: (c + 1,), the same of triangles.
+        unit_nodes: of all units.
+        units_from: (u + 1,), where those of each begin.
     """
 
     nodes: IndexTable
@@ -230,8 +191,34 @@ class _FilmRows(NamedTuple):
     triangles: IndexTable
     films: IndexTable
     relation: IndexTable
+    start: Indices
+    around: Indices
     points_from: Indices
     triangles_from: Indices
+    unit_nodes: Indices
+    units_from: Indices
+
+    @classmethod
+    def of(cls, faces: FilmFaces, points: FilmPoints) -> FilmRows:
+        """Return those of a film."""
+        films, units = np.column_stack([faces.face, faces.unit]), faces.unit_nodes
+        runs = _runs(points.home[:, 0], _POINTS_OF_BOX), _runs(faces.face, _TRIANGLES_OF_BOX)
+        return cls(
+            points.nodes, points.weights, points.home, faces.triangles, films, faces.relation,
+            *points.around, *runs, np.concatenate(units), np.cumsum([0, *map(len, units)], dtype=np.int64),
+        )  # fmt: skip
+
+    def gaps(self, positions: Array, meet: Mask) -> Array:
+        """Return how far units are at least from one another (u, u) [m]; infinite for those that never meet.
+
+        Args:
+            positions: (n, 3) [m], of the nodes.
+            meet: (u, u), which units can.
+        """
+        x, first = positions[self.unit_nodes], self.units_from[:-1]
+        low, high = np.minimum.reduceat(x, first), np.maximum.reduceat(x, first)
+        apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])
+        return np.where(meet, np.linalg.norm(np.maximum(apart, 0.0), axis=2), np.inf)
 
 
 def _runs(face: IntArray, most: int) -> IntArray:
@@ -284,7 +271,7 @@ def _square_between(
 
 
 @device_function
-def _fill_boxes(x: Matrix, rows: _FilmRows, points: Matrix, triangles: Matrix, bundles: Matrix) -> None:
+def _fill_boxes(x: Matrix, rows: FilmRows, points: Matrix, triangles: Matrix, bundles: Matrix) -> None:
     """Fill the boxes of all points, which have no size, of all triangles, and around those of each run."""
     for p in range(points.shape[0]):
         fill_point(x, rows.nodes[p], rows.weights[p], points[p])
@@ -300,7 +287,7 @@ def _fill_boxes(x: Matrix, rows: _FilmRows, points: Matrix, triangles: Matrix, b
 
 
 @device_function
-def _fill_near(rows: _FilmRows, bundles: Matrix, box: Vector, face: int, limit: float, near: Indices) -> int:
+def _fill_near(rows: FilmRows, bundles: Matrix, box: Vector, face: int, limit: float, near: Indices) -> int:
     """Fill which runs of triangles can meet a face's points in a box; return how many."""
     count, own = 0, (box[0], box[1], box[2], box[3], box[4], box[5])
     for k in range(bundles.shape[0]):
@@ -313,7 +300,7 @@ def _fill_near(rows: _FilmRows, bundles: Matrix, box: Vector, face: int, limit: 
 
 @device_function
 def _list_point(
-    rows: _FilmRows,
+    rows: FilmRows,
     p: int,
     point: Vector,
     triangles: Matrix,
@@ -340,7 +327,7 @@ def _list_point(
 
 
 @kernel(allocates=True)
-def _fill_list(x: Matrix, rows: _FilmRows, room: float, first: Indices, listed: Indices) -> int:
+def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: Indices) -> int:
     """Fill each point's triangles, in ascending order; return how many there are.
 
     None are written beyond the room of the list.
@@ -360,72 +347,79 @@ def _fill_list(x: Matrix, rows: _FilmRows, room: float, first: Indices, listed: 
     return total
 
 
-@final
-class FilmCandidates:
-    """Keeps the list: triangles `listed[first[p]] .. listed[first[p + 1] - 1]` of point p, ascending.
+class FilmLists(NamedTuple):
+    """Long list and short list, and what they are made with.
 
     Args:
-        faces: of the film.
-        nodes: (p, 3) that each point combines.
-        weights: (p, 3).
-        home: (p, 2) face and unit of each point.
+        rows: of the film.
+        long: made of the film.
+        short: made of the long one.
+        sides: (t, 13), see `_measure_sides`; scratch.
+        moved: (u,) [m]; scratch.
     """
 
-    def __init__(self, faces: FilmFaces, nodes: IntArray, weights: Array, home: IntArray) -> None:
-        self.films: IntArray = np.column_stack([faces.face, faces.unit])
-        self.first: IntArray = np.zeros(len(nodes) + 1, np.int64)
-        self.listed: IntArray = np.empty(8 * len(nodes), np.int64)
-        points_from, triangles_from = _runs(home[:, 0], _POINTS_OF_BOX), _runs(faces.face, _TRIANGLES_OF_BOX)
-        runs = points_from, triangles_from
-        self._rows = _FilmRows(nodes, weights, home, faces.triangles, self.films, faces.relation, *runs)
-        self.motion = UnitMotion(faces.unit_nodes, faces.units_meet)
-        self._before: Array | None = None
-        self._asked = 0.0
-        self._allowed = np.empty((faces.units, faces.units))
+    rows: FilmRows
+    long: NearList
+    short: NearList
+    sides: Matrix
+    moved: Vector
 
-    @property
-    def near(self) -> Mask:
-        """Units (u, u) of which the list may have pairs."""
-        return np.asarray(self._allowed <= _MARGIN_M)
+    @classmethod
+    def room(cls, rows: FilmRows, nodes: int) -> FilmLists:
+        """Return room for the lists of a film with so many nodes, in which there is nothing yet."""
+        points, units = len(rows.nodes), len(rows.units_from) - 1
+        long, short = (
+            NearList(
+                np.zeros(points + 1, np.int64), np.empty(8 * points, np.int64), np.empty((nodes, 3)),
+                np.empty((units, units)), np.full(2, -1.0),
+            )
+            for _ in range(2)
+        )  # fmt: skip
+        return cls(rows, long, short, np.empty((len(rows.triangles), 13)), np.empty(units))
 
-    def update(self, positions: Array, room_m: float) -> bool:
-        """See to it that the list serves; return whether it was made anew.
+    def made(self, positions: Array, meet: Mask, room_m: float) -> FilmLists:
+        """Return the lists with a new long one.
 
         Args:
             positions: (n, 3) [m], of the nodes.
+            meet: (u, u), which units can.
             room_m: largest distance of a point from a triangle that is asked for.
         """
-        before = self._before
-        if before is not None:
-            allowed = (self._allowed - max(room_m - self._asked, 0.0)) / FEET_FOLLOW
-            if self.motion.stays(positions, before, allowed):
-                return False
-        self._asked = room_m
-        room = room_m + _MARGIN_M + self._make(positions, room_m + _MARGIN_M)
-        self._allowed = _MARGIN_M + np.maximum(self.motion.gaps(positions) - room, 0.0)
-        self._before = positions.copy()
-        return True
-
-    def _make(self, positions: Array, room_m: float) -> float:
-        """Make the list; return how far a foot may be from the box of its triangle [m]."""
-        beyond = 2.0 * BEYOND_EDGES * _longest_edge(positions, self._rows.triangles)
-        while True:
-            needed = _fill_list(positions, self._rows, room_m + beyond, self.first, self.listed)
-            if needed <= len(self.listed):
-                return beyond
-            self.listed = np.empty(2 * needed, np.int64)
-
-
-_MOTION_M = 0.3e-3  # more of it lengthens the list, less makes it anew more often
-_MOST_OF_HEIGHT = 0.25  # where m is more of it, all that is near the plane is listed
+        rows, long, short, room, listed = (
+            self.rows,
+            self.long,
+            self.short,
+            room_m + _MARGIN_M,
+            self.long.listed,
+        )
+        room += 2.0 * BEYOND_EDGES * _longest_edge(positions, rows.triangles)
+        while (needed := _fill_list(positions, rows, room, long.first, listed)) > len(listed):
+            listed = np.empty(2 * needed, np.int64)
+        further = np.maximum(rows.gaps(positions, meet) - room, 0.0)
+        allowed = (_MARGIN_M + further) / FEET_FOLLOW
+        # where the long list has pairs, it leaves a little to the short one, elsewhere half of what it allows
+        short.allowed[:] = np.where(further > 0.0, 0.5 * allowed, _MOTION_M)
+        long.allowed[:] = np.where(further > 0.0, 0.5 * allowed, allowed - _MOTION_M)
+        long.before[:], long.bounds[:], short.bounds[:] = positions, room_m, -1.0
+        if listed is long.listed:
+            return self
+        return self._replace(
+            long=long._replace(listed=listed), short=short._replace(listed=np.empty_like(listed))
+        )
 
 
-@kernel
-def measure_sides(x: Matrix, triangles: IndexTable, sides: Matrix) -> None:
-    """Fill sides (t, 12): a corner of each triangle, its unit normal, slopes of the others' weights."""
+_MOTION_M: Final = 0.3e-3  # more of it lengthens the short list, less makes it anew more often
+_FURTHER_M: Final = 0.2e-3  # for which the short list looks ahead beyond what is asked for
+
+
+@device_function
+def _measure_sides(x: Matrix, triangles: IndexTable, sides: Matrix) -> None:
+    """Fill sides (t, 13): a corner of each triangle, normal, slopes of the others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
     for t in range(triangles.shape[0]):
-        fill_slopes(x, triangles[t], n, plane_of(x, triangles[t], n), slope)
+        shrink = plane_of(x, triangles[t], n)
+        fill_slopes(x, triangles[t], n, shrink, slope)
+        sides[t, 12] = 1.0 / shrink
         for r in range(3):
             sides[t, r], sides[t, 3 + r] = x[triangles[t, 0], r], n[r]
             sides[t, 6 + r], sides[t, 9 + r] = slope[1, r], slope[2, r]
@@ -439,107 +433,110 @@ def over_plane(side: Vector, x: float, y: float, z: float) -> float:
 
 
 @device_function
-def over_side(side: Vector, x: float, y: float, z: float) -> tuple[float, float]:
-    """Return a point's distance from a triangle's plane, and the least weight of its foot."""
+def least_weight(side: Vector, x: float, y: float, z: float) -> float:
+    """Return the least weight of a point's foot on a triangle's plane."""
     x, y, z = x - side[0], y - side[1], z - side[2]
     b, c = side[6] * x + side[7] * y + side[8] * z, side[9] * x + side[10] * y + side[11] * z
-    return side[3] * x + side[4] * y + side[5] * z, min(1.0 - b - c, b, c)
+    return min(1.0 - b - c, b, c)
 
 
 @device_function
-def _lowest_weight(side: Vector, motion: float, room: float) -> float:
-    """Return the weight above which a foot may come into its triangle."""
-    steepest = 0.0
+def _steepest_slope(side: Vector) -> float:
+    """Return the steepest slope of a weight, the reciprocal of a triangle's least height."""
     first, second, both = 0.0, 0.0, 0.0
     for r in range(6, 9):
         first, second = first + side[r] * side[r], second + side[3 + r] * side[3 + r]
         both += (side[r] + side[3 + r]) ** 2
-    steepest = np.sqrt(max(first, second, both))  # 1 / h
-    if not motion * steepest < _MOST_OF_HEIGHT:
-        return -np.inf
-    along = FEET_FOLLOW * motion + room * 2.0 * motion * steepest / (1.0 - 2.0 * motion * steepest)
-    return -BEYOND_EDGES - along * steepest
+    return np.sqrt(max(first, second, both))
 
 
-@kernel(allocates=True)
-def _shorten(
-    sides: Matrix,
-    place: Matrix,
-    first: Indices,
-    listed: Indices,
-    room: float,
-    behind: float,
-    motion: float,
-    start: Indices,
-    kept: Indices,
-) -> int:
-    """Fill what is kept of the list of each point; return how many there are."""
-    count, across = 0, FEET_FOLLOW * motion
-    lowest = np.empty(sides.shape[0])
-    for t in range(sides.shape[0]):
-        lowest[t] = _lowest_weight(sides[t], motion, room + across)
-    for p in range(place.shape[0]):
-        start[p] = count
-        for entry in range(first[p], first[p + 1]):
-            t = listed[entry]
-            d = over_plane(sides[t], place[p, 0], place[p, 1], place[p, 2])  # which most are too far from
-            if not -behind - across <= d <= room + across:
+@device_function
+def _may_come_over(side: Vector, x: float, y: float, z: float, distance: float) -> bool:
+    """Return whether the foot of a point at a distance may come into its triangle in a small motion."""
+    steepest = _steepest_slope(side)
+    sine = 2.0 * _MOTION_M * steepest / (1.0 - 2.0 * _MOTION_M * steepest)
+    if not 0.0 <= sine < 1.0:
+        return True  # a narrow triangle may turn anywhere
+    across = FEET_FOLLOW * _MOTION_M
+    along = across + (abs(distance) + across) * sine / np.sqrt(1.0 - sine * sine)
+    return least_weight(side, x, y, z) >= -BEYOND_EDGES - along * steepest
+
+
+@device_function
+def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
+    """Fill the short list with what may come within reach in front of a triangle, or behind it."""
+    rows, long, short, sides, count = lists.rows, lists.long, lists.short, lists.sides, 0
+    across, place = FEET_FOLLOW * _MOTION_M, small_vector(3)
+    for p in range(rows.nodes.shape[0]):
+        short.first[p] = count
+        if long.first[p] == long.first[p + 1]:
+            continue
+        fill_point(x, rows.nodes[p], rows.weights[p], place)
+        px, py, pz = place[0], place[1], place[2]
+        for entry in range(long.first[p], long.first[p + 1]):
+            t = long.listed[entry]
+            d = over_plane(sides[t], px, py, pz)  # which most are too far from
+            valley = rows.relation[rows.homes[p, 0], rows.films[t, 0]] == _VALLEY
+            if not -behind - across <= d <= (reach if valley else max(reach, behind)) + across:
                 continue
-            _, weight = over_side(sides[t], place[p, 0], place[p, 1], place[p, 2])
-            if weight >= lowest[t]:
-                kept[count] = t
+            if _may_come_over(sides[t], px, py, pz, d):
+                short.listed[count] = t
                 count += 1
-    start[place.shape[0]] = count
-    return count
+    short.first[rows.nodes.shape[0]] = count
+    short.bounds[0], short.bounds[1] = reach, behind
+    for n in range(x.shape[0]):
+        for r in range(3):
+            short.before[n, r] = x[n, r]
 
 
-@final
-class ShortList:
-    """Keeps the list: triangles `listed[first[p]] .. listed[first[p + 1] - 1]` of point p, ascending.
+@device_function
+def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> bool:
+    """Return whether no two units have moved against each other by more than a list allows, less a bit.
+
+    The motion of two is what a node of the one has gone at most and one of the other, together, besides a
+    rigid motion of both: that of the whole film, or else that of the one.
+    """
+    nodes, start, before, moved = lists.rows.unit_nodes, lists.rows.units_from, near.before, lists.moved
+    mean, turn, minors = small_matrix(2, 3), small_matrix(3, 3), small_matrix(3, 3)
+    units = start.shape[0] - 1
+    _fit(x, before, nodes, 0, start[units], mean, turn, minors)
+    for a in range(units):
+        moved[a] = _deviation(x, before, nodes, start[a], start[a + 1], mean, turn)
+    for a in range(units):
+        own = -1.0
+        for b in range(a + 1, units):
+            allowed = near.allowed[a, b] - less
+            if moved[a] + moved[b] <= allowed:
+                continue
+            if own < 0.0:
+                _fit(x, before, nodes, start[a], start[a + 1], mean, turn, minors)
+                own = _deviation(x, before, nodes, start[a], start[a + 1], mean, turn)
+            other = _deviation(x, before, nodes, start[b], start[b + 1], mean, turn)
+            if not own + other <= allowed:
+                return False
+    return True
+
+
+@device_function
+def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> bool:
+    """Return whether the short list holds all that may be over a triangle, if need be made of the long one.
+
+    Fills the triangles' sides in any case.
 
     Args:
-        motion: of the film's units.
-        points: how many there are.
+        x: (n, 3) [m].
+        lists: filled.
+        reach: largest distance in front of a triangle that is asked for [m].
+        behind: the same behind it [m].
     """
-
-    def __init__(self, motion: UnitMotion, points: int) -> None:
-        self._motion = motion
-        self.first: IntArray = np.zeros(points + 1, np.int64)
-        self.listed: IntArray = np.empty(0, np.int64)
-        self._before: Array | None = None
-        self._allowed = np.empty(0)
-        self._room = self._behind = 0.0
-
-    def serves(self, positions: Array, room_m: float, behind_m: float) -> bool:
-        """Return whether it holds all that may be over a triangle, as long as the candidates do.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-            room_m: largest distance in front of a triangle that is asked for.
-            behind_m: the same behind it.
-        """
-        if self._before is None or room_m > self._room or behind_m > self._behind:
-            return False
-        return self._motion.stays(positions, self._before, self._allowed)
-
-    def make(
-        self, positions: Array, place: Array, sides: Array, candidates: tuple[IntArray, IntArray], near: Mask,
-        room_m: float, behind_m: float,
-    ) -> None:  # fmt: skip
-        """Make it of candidates.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-            place: (p, 3) [m], of the points.
-            sides: (t, 12), see `measure_sides`.
-            candidates: where those of each point begin, and their triangles.
-            near: (u, u), units of which there may be some.
-            room_m: as in `serves`.
-            behind_m: the same.
-        """
-        first, listed = candidates
-        if len(self.listed) < first[-1]:
-            self.listed = np.empty_like(listed)
-        _shorten(sides, place, first, listed, room_m, behind_m, _MOTION_M, self.first, self.listed)
-        self._room, self._behind, self._before = room_m, behind_m, positions.copy()
-        self._allowed = np.where(near, _MOTION_M, np.inf)
+    rows, long, short, further = lists.rows, lists.long, lists.short, reach + _FURTHER_M
+    _measure_sides(x, rows.triangles, lists.sides)
+    within = reach <= short.bounds[0] and behind <= short.bounds[1]
+    if within and _units_stay(x, lists, short, 0.0):
+        return True
+    # pairs of units of which the long list has none may come nearer by what is asked for beyond its room
+    less = max(max(further, behind) - long.bounds[0], 0.0) / FEET_FOLLOW
+    if long.bounds[0] < 0.0 or not _units_stay(x, lists, long, less):
+        return False
+    _shorten(x, lists, further, behind)
+    return True

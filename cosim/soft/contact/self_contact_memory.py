@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.kernels import IndexTable, Matrix, Vector
+from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 
 
 @final
@@ -36,7 +36,7 @@ class FilmMemory:
     @property
     def normal_force_N(self) -> float:
         """Sum over the points of either film: with this the two press on each other [N]."""
-        return float(self.normal_force.sum())
+        return float(self.normal_force.cumsum()[-1]) if self.count else 0.0  # one by one, as kernels do
 
     @property
     def depth_m(self) -> float:
@@ -47,14 +47,25 @@ class FilmMemory:
         """Return the memory moved rigidly by `motion` (world to world)."""
         return FilmMemory(self.key, self.normal_force, self.distance, self.stretch @ motion.rotation.T)
 
-    def recall(self, key: IntArray) -> tuple[Array, Array]:
-        """Return normal force (k,) [N] and stretch (k, 3) [m] of pairs by key; zero where there is none."""
-        force, stretch = np.zeros(len(key)), np.zeros((len(key), 3))
-        at = np.searchsorted(self.key, key)
-        inside = np.flatnonzero(at < len(self.key))
-        here = inside[self.key[at[inside]] == key[inside]]
-        force[here], stretch[here] = self.normal_force[at[here]], self.stretch[at[here]]
-        return force, stretch
+
+class FilmMemoryRows(NamedTuple):
+    """The fields of `FilmMemory`, with room for more."""
+
+    key: Indices
+    normal_force: Vector
+    distance: Vector
+    stretch: Matrix
+
+    @classmethod
+    def room(cls, count: int) -> FilmMemoryRows:
+        """Return room for so many."""
+        return cls(np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.zeros((count, 3)))
+
+    def first(self, count: int) -> FilmMemory | None:
+        """Return copies of the first of them; None for none."""
+        key, force, distance, stretch = self.key, self.normal_force, self.distance, self.stretch
+        rows = key[:count].copy(), force[:count].copy(), distance[:count].copy(), stretch[:count].copy()
+        return FilmMemory(*rows) if count else None
 
 
 class PairRows(NamedTuple):
@@ -81,6 +92,13 @@ class PairRows(NamedTuple):
     stretch: Matrix
     widths: Vector
     out: Matrix
+
+    @classmethod
+    def room(cls, count: int, widths: Array) -> PairRows:
+        """Return room for so many pairs, by a law of such widths."""
+        numbers = np.empty((count, 3)), np.empty(count), np.empty(count), np.empty((count, 3))
+        rest = np.empty((count, 3)), np.empty((count, 3)), widths, np.empty((count, 5))
+        return cls(np.empty((count, 6), np.int64), *numbers, *rest)
 
     def of(self, places: IntArray) -> PairRows:
         """Return some of the rows, by their places (j,)."""

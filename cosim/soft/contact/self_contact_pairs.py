@@ -50,7 +50,7 @@ from cosim.soft.contact.point_kernels import (
     fill_weights,
     plane_of,
 )
-from cosim.soft.contact.self_contact_memory import FilmMemory, PairRows
+from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import add_block
 
@@ -149,16 +149,36 @@ def add_pairs(x: Matrix, pairs: PairRows, slots: IndexTable, gradient: Matrix, b
     return energy
 
 
-@kernel(allocates=True)
-def _drag(
-    x: Matrix, nodes: IndexTable, weights: Matrix, held: Matrix, normal: Matrix, stick: float, stretch: Matrix
-) -> None:
-    """Bring the stretch of the stick springs from before a step to its end: at most `stick`, in the plane."""
-    for e in range(nodes.shape[0]):
+@kernel
+def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory: FilmMemoryRows) -> int:
+    """Fill what the next step knows of the pairs that press at the end of one; return how many.
+
+    Args:
+        x: (n, 3) [m], at the end.
+        pairs: as they were found before it.
+        key: (k,) of each pair.
+        resting: whether all stick springs are slack, as at the start of a motion; otherwise their stretch is
+            brought to its end: at most `stick`, in the plane.
+        memory: filled, with room for all pairs.
+    """
+    y, n, count, width = small_vector(3), small_vector(3), 0, pairs.widths[0]
+    for e in range(pairs.nodes.shape[0]):
+        nodes, weights, stretch = pairs.nodes[e], pairs.weights[e], memory.stretch[count]
+        fill_point(x, nodes, weights, y)
+        plane_of(x, nodes[3:], n)
+        distance = distance_of(x, nodes[3], n, y)
+        push = pairs.stiffness[e] * pressing_law(0.5 * width - distance, width)[1]
+        if not push > 0.0:
+            continue
+        memory.key[count], memory.normal_force[count], memory.distance[count] = key[e], push, distance
         for r in range(3):
-            for a in range(3):
-                stretch[e, r] += weights[e, a] * x[nodes[e, a], r] - held[e, a] * x[nodes[e, 3 + a], r]
-        shorten(stretch[e], normal[e], stick)
+            stretch[r] = 0.0 if resting else pairs.stretch[e, r]
+            for a in range(0 if resting else 3):
+                stretch[r] += weights[a] * x[nodes[a], r] - pairs.foot[e, a] * x[nodes[3 + a], r]
+        if not resting:
+            shorten(stretch, pairs.normal[e], pairs.widths[1])
+        count += 1
+    return count
 
 
 @final
@@ -217,12 +237,6 @@ class FilmPairs:
         """Address of the kernel that adds them."""
         return address_of(add_pairs)
 
-    def at(self, positions: Array) -> FilmForces:
-        """Return what the pairs press with at positions (n, 3) [m]."""
-        add_pairs(positions, self.rows, _NO_TABLE, np.zeros_like(positions), _NO_BLOCKS)
-        out = self.rows.out.copy()
-        return FilmForces(out[:, 0], out[:, 1], out[:, 2:])
-
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
         """Return what the next step knows of the contacts that press at the end of this one; None for none.
 
@@ -230,18 +244,8 @@ class FilmPairs:
             positions: (n, 3) [m], at the end.
             resting: whether all stick springs are slack, as at the start of a motion.
         """
-        found = self.at(positions)
-        kept = found.normal_force > 0.0
-        if not kept.any():
-            return None
-        stretch = np.zeros((len(self), 3)) if resting else self._dragged_stretch(positions)
-        return FilmMemory(self.key[kept], found.normal_force[kept], found.distance[kept], stretch[kept])
-
-    def _dragged_stretch(self, positions: Array) -> Array:
-        """Return the stretch (k, 3) [m] of the stick springs after the step, each at most `stick`."""
-        rows, stretch = self.rows, self.rows.stretch.copy()
-        _drag(positions, rows.nodes, rows.weights, rows.foot, rows.normal, float(rows.widths[1]), stretch)
-        return stretch
+        kept = FilmMemoryRows.room(len(self))
+        return kept.first(settle_pairs(positions, self.rows, self.key, resting, kept))
 
     def rubbing(self, friction: Array, stretch: Array) -> FilmPairs:
         """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""
@@ -252,19 +256,3 @@ class FilmPairs:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
         foot, _, distance = feet(positions, self.rows.nodes, self.rows.weights)
         return np.asarray((foot.min(axis=1) >= -slack) & (np.abs(distance) < reach_m))
-
-
-@final
-@dataclass(frozen=True)
-class FilmForces:
-    """What pairs press with.
-
-    Args:
-        normal_force: (k,) [N].
-        distance: (k,) [m] of the point from the triangle's plane, negative behind it.
-        force: (k, 3) [N], on the point; the triangle gets the opposite.
-    """
-
-    normal_force: Array
-    distance: Array
-    force: Array

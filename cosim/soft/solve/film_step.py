@@ -362,7 +362,7 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
     if state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
         return _STOP
     state[ASKS] = TANGENT
-    if new.first.shape[0] == 0 or not side.numbers.complete:
+    if new.first.shape[0] == 0 or not side.numbers.complete or acting.touching.call != 0:
         return _STOP
     new.blocks[new.first[part] : new.first[part + 1]] = 0.0
     _terms(side, acting, motion, new.slots, new.blocks, part)

@@ -262,7 +262,7 @@ class NewtonSolver:
         system = self.system
         _, more, _, bed = system.acting(task.loads, task.share, task.inertia)
         film = system.film if task.apart else system.whole_film
-        own = task.loads.self_contact is None and task.loads.extra is None and not len(more.coefficients)
+        own = task.loads.extra is None and not len(more.coefficients)
         tangents = self._tangents(film) if own else self._no_tangents
         kept, work = self._kept_arrays(task.kind), self._work._replace(more=more)
         return FilmSide(film, bed, kept, tangents, task.held, task.numbers, work)

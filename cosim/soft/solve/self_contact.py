@@ -8,21 +8,38 @@ modelled are the inner sides of one unit, and one unit folded onto itself.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
+    address_of,
+    device_function,
+    handing_on_views,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.base.numba_insides import caller
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_candidates import furthest_from_mean
+from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
+from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, furthest_from_mean
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
-from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.contact.self_contact_search import FilmSearch
+from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
+from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, settle_pairs
+from cosim.soft.contact.self_contact_search import find_over
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
+AHEAD_STEPS: Final = 2.0
+"""How many steps' way of the fastest node, against the others, films look ahead."""
 _STATIC_REACH_M = 3e-3  # the same in statics, where nothing says how far it will move
 _BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _FROM_EACH_SIDE = 0.5  # of the stiffness: the points of both films are counted
@@ -49,6 +66,96 @@ class FilmContactLaw:
             raise InputError(f"contact: the friction coefficient is {self.friction}; it must not be negative")
 
 
+class FilmContacts(NamedTuple):
+    """Films that may touch: what is searched, pairs that were found, what presses; filled from the beginning.
+
+    Args:
+        lists: that may serve.
+        stiffness: (p,) [N/m], of each point.
+        friction: coefficient of sliding.
+        units: how many.
+        hits: (k, 2), points and the triangles that they may press on.
+        key: (k,) ascending; names pairs of point and unit.
+        pairs: (k,).
+        memory: (k,), of the last step.
+        counts: (2,), see `REMEMBERED` and `NEEDED`.
+        calls: (4,) addresses of kernels, see `CALLED`.
+    """
+
+    lists: FilmLists
+    stiffness: Vector
+    friction: float
+    units: int
+    hits: IndexTable
+    key: Indices
+    pairs: PairRows
+    memory: FilmMemoryRows
+    counts: Indices
+    calls: Indices
+
+
+REMEMBERED, NEEDED = range(2)
+"""Places in `FilmContacts.counts`: pairs that are remembered; rows that the last search would have needed."""
+FIND, SETTLE, ADD, _OVER = range(4)
+"""Places in `FilmContacts.calls`."""
+_find_over = caller(find_over)
+
+
+@handing_on_views
+def first_pairs(rows: PairRows, count: int) -> PairRows:
+    """Return the first of some pairs."""
+    return PairRows(
+        rows.nodes[:count], rows.weights[:count], rows.stiffness[:count], rows.friction[:count],
+        rows.foot[:count], rows.normal[:count], rows.stretch[:count], rows.widths, rows.out[:count],
+    )  # fmt: skip
+
+
+@device_function
+def _describe(x: Matrix, films: FilmContacts, e: int, y: Vector, slope: Matrix) -> None:
+    """Fill pair e: as it is before a step, and without friction."""
+    rows, pairs, p, t = films.lists.rows, films.pairs, films.hits[e, 0], films.hits[e, 1]
+    nodes, normal, foot = pairs.nodes[e], pairs.normal[e], pairs.foot[e]
+    for r in range(3):
+        nodes[r], nodes[3 + r] = rows.nodes[p, r], rows.triangles[t, r]
+        pairs.weights[e, r], pairs.stretch[e, r] = rows.weights[p, r], 0.0
+    films.key[e] = p * films.units + rows.films[t, 1]
+    pairs.stiffness[e], pairs.friction[e] = films.stiffness[p], 0.0
+    fill_point(x, nodes, pairs.weights[e], y)
+    fill_slopes(x, nodes[3:], normal, plane_of(x, nodes[3:], normal), slope)
+    fill_weights(x, nodes[3:], slope, y, foot)
+
+
+@kernel
+def find_pairs(films: FilmContacts, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
+    """Fill what films may touch in a step; return how many pairs, -1 where lists or room do not serve.
+
+    Those that are remembered rub.
+
+    Args:
+        films: filled.
+        x: (n, 3) [m], before the step.
+        velocity: (n, 3) [m/s], then.
+        rest: how far films at rest look [m].
+        ahead: the time [s] for whose way of the fastest node against the others they look further.
+    """
+    memory, pairs = films.memory, films.pairs
+    reach = rest + ahead * furthest_from_mean(velocity)
+    count = _find_over(films.calls[_OVER], (x, films.lists, reach, _BEHIND_M, films.hits))
+    films.counts[NEEDED] = count
+    if count > films.hits.shape[0]:
+        return -1
+    y, slope, k = small_vector(3), small_matrix(3, 3), 0
+    for e in range(count):
+        _describe(x, films, e, y, slope)
+        while k < films.counts[REMEMBERED] and memory.key[k] < films.key[e]:
+            k += 1
+        if k < films.counts[REMEMBERED] and memory.key[k] == films.key[e]:
+            pairs.friction[e] = films.friction * memory.normal_force[k]
+            for r in range(3):
+                pairs.stretch[e, r] = memory.stretch[k, r]
+    return count
+
+
 @final
 class SelfContact:
     """Finds the pairs of films that may touch.
@@ -59,10 +166,20 @@ class SelfContact:
     """
 
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
-        self.law, self.friction = law.law, law.friction
-        self.faces = FilmFaces.of(body)
-        self.points = FilmPoints.of(self.faces, body.positions)
-        self._search = FilmSearch(self.faces, self.points)
+        self.law, self.faces = law.law, FilmFaces.of(body)
+        points = FilmPoints.of(self.faces, body.positions)
+        calls = np.array([address_of(called) for called in (find_pairs, settle_pairs, add_pairs, find_over)])
+        self._meet = self.faces.units_meet
+        self.contacts = FilmContacts(
+            FilmLists.room(FilmRows.of(self.faces, points), body.nodes),
+            _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
+            *self._room(len(points)), np.zeros(2, np.int64), calls,
+        )  # fmt: skip
+
+    @property
+    def rest_m(self) -> float:
+        """How far films at rest look for one another in a step."""
+        return 0.5 * self.law.smoothing_m + _STEP_REACH_M
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
         """Return what may touch in a step, None for nothing.
@@ -71,13 +188,8 @@ class SelfContact:
             state: before the step.
             step_s: length [s].
         """
-        drift = furthest_from_mean(state.velocities)
-        reach = 0.5 * self.law.smoothing_m + _STEP_REACH_M + 2.0 * drift * step_s
-        pairs = self._pairs(state.positions, reach, None, 0.0)
-        if pairs is None or state.touching is None:
-            return pairs
-        normal_force, stretch = state.touching.recall(pairs.key)
-        return pairs.rubbing(self.friction * normal_force, stretch)
+        self.remember(state.touching)
+        return self._found(state.positions, state.velocities, self.rest_m, AHEAD_STEPS * step_s)
 
     def static_pairs(
         self, positions: Array, held: FilmPairs | None = None, slack: float = 0.0
@@ -89,22 +201,64 @@ class SelfContact:
             held: pairs of the round before: those that still hold keep their triangle.
             slack: how far beyond the triangle's edges a foot still holds, as barycentric weight.
         """
-        return self._pairs(positions, _STATIC_REACH_M, held, slack)
-
-    def _pairs(self, x: Array, reach: float, held: FilmPairs | None, slack: float) -> FilmPairs | None:
-        if not self.faces.can_meet:
-            return None
-        faces, hits = self.faces, self._search.near(x, reach, _BEHIND_M)
-        point, triangle = hits.point, hits.triangle
-        key = point * faces.units + faces.unit[triangle]
-        if held is not None:
-            kept = held.holding(x, slack, reach)
-            triangle = np.concatenate([held.triangle[kept], triangle])
+        self.remember(None)
+        found = self._found(positions, np.zeros_like(positions), _STATIC_REACH_M, 0.0)
+        if held is None:
+            return found
+        kept = held.holding(positions, slack, _STATIC_REACH_M)
+        key, triangle = held.key[kept], held.triangle[kept]
+        if found is not None:
             # of two triangles of one unit the first counts: the one that is held
-            key, first = np.unique(np.concatenate([held.key[kept], key]), return_index=True)
-            point, triangle = key // faces.units, triangle[first]
+            key, first = np.unique(np.concatenate([key, found.key]), return_index=True)
+            triangle = np.concatenate([triangle, found.triangle])[first]
         if not len(key):
             return None
-        nodes = np.concatenate((self.points.nodes[point], faces.triangles[triangle]), axis=1)
-        stiffness = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * self.points.area[point]
-        return FilmPairs.slack(key, triangle, nodes, self.points.weights[point], stiffness, self.law, x)
+        rows, point = self.contacts.lists.rows, key // self.faces.units
+        nodes = np.concatenate((rows.nodes[point], rows.triangles[triangle]), axis=1)
+        pairs = rows.weights[point], self.contacts.stiffness[point], self.law, positions
+        return FilmPairs.slack(key, triangle, nodes, *pairs)
+
+    def remember(self, memory: FilmMemory | None) -> None:
+        """Let the next step begin with contacts that press."""
+        count = 0 if memory is None else memory.count
+        self.contacts.counts[REMEMBERED] = count
+        if memory is not None:
+            self._make_room(count)
+            for rows, name in zip(self.contacts.memory, FilmMemoryRows._fields, strict=True):
+                rows[:count] = getattr(memory, name)
+
+    @property
+    def remembered(self) -> FilmMemory | None:
+        """The contacts that press, as kernels have left them; None for none."""
+        return self.contacts.memory.first(int(self.contacts.counts[REMEMBERED]))
+
+    def _found(self, x: Array, velocities: Array, rest_m: float, ahead_s: float) -> FilmPairs | None:
+        if not self.faces.can_meet:
+            return None
+        while (count := find_pairs(self.contacts, x, velocities, rest_m, ahead_s)) < 0:
+            needed = int(self.contacts.counts[NEEDED])
+            if needed > len(self.contacts.hits):
+                self._make_room(2 * needed)
+            else:
+                drift = np.linalg.norm(velocities - velocities.mean(axis=0), axis=1).max()
+                room = max(rest_m + ahead_s * float(drift), _BEHIND_M)
+                lists = self.contacts.lists.made(x, self._meet, room)
+                self.contacts = self.contacts._replace(lists=lists)
+        films = self.contacts
+        if not count:
+            return None
+        rows = films.pairs.of(np.arange(count))
+        return FilmPairs(films.key[:count].copy(), films.hits[:count, 1].copy(), rows)
+
+    def _room(self, count: int) -> tuple[IntArray, IntArray, PairRows, FilmMemoryRows]:
+        widths = np.array([self.law.smoothing_m, self.law.stick_m])
+        places = np.zeros((count, 2), np.int64), np.zeros(count, np.int64)
+        return *places, PairRows.room(count, widths), FilmMemoryRows.room(count)
+
+    def _make_room(self, count: int) -> None:
+        """See to it that there is room for so many pairs; what is remembered is taken along."""
+        if count > len(self.contacts.hits):
+            before = self.remembered
+            hits, key, pairs, memory = self._room(count)
+            self.contacts = self.contacts._replace(hits=hits, key=key, pairs=pairs, memory=memory)
+            self.remember(before)

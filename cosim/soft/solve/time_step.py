@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, InputError
-from cosim.soft.body.loads import Loads, Touching, nothing_touching
+from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
@@ -65,10 +65,11 @@ class FilmSides:
         solver: Newton's method for the body.
         clamp: nodes held by the flange.
         options: how steps are solved.
+        apart: whether parts of the body that nothing couples never touch one another.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
-        self._solver, self._clamp, self._options = solver, clamp, options
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
+        self._solver, self._clamp, self._options, self._apart = solver, clamp, options, apart
         self._target = np.empty_like(solver.system.gradient)
         self._plain = Loads((), (0.0,) * len(solver.system.body.cables))
 
@@ -102,8 +103,8 @@ class FilmSides:
         step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self._target, step_s, options.closely)
-        coupled = loads.self_contact is not None or any(loads.gas) or any(loads.cable_length_m)
-        apart = numbers.complete and numbers.potential and not coupled
+        coupled = any(loads.gas) or any(loads.cable_length_m)
+        apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
     def of(self, scheme: StepScheme, step_s: float) -> FilmSide:
@@ -128,19 +129,14 @@ class QuickStepper:
         solver: Newton's method for the body.
         clamp: nodes held by the flange.
         options: how steps are solved.
+        apart: see `FilmSides`.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions) -> None:
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
         self._solver, self._clamp, self._options = solver, clamp, options
-        self.sides = FilmSides(solver, clamp, options)
-        self._untouched = nothing_touching()
+        self.sides = FilmSides(solver, clamp, options, apart=apart)
         self.begun: BegunStep | None = None
         """A step that was begun elsewhere: the next one, if it is from the same state, goes on with it."""
-
-    @property
-    def untouched(self) -> Touching:
-        """What stands for nothing touched."""
-        return self._untouched
 
     def begins(self, *, lenient: bool) -> StepPlace:
         """Return what the kernel takes for the beginning of a step.
@@ -247,7 +243,8 @@ class ImplicitStepper:
         # of an ordinary step: until it is solved, and in a first go
         self._whole = options.whole
         self._first = replace(self._whole, iterations_max=options.iterations)
-        self.quick = QuickStepper(solver, clamp, options)
+        apart = self_contact is None or not self_contact.faces.can_meet
+        self.quick = QuickStepper(solver, clamp, options, apart=apart)
         self._scheme: StepScheme | None = None
 
     def step(
