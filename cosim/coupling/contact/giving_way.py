@@ -42,10 +42,10 @@ AGREED_M: Final = 2e-6
 """How far bodies may go from where the film has met them; the next tick knows of it."""
 _LEVER_M: Final = 0.02  # angles count as ways at it
 _TOLERANCE_N = 1e-4  # of the film's step, unless light bodies ask for less
-_TRIALS_MAX, _GUESSES, _CUTS = 40, 20, 12
+_TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
 _VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
-_BEYOND = 0.01  # share of a step's work beyond the root that may be: there bodies may have come off
+_LEFT = 0.3  # share of a residual's work that a step may leave
 _UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
 _OTHER = 1.3  # the stiffness of contacts over that with which S was found, beyond which it is found anew
 _FALLS_FAST = 0.25  # share of the residual that a step with a known S leaves, below which S serves
@@ -445,16 +445,28 @@ class LightBodies:
 
 
 def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change: Array) -> _Trial:
-    """Return a trial along a change (6 b,) of what was assumed, cut where it goes too far."""
-    motion = step.mobility @ change
-    work, here, off = float(trial.residual @ motion), 1.0, step.bears_nothing(trial)
+    """Return a trial along a change (6 b,) of what was assumed, cut where it goes too far.
+
+    The work of the residual along the motion falls through zero; where it is, is bracketed (Illinois method).
+    """
+    motion, off = step.mobility @ change, step.bears_nothing(trial)
+    work = low_work = float(trial.residual @ motion)
+    low, high, high_work, here = 0.0, 0.0, 0.0, 1.0
     for _ in range(_CUTS):
         found = take(trial.change + here * change)
         now = float(found.residual @ motion)
         # from where bodies have come off, it goes beyond: what is pressed deep knows the way back
-        if now >= -_BEYOND * work or off or step.mismatch_m(found.residual) < AGREED_M:
+        near = abs(now) <= _LEFT * work and not (now < 0.0 and step.bears_nothing(found))
+        if near or off or step.mismatch_m(found.residual) < AGREED_M:
             break
-        here *= min(max(work / (work - now), 0.05), 0.5)
+        if now < 0.0:
+            high, high_work, low_work = here, now, low_work if high == 0.0 or here > high else 0.5 * low_work
+        elif high == 0.0:
+            break
+        else:
+            low, low_work, high_work = here, now, 0.5 * high_work
+        share = low_work / (low_work - high_work)
+        here = low + (high - low) * min(max(share, 0.05), 0.95)
     return found
 
 
