@@ -243,15 +243,24 @@ class _Step:
             return change
         if _ratio(self.stiffness(x, alone=True), self.mobility) < _VERY_LIGHT:
             return change
+        return self.rest_on(x, change)
 
-        def flies(change: Array) -> _Trial:
+    def rest_on(self, x: Array, change: Array) -> Array:
+        """Return the change of loads (6 b,) with which bodies give way to a film that stays at x (n, 3) [m].
+
+        Args:
+            x: of the film's nodes.
+            change: to begin with.
+        """
+
+        def rests(change: Array) -> _Trial:
             self._meet(self.mobility @ change)
             return _Trial(change, self.answered(x) - self._applied - change, None)
 
-        trial = flies(change)
+        trial = rests(change)
         for _ in range(_GUESSES):
             step = self.newton_step(self.stiffness(x, alone=True), trial.residual)
-            trial = _search(self, flies, trial, step)
+            trial = _search(self, rests, trial, step)
             if self.mismatch_m(step) < _NEAR_M:
                 break
         return trial.change
@@ -264,9 +273,10 @@ class _Step:
         """Return which of the bodies (t,) bear a load."""
         return self.bodies[self.answered(self._soft.state.positions).reshape(-1, 6).any(axis=1)]
 
-    def bears_nothing(self, trial: _Trial) -> bool:
-        """Return whether bodies bear no load in a trial."""
-        return not (trial.residual + trial.change + self._applied).any()
+    def presses(self) -> bool:
+        """Return whether the film presses on bodies where the last trial has ended."""
+        assert self._planes is not None, "there are bodies"
+        return bool(self._planes.at(self._soft.state.positions).normal_force[self._mine].any())
 
     def held_N_m(self) -> float:
         """Return the trace of the stiffness of the contacts where the last trial has ended."""
@@ -410,6 +420,10 @@ class LightBodies:
             if step.trials >= _TRIALS_MAX:
                 raise self._error(step, away)
             held = step.held_N_m()
+            if not step.presses():  # they have come off: back to where the film is now
+                trial = step.take(step.rest_on(self._soft.state.positions, trial.change))
+                away = step.mismatch_m(trial.residual)
+                continue
             if not self._held / _OTHER < held < self._held * _OTHER:
                 self._learn(step)
                 fresh = True
@@ -449,15 +463,13 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
 
     The work of the residual along the motion falls through zero; where it is, is bracketed (Illinois method).
     """
-    motion, off = step.mobility @ change, step.bears_nothing(trial)
+    motion = step.mobility @ change
     work = low_work = float(trial.residual @ motion)
     low, high, high_work, here = 0.0, 0.0, 0.0, 1.0
     for _ in range(_CUTS):
         found = take(trial.change + here * change)
         now = float(found.residual @ motion)
-        # from where bodies have come off, it goes beyond: what is pressed deep knows the way back
-        near = abs(now) <= _LEFT * work and not (now < 0.0 and step.bears_nothing(found))
-        if near or off or step.mismatch_m(found.residual) < AGREED_M:
+        if abs(now) <= _LEFT * work or step.mismatch_m(found.residual) < AGREED_M:
             break
         if now < 0.0:
             high, high_work, low_work = here, now, low_work if high == 0.0 or here > high else 0.5 * low_work
