@@ -191,6 +191,16 @@ def _take_soft_step(
 
 
 @device_function
+def _may_give_way(contact: ContactArrays, found: int, known: int) -> bool:
+    """Return whether a body that may give way bears a load: before the step, or of known contacts after it."""
+    ahead, loaded, body = contact.bodies.leads.ahead, contact.bodies.loaded, contact.touched.planes.body
+    for e in range(found):
+        if ahead[body[e]] and (loaded[body[e]] or (e < known and contact.touched.pressing[e] > 0.0)):
+            return True
+    return False
+
+
+@device_function
 def _settle(contact: ContactArrays, x: Matrix, ticks: Any, k: int) -> None:
     """Take in the end of a step that has touched something, or has let go of it; keep what that did."""
     _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
@@ -247,8 +257,12 @@ def _take_tick(
     contact, found = row.contact, _find(row, way.x[k + 1], way.velocity[k + 1])
     if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
+    if found > 0 and _may_give_way(contact, found, 0):
+        return SOFT_HALF_LEFT
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
         return SOFT_STEP_BEGUN
+    if found > 0 and _may_give_way(contact, found, found):
+        return SOFT_HALF_LEFT
     acting = row.side.held, row.side.work.gradient
     _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))

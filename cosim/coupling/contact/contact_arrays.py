@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,11 @@ from cosim.coupling.ticks import BodyLoads
 from cosim.rigid.distance.shapes import ShapeBounds
 from cosim.soft.contact.obstacle_contact import TouchedPlanes
 
+AHEAD_TICKS: Final = 2.0
+"""How many ticks' way of the fastest node a film looks ahead."""
 REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT = range(6)
 """Places in `ContactArrays.counts`: contacts remembered, contacts in the last tick, how many of these are of
-the film's points, ticks of contact since bodies were weighed, whether they are to be, whether a tick in which
+the film's points, ticks of contact since bodies were weighed, whether heavy ones are to be, whether a tick in which
 nothing is touched has something to end."""
 
 
@@ -224,7 +226,6 @@ class ContactNumbers(NamedTuple):
         of_feature: stiffness of a feature [N/m].
         renewed_above: growth of the contacts' stiffness with which bodies are to be weighed.
         renewed_after: ticks of contact after which they are.
-        on_joints: whether any can be touched that hangs on joints: these are weighed in every tick.
     """
 
     behind: float
@@ -232,7 +233,6 @@ class ContactNumbers(NamedTuple):
     of_feature: float
     renewed_above: float
     renewed_after: int
-    on_joints: bool
 
 
 class ContactArrays(NamedTuple):
@@ -248,9 +248,9 @@ class ContactArrays(NamedTuple):
         ties: theirs.
         end: of the tick.
         bodies: that bear it.
-        free: (f,) bodies that move freely.
+        movable: (f,) bodies that can be touched, and that loads can move.
+        heavy: (f,), 1 for those that are met where they are, see `LightBodies`.
         touching: (f,) [N/m], stiffness of their contacts when they were weighed.
-        weighed: (f,), 1 for those that were.
         speed: (1,) [m/s], of the film's fastest node before the step.
         counts: (6,).
         calls: of the kernels that these call.
@@ -265,9 +265,9 @@ class ContactArrays(NamedTuple):
     ties: Ties
     end: EndRows
     bodies: BodyLoads
-    free: Indices
+    movable: Indices
+    heavy: Indices
     touching: Vector
-    weighed: Indices
     speed: Vector
     counts: Indices
     calls: Indices

@@ -12,15 +12,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import address_of, nothing_of
 from cosim.base.state_check import check_indices
 from cosim.coupling.contact.contact_arrays import (
     AGE,
+    AHEAD_TICKS,
     ASKS,
     LEFT,
     REMEMBERED,
@@ -38,7 +39,7 @@ from cosim.coupling.contact.contact_arrays import (
 )
 from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, search_calls, settle_touched
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
-from cosim.coupling.ticks import BodyLoads
+from cosim.coupling.ticks import BodyLoads, leads_of
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
@@ -47,8 +48,6 @@ from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows, TouchedPlanes, add_contacts
 from cosim.soft.solve.state import SoftState
 
-AHEAD_TICKS: Final = 2.0
-"""How many ticks' way of the fastest node a film looks ahead."""
 BEHIND_M: Final = 5e-3
 """How far behind the film a corner still counts as one that came through it."""
 FEATURE_AREA_M2: Final = 5e-5
@@ -69,11 +68,13 @@ class ContactState:
         memory: contacts that press.
         planes: what might have been touched in the last step; None for nothing.
         age: ticks of contact since bodies were weighed.
+        centers: (bodies, 3) [m], of masses, where the film has met them.
     """
 
     memory: ContactMemory
     planes: ContactPlanes | None
     age: int
+    centers: Annotated[Array, ("bodies", 3)]
 
 
 @final
@@ -129,6 +130,14 @@ class ContactExchange:
         self.planes = planes
         return self.report
 
+    def move(self, contacts: IntArray, shift: Array) -> None:
+        """Let contacts (k,) of what was found go by a shift (k, 3) [m] with their bodies."""
+        self.forget()
+        planes = self.arrays.touched.planes
+        planes.offset[contacts] += np.einsum("kr,kr->k", planes.normal[contacts], shift)
+        planes.anchor[contacts] += shift
+        self.arrays.ties.carrier[contacts] += shift
+
     @property
     def rest_reach_m(self) -> float:
         """How far a film at rest looks for shapes."""
@@ -141,11 +150,11 @@ class ContactExchange:
 
     @property
     def asks_for_weighing(self) -> bool:
-        """Whether `BodyMass` has to look at the bodies after the last step."""
+        """Whether `LightBodies` has to weigh heavy ones after the last step."""
         return bool(self.arrays.counts[ASKS])
 
     def ask_for_weighing_after(self, ticks: int) -> None:
-        """Let free bodies be weighed after so many ticks of contact, where nothing else asks for it."""
+        """Let heavy bodies be weighed after so many ticks of contact, where nothing else asks for it."""
         self.arrays = self.arrays._replace(numbers=self.arrays.numbers._replace(renewed_after=ticks))
 
     def forget(self) -> None:
@@ -193,7 +202,8 @@ class ContactExchange:
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on."""
-        return ContactState(self.memory, self.planes, int(self.arrays.counts[AGE]))
+        centers = self.arrays.bodies.centers.copy()
+        return ContactState(self.memory, self.planes, int(self.arrays.counts[AGE]), centers)
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -203,6 +213,7 @@ class ContactExchange:
             self.arrays = self._with_room(self.arrays.search, count)
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
             part[:count] = getattr(state.memory, name)
+        self.arrays.bodies.centers[:] = state.centers
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -273,11 +284,9 @@ class ContactExchange:
 
     def _first_arrays(self, search: Search) -> ContactArrays:
         law, bodies, query = self.law, self.bodies, self.query
-        stiffness, free = law.stiffness_N_m3, bodies.free
-        numbers = ContactNumbers(
-            BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0,
-            len(bodies.on_joints(np.unique(query.body))) > 0,
-        )  # fmt: skip
+        stiffness, touchable = law.stiffness_N_m3, np.unique(query.body)
+        movable = touchable[bodies.movable(touchable)]
+        numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0)
         touched = TouchedPlanes(
             address_of(add_contacts), PlaneRows.room(0), np.array([law.smoothing_m, law.stick_m]),
             np.empty((0, 3)), np.empty(0),
@@ -285,8 +294,11 @@ class ContactExchange:
         return ContactArrays(
             search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
             MemoryRows.room(0), MemoryRows.room(0), touched, Ties.room(0), EndRows.room(0, bodies.count),
-            BodyLoads(bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7)), free,
-            np.zeros(len(free)), np.zeros(len(free), np.int64), np.zeros(1), np.zeros(6, np.int64),
+            BodyLoads(
+                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
+            ),
+            movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)), np.zeros(1),
+            np.zeros(6, np.int64),
             contact_calls(),
         )  # fmt: skip
 

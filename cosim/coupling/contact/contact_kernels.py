@@ -30,6 +30,7 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
+    AHEAD_TICKS,
     ASKS,
     LEFT,
     POINTS,
@@ -41,6 +42,7 @@ from cosim.coupling.contact.contact_arrays import (
     Search,
     Ties,
 )
+from cosim.coupling.ticks import fill_speed, led
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
@@ -284,13 +286,54 @@ def _hold_features(
 
 
 @device_function
-def _read_poses(bounds: Any) -> None:
-    """Take the shapes' present poses over from MuJoCo."""
-    for g in range(bounds.geoms.shape[0]):
+def _fill_leads(leads: Any, h: float, centers: Matrix) -> None:
+    """Fill by how much bodies are ahead, and where the film meets their centres of mass.
+
+    Their acceleration stays what it was in the last step, in which the same loads acted.
+    """
+    now, flange = small_vector(6), small_vector(6)
+    fill_speed(leads, leads.flange, flange)
+    for r in range(6):
+        flange[r] = 2.0 * flange[r] - leads.before[leads.flange, r]
+    for b in range(leads.ahead.shape[0]):
+        lead = leads.lead[b]
+        lead[:] = 0.0
+        if leads.ahead[b]:
+            fill_speed(leads, b, now)
+            for r in range(6):
+                lead[r] = h * (2.0 * now[r] - leads.before[b, r] - flange[r])
         for r in range(3):
-            bounds.position[g, r] = bounds.places[bounds.geoms[g], r]
+            centers[b, r] = leads.mass[b, r] + led(lead, leads.mass[b], r)
+
+
+@device_function
+def _read_poses(bounds: Any, body: Indices, leads: Any) -> None:
+    """Take the shapes' present poses over from MuJoCo, and bring them ahead."""
+    for g in range(bounds.geoms.shape[0]):
+        place, lead = bounds.places[bounds.geoms[g]], leads.lead[body[g]]
+        for r in range(3):
+            bounds.position[g, r] = place[r] + led(lead, place, r)
             for c in range(3):
                 bounds.rotation[g, r, c] = bounds.axes[bounds.geoms[g], 3 * r + c]
+        if leads.ahead[body[g]]:
+            _turn_ahead(bounds.rotation[g], lead)
+
+
+@device_function
+def _turn_ahead(axes: Matrix, lead: Vector) -> None:
+    """Turn axes (3, 3) by the angles of a lead."""
+    angle = math.sqrt(lead[3] * lead[3] + lead[4] * lead[4] + lead[5] * lead[5])
+    if angle < 1e-12:
+        return
+    sine, fall = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+    x, y, z = lead[3], lead[4], lead[5]
+    for c in range(3):
+        p, q, s = axes[0, c], axes[1, c], axes[2, c]
+        along = x * p + y * q + z * s
+        square = angle * angle
+        axes[0, c] += sine * (y * s - z * q) + fall * (x * along - square * p)
+        axes[1, c] += sine * (z * p - x * s) + fall * (y * along - square * q)
+        axes[2, c] += sine * (x * q - y * p) + fall * (z * along - square * s)
 
 
 @device_function
@@ -325,7 +368,9 @@ def find_touched(contact: ContactArrays, x: Matrix, velocity: Matrix, rest: floa
     counts[ASKS] = 0
     if search.bounds.geoms.shape[0] == 0:
         return 0
-    _read_poses(search.bounds)
+    leads = contact.bodies.leads
+    _fill_leads(leads, ahead / AHEAD_TICKS, contact.bodies.centers)
+    _read_poses(search.bounds, contact.shapes.body, leads)
     points, features = _find_pairs(contact, x, velocity, rest, ahead)
     if points < 0:
         return -1
@@ -461,18 +506,15 @@ def _load_bodies(end: Any, bodies: Any) -> None:
 
 @device_function
 def _asks_for_weighing(contact: Any) -> bool:
-    """Return whether `BodyMass` has to look at the bodies after a tick that has touched something."""
+    """Return whether `LightBodies` has to weigh heavy bodies after a tick that has touched something."""
     loaded, counts, held = contact.bodies.loaded, contact.counts, contact.end.held
-    if contact.numbers.on_joints:
-        return True
-    free = contact.free.shape[0]
-    if free and counts[AGE] >= contact.numbers.renewed_after:
-        return True
-    for f in range(free):
-        body, before = contact.free[f], contact.touching[f]
-        if (loaded[body] and before == 0.0) or (not loaded[body] and contact.weighed[f]):
-            return True
-        if held[body] > contact.numbers.renewed_above * before:
+    for f in range(contact.movable.shape[0]):
+        body, before = contact.movable[f], contact.touching[f]
+        if contact.heavy[f] and (
+            not loaded[body]
+            or counts[AGE] >= contact.numbers.renewed_after
+            or held[body] > contact.numbers.renewed_above * before
+        ):
             return True
     return False
 

@@ -12,18 +12,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, SixNumbers, Wrench
-from cosim.coupling.contact.added_mass import BodyMass, BodyMassState
+from cosim.base.frames import Array, SixNumbers, Wrench, cross
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N, RigidSide, hand_over
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos
+from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos, leads_of
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import supplied_wrench
@@ -51,29 +51,9 @@ class TransferredLoads:
     flange_size_N: float
     bodies_size_N: float
 
-    def plus(self, flange: SixNumbers, bodies: SixNumbers) -> TransferredLoads:
-        """Return these loads and others on top."""
-        return TransferredLoads(
-            _sum(self.flange, flange), _sum(self.bodies, bodies), self.flange_size_N, self.bodies_size_N
-        )
-
-    def error(self, flange: SixNumbers, bodies: SixNumbers) -> float:
-        """Return the largest relative difference to what was received."""
-        on_flange = _error(self.flange, flange, self.flange_size_N)
-        if bodies is self.bodies:
-            return on_flange
-        return max(on_flange, _error(self.bodies, bodies, self.bodies_size_N))
-
-
-def received_flange(scene: RigidScene) -> SixNumbers:
-    """Return what acts on the flange in the step in progress, about the world's origin."""
-    return scene.received_wrench()
-
-
-def received_bodies(scene: RigidScene) -> SixNumbers:
-    """Return what acts on the touched bodies in the step in progress, about the world's origin."""
-    loaded = scene.bodies.loaded
-    return six_numbers(scene.bodies.received(loaded).sum(axis=0)) if len(loaded) else NOTHING
+    def error(self, due: SixNumbers, received: SixNumbers) -> float:
+        """Return the largest relative difference of what the flange has received from this and what is due."""
+        return _error(_sum(self.flange, due), received, self.flange_size_N)
 
 
 def six_numbers(load: Array) -> SixNumbers:
@@ -113,7 +93,7 @@ class InterfaceState:
         ratio: stability ratio of the flange when it was last weighed.
         ticks: done.
         contact: of the soft body with the scene; None where it is not modelled.
-        body_mass: that free bodies carry, the same.
+        light: bodies that give way, the same.
     """
 
     wrench: Wrench
@@ -122,7 +102,7 @@ class InterfaceState:
     ratio: float
     ticks: int
     contact: ContactState | None
-    body_mass: BodyMassState | None
+    light: LightBodiesState | None
 
 
 @final
@@ -148,10 +128,12 @@ class Interface:
         self.scene, self.soft, self.contact = scene, soft, contact
         self._mounted = np.zeros(10) if mounted is None else mounted
         self._native, bodies = scene.native(), scene.bodies
-        self._bodies = BodyLoads(bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7))
+        self._bodies = BodyLoads(
+            bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7), leads_of(bodies)
+        )
         if contact is not None:
             self._bodies = contact.arrays.bodies
-        self.body_mass = BodyMass(contact, soft, scene.tick_s) if contact is not None else None
+        self.light = LightBodies(contact, soft, scene.tick_s) if contact is not None else None
         self._untouched = self._contacts()
         self.wrench = wrench
         about_world = wrench.moved(-scene.flange_pose.translation)
@@ -169,8 +151,8 @@ class Interface:
 
     @property
     def contact_ratio(self) -> float:
-        """Largest algorithmic mass of the film over the inertia of a free body that it touches."""
-        return 0.0 if self.body_mass is None else self.body_mass.ratio
+        """Of the bodies that the film has touched last, see `LightBodies`; 0 where it touches none."""
+        return self.light.ratio if self.light is not None and self.touched.count else 0.0
 
     @property
     def to_be_weighed(self) -> bool:
@@ -198,8 +180,8 @@ class Interface:
 
     def save_state(self) -> InterfaceState:
         """Return what the next exchange depends on besides the states of scene and soft side."""
-        contact, mass = self._contacts()
-        return InterfaceState(self.wrench, self.handed, self.touched, self.ratio, self.ticks, contact, mass)
+        contact, light = self._contacts()
+        return InterfaceState(self.wrench, self.handed, self.touched, self.ratio, self.ticks, contact, light)
 
     def restore_state(self, state: InterfaceState) -> None:
         """Return to a state of `save_state`; scene and soft side have been restored before.
@@ -213,17 +195,17 @@ class Interface:
             raise InputError("contact is modelled in the saved state only")
         self.wrench, self.handed = state.wrench, state.handed
         self.ratio, self.ticks = state.ratio, state.ticks
-        contact, mass = (state.contact, state.body_mass) if state.contact else self._untouched
+        contact, light = (state.contact, state.light) if state.contact else self._untouched
         if self.contact is not None and contact is not None:
             self.contact.check_state(contact)
             self.contact.restore_state(contact)
             self.contact.report = state.touched if state.contact else NOTHING_TOUCHED
-        if self.body_mass is not None and mass is not None:
-            self.body_mass.restore_state(mass)
+        if self.light is not None and light is not None:
+            self.light.restore_state(light)
 
-    def _contacts(self) -> tuple[ContactState | None, BodyMassState | None]:
+    def _contacts(self) -> tuple[ContactState | None, LightBodiesState | None]:
         contact = None if self.contact is None else self.contact.save_state()
-        return contact, None if self.body_mass is None else self.body_mass.save_state()
+        return contact, None if self.light is None else self.light.save_state()
 
     def begin(self, count: int) -> TicksTaken:
         """Return room for ticks, with what is there before the first of them."""
@@ -239,6 +221,14 @@ class Interface:
         """Return the rigid side as kernels see it, with what the joints carry."""
         return RigidSide(self._native, carried, self._bodies, self._mounted, self.soft.mass_kg)
 
+    def error_on_bodies(self) -> float:
+        """Return how far what acts on bodies in the step in progress is from what was handed over."""
+        bodies = self._bodies
+        loads = bodies.applied[bodies.loaded != 0]
+        loads[:, 3:] += cross(bodies.centers[bodies.loaded != 0], loads[:, :3])
+        received = six_numbers(loads.sum(axis=0))
+        return _error(self.handed.bodies, received, self.handed.bodies_size_N)
+
     def advance_soft(self, loads: Loads, aim: StepAim | None = None) -> SoftReply:
         """Take the soft step to the flange's present pose, with the contacts that are there.
 
@@ -248,17 +238,14 @@ class Interface:
             loads: on the soft body at the end of the tick, contacts not counted.
             aim: how closely; as an ordinary step unless given.
         """
-        scene, soft, flange = self.scene, self.soft, self.scene.flange_pose
-        if self.contact is not None:
-            planes = self.contact.find(soft.state, scene.tick_s)
-            loads = loads if planes is None else replace(loads, contact=planes)
-        if aim is None:
-            reply = soft.advance(flange, loads, scene.tick_s)
+        soft, flange, tick_s = self.soft, self.scene.flange_pose, self.scene.tick_s
+        if self.light is not None:
+            reply = self.light.advance(flange, loads, aim)
+        elif aim is None:
+            reply = soft.advance(flange, loads, tick_s)
         else:
-            reply = soft.advance_closely(flange, loads, scene.tick_s, aim)
+            reply = soft.advance_closely(flange, loads, tick_s, aim)
         self.wrench = reply.wrench
-        if self.contact is not None:
-            self.contact.settle(soft.state.positions)
         return reply
 
     def take_reply(self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None) -> None:
@@ -287,8 +274,9 @@ class Interface:
         """
         figures = taken.ticks.figures[taken.done + count].copy()
         self.wrench = supplied_wrench(figures)
-        if self.contact is not None:
+        if self.contact is not None and self.light is not None:
             self.contact.forget()
+            self.light.weigh()
             taken.ticks.contact[taken.done : taken.done + count, 2] = self.contact_ratio
         taken.stability_ratio[taken.done : taken.done + count] = self.ratio
         self.scene.stepped(taken.ticks.flange(taken.done + count - 1))

@@ -37,9 +37,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import address_of, nothing_of
-from cosim.coupling.contact.added_mass import RATIO_BOUND, rigid_motions
-from cosim.coupling.contact.contact_arrays import ContactArrays
-from cosim.coupling.contact.contact_exchange import AHEAD_TICKS
+from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
+from cosim.coupling.contact.giving_way import rigid_motions
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
     RIGID_SIDE_WARNS,
@@ -380,12 +379,11 @@ class StaggeredCoupling(Coupling):
     Args:
         interface: between the sides.
         ratio_bound: stability ratio above which the algorithmic mass is carried.
-        bodies_carry: whether bodies lighter than the film's answer carry its algorithmic mass.
     """
 
-    def __init__(self, interface: Interface, ratio_bound: float = 0.5, *, bodies_carry: bool = True) -> None:
+    def __init__(self, interface: Interface, ratio_bound: float = 0.5) -> None:
         super().__init__(interface)
-        self._ratio_bound, self.bodies_carry = ratio_bound, bodies_carry
+        self._ratio_bound = ratio_bound
         joints = len(interface.scene.joint_names)
         self._added = np.zeros((joints, joints))
         self._weights = expecting_no_change(interface.soft.answer_weights)
@@ -425,7 +423,6 @@ class StaggeredCoupling(Coupling):
         done, ending = self._halves.take(interface.rigid(carried), servos.some(0, most), loads[:most], taken)
         if done:
             interface.follow(taken, done)
-            self._weigh_bodies(taken)
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
@@ -433,15 +430,7 @@ class StaggeredCoupling(Coupling):
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
-        self._weigh_bodies(taken)
         return not self._halves.plain
-
-    def _weigh_bodies(self, taken: TicksTaken) -> None:
-        """Bring what bodies carry up to date after the last tick."""
-        interface = self.interface
-        if interface.body_mass is not None:
-            interface.body_mass.update(carry=self.bodies_carry)
-            taken.ticks.contact[taken.done - 1, 2] = interface.contact_ratio
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy())
@@ -489,7 +478,7 @@ class AutomaticState:
 
 @final
 class AutomaticCoupling(Coupling):
-    """Decides before every tick, by the stability ratios of flange and touched bodies.
+    """Decides before every tick, by the stability ratio of the flange.
 
     Args:
         interface: between the sides.
@@ -498,7 +487,7 @@ class AutomaticCoupling(Coupling):
 
     def __init__(self, interface: Interface, options: IterationOptions | None = None) -> None:
         super().__init__(interface)
-        self._staggered = StaggeredCoupling(interface, np.inf, bodies_carry=False)
+        self._staggered = StaggeredCoupling(interface, np.inf)
         self._iterated = IteratedCoupling(interface, options)
         self._iterates = False
 
@@ -506,7 +495,7 @@ class AutomaticCoupling(Coupling):
         interface = self.interface
         if interface.to_be_weighed:
             interface.update_stability_ratio()
-        iterates = interface.ratio > _FLANGE_RATIO_BOUND or interface.contact_ratio > RATIO_BOUND
+        iterates = interface.ratio > _FLANGE_RATIO_BOUND
         if iterates and not self._iterates:
             self._iterated.begin_again()
         self._iterates = iterates

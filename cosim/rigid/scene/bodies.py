@@ -1,10 +1,7 @@
 """The bodies of a compiled scene as contact sees them: places, loads, mobility, added inertia.
 
-Inertia that the arm and bodies on joints carry for a while, added to the joint-space mass matrix.
-
-M + A + sum_b J_b^T D_b J_b, with A on the arm's joints, and D_b in the axes of body b, about its origin.
-Unlike extra mass of the bodies it weighs nothing and knows no gyroscopic forces; unlike armature of the
-joints it costs a chain no more inertia than its bodies carry.
+Inertia that the arm carries for a while is added to the joint-space mass matrix, M + A. Unlike extra mass of
+the bodies it weighs nothing and knows no gyroscopic forces.
 
 How bodies of a compiled scene answer impulses.
 """
@@ -18,13 +15,14 @@ import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
+from cosim.rigid.scene.arm import ArmLayout
 
 
 @final
 class AddedInertia:
     """Keeps MuJoCo's mass matrix up to date with what is carried.
 
-    `on_arm` (joints, joints) is A, `bodies` (b,) and `inertia` (b, 6, 6) say what bodies carry.
+    `on_arm` (joints, joints) is A.
 
     Args:
         model: compiled scene.
@@ -43,18 +41,6 @@ class AddedInertia:
         self._arm = arm
         joints = arm.stop - arm.start
         self.on_arm: Array = np.zeros((joints, joints))
-        self.bodies: IntArray = np.zeros(0, np.int64)
-        self.inertia: Array = np.zeros((0, 6, 6))
-
-    def carry(self, bodies: IntArray, inertia: Array) -> None:
-        """Set what bodies carry from the step in progress on.
-
-        Args:
-            bodies: (b,), on joints.
-            inertia: (b, 6, 6), linear then angular, about the bodies' origins, body axes.
-        """
-        self.bodies, self.inertia = np.array(bodies), np.array(inertia)
-        self.renew()
 
     def carry_on_arm(self, inertia: Array) -> None:
         """Set what the arm's joints carry (joints, joints) [kg m^2] from the step in progress on."""
@@ -74,40 +60,14 @@ class AddedInertia:
             self._add(self.on_arm)
             mujoco.mj_factorM(self._model, self._data)
 
-    def follow_bodies(self) -> None:
-        """Add what bodies carry, after a kernel has added what the arm's joints do."""
-        if len(self.bodies):
-            self._add(np.zeros_like(self.on_arm))
-            mujoco.mj_factorM(self._model, self._data)
-
-    def mobility(self, bodies: IntArray) -> Array:
-        """Return J M^-1 J^T (6 b, 6 b) of bodies (b,) without what they carry; about origins, body axes."""
-        mujoco.mj_makeM(self._model, self._data)
-        mujoco.mj_factorM(self._model, self._data)
-        jacobian = np.concatenate([self._jacobian(int(body)) for body in bodies])
-        solved = np.empty_like(jacobian)
-        mujoco.mj_solveM(self._model, self._data, solved, jacobian)
-        self.follow()
-        return np.asarray(jacobian @ solved.T)
-
     @property
     def _carries(self) -> bool:
-        return len(self.bodies) > 0 or bool(np.count_nonzero(self.on_arm))
+        return bool(np.count_nonzero(self.on_arm))
 
     def _add(self, on_arm: Array) -> None:
         added = np.zeros((self._model.nv, self._model.nv))
         added[self._arm, self._arm] = on_arm
-        for body, inertia in zip(self.bodies, self.inertia, strict=True):
-            jacobian = self._jacobian(int(body))
-            added += jacobian.T @ inertia @ jacobian
         self._data.M[self._entries] += added[self._rows, self._columns]
-
-    def _jacobian(self, body: int) -> Array:
-        """Return J (6, dofs), linear then angular, at the body's origin, body axes."""
-        world = np.empty((6, self._model.nv))
-        mujoco.mj_jacBody(self._model, self._data, world[:3], world[3:], body)
-        turn = self._data.xmat[body].reshape(3, 3)
-        return np.concatenate([turn.T @ world[:3], turn.T @ world[3:]])
 
 
 def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, added: Array) -> Array:
@@ -137,32 +97,33 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, added
 
 @final
 class Bodies:
-    """Loads on bodies and armature of free ones; a view into a scene's model and state.
+    """Loads on bodies, and how they answer; a view into a scene's model and state.
 
     `applied` (bodies, 6) are MuJoCo's loads about `mass_centers` (bodies, 3) [m]; `loaded` names the bodies
-    that bear a load of `apply`, and `bearing` (bodies,) is 1 for these; `carried` is the inertia of those on
-    joints.
+    that bear a load of `apply`, and `bearing` (bodies,) is 1 for these. `spins` (bodies, 6) are MuJoCo's
+    velocities, angular then linear, at the centres of mass `tree_centers` (bodies, 3) [m] of their trees,
+    each in row `roots` (bodies,); `flange` is the body that goes with it. `carried` is what the arm's joints
+    carry.
 
     Args:
         model: compiled scene.
         data: its state.
-        arm: degrees of freedom of the arm's joints.
+        layout: of the arm in the model.
         driven: (bodies,), which no load moves though they have joints.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: slice, driven: Mask) -> None:
-        self._model, self._data = model, data
-        joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        self.free: IntArray = np.asarray(model.jnt_bodyid[joints], dtype=np.int64)
-        self._dofs = model.jnt_dofadr[joints][:, None] + np.arange(6)
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask
+    ) -> None:
+        self._model, self._data, self.flange = model, data, layout.mount
         self._movable: Mask = (model.body_weldid != 0) & ~driven
-        self._on_joints: Mask = self._movable.copy()
-        self._on_joints[self.free] = False
         self.applied: Array = data.xfrc_applied
         self.mass_centers: Array = data.xipos
         self.bearing: IntArray = np.zeros(model.nbody, np.int64)
-        self._own_armature = model.dof_armature[self._dofs].copy()
-        self.carried = AddedInertia(model, data, arm)
+        self.spins: Array = data.cvel
+        self.tree_centers: Array = data.subtree_com
+        self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
+        self.carried = AddedInertia(model, data, layout.dofs)
 
     @property
     def loaded(self) -> IntArray:
@@ -199,26 +160,6 @@ class Bodies:
         """Return world from body (b, 3, 3)."""
         return np.array(self._data.xmat[bodies]).reshape(-1, 3, 3)
 
-    def free_speeds(self) -> Array:
-        """Return how fast the free bodies are (free bodies,) [m/s]."""
-        return np.asarray(np.linalg.norm(self._data.qvel[self._dofs[:, :3]], axis=1))
-
-    def free_loaded(self) -> Mask:
-        """Return which of the free bodies bear a load of `apply` (free bodies,) bool."""
-        return np.asarray(self.bearing[self.free] != 0)
-
-    def inertia(self, bodies: IntArray) -> Array:
-        """Return mass three times [kg], then the inertia about the body axes' origin (b, 6) [kg m^2]."""
-        mass = self._model.body_mass[bodies]
-        offset = self._model.body_ipos[bodies]
-        turn = np.empty((len(bodies), 9))
-        for k, quaternion in enumerate(self._model.body_iquat[bodies]):
-            mujoco.mju_quat2Mat(turn[k], quaternion)
-        axes = turn.reshape(-1, 3, 3)
-        own = np.einsum("brs,bs,brs->br", axes, self._model.body_inertia[bodies], axes)
-        away = mass[:, None] * ((offset**2).sum(axis=1)[:, None] - offset**2)
-        return np.concatenate([np.repeat(mass[:, None], 3, axis=1), own + away], axis=1)
-
     def apply(self, bodies: IntArray, force: Array, torque: Array) -> None:
         """Set the loads on bodies from now on; those that were loaded before and are not named get none.
 
@@ -246,18 +187,42 @@ class Bodies:
         loads[:, 3:] += cross(self._data.xipos[bodies], loads[:, :3])
         return loads
 
-    def set_added_armature(self, added: Array) -> None:
-        """Carry an algorithmic mass on the free bodies, from the step in progress on.
+    def mobility(self, bodies: IntArray) -> Array:
+        """Return J M^-1 J^T (6 b, 6 b): accelerations of bodies (b,) per load on them, held as they are.
 
-        Args:
-            added: (free bodies, 6), along world axes [kg], then about body axes [kg m^2].
+        Each linear then angular, world axes, at the centre of mass. What the joints' damping and constraints
+        that act as in the last step resist with is counted in M.
         """
-        self._model.dof_armature[self._dofs] = self._own_armature + added
-        self.carried.renew()
+        model, data = self._model, self._data
+        resisting = np.diag(model.opt.timestep * model.dof_damping)
+        if data.nefc:
+            resisting += active_constraints(model, data)
+        return mobility(model, data, bodies, resisting)
 
-    def on_joints(self, bodies: IntArray) -> IntArray:
-        """Return those of bodies (b,) that move, but not freely: hinged ones, segments of a wire."""
-        return np.asarray(bodies[self._on_joints[bodies]])
+
+def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Return J^T D J (nv, nv) of the constraints that act if accelerations stay what they were.
+
+    Of a contact that slides, what is along its surface does not count.
+    """
+    jacobian = np.empty((data.nefc, model.nv))
+    if mujoco.mj_isSparse(model):
+        mujoco.mju_sparse2dense(jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+    else:
+        jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
+    lacking = data.efc_aref - jacobian @ data.qacc
+    force, kind = data.efc_D * lacking, data.efc_type
+    acts = (kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY) | (force > 0.0)
+    rubs = kind == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+    acts[rubs] = np.abs(force[rubs]) < data.efc_frictionloss[rubs]
+    elliptic = np.flatnonzero(kind == mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)
+    for contact in np.unique(data.efc_id[elliptic]).tolist():
+        first, dim = int(data.contact.efc_address[contact]), int(data.contact.dim[contact])
+        along = slice(first + 1, first + dim)
+        rubbing = np.linalg.norm(force[along] / data.contact.friction[contact][: dim - 1])
+        acts[along] = acts[first] and bool(rubbing < force[first])
+    rows = jacobian[acts]
+    return np.asarray((rows.T * data.efc_D[acts]) @ rows)
 
 
 def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = False) -> IntArray:

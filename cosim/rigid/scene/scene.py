@@ -40,13 +40,11 @@ class RigidState:
 
     Args:
         integration: MuJoCo's own state vector, inputs and warm start included.
-        armature: (dofs,) [kg m^2] or [kg], the algorithmic mass of free bodies included.
+        armature: (dofs,) [kg m^2] or [kg].
         acceleration: (dofs,) of the last finished step.
         servo_torque: (dofs,) [N m] or [N], of the last finished step.
         flange_load: (6,) reading of the flange sensor.
         loaded: bodies that contact loads at present.
-        carrying: bodies on joints that carry extra inertia.
-        carried: their inertia (b, 6, 6).
         on_arm: (joints, joints) [kg m^2], that the arm's joints carry.
     """
 
@@ -56,8 +54,6 @@ class RigidState:
     servo_torque: Array
     flange_load: Array
     loaded: Annotated[IntArray, ("k",)]
-    carrying: Annotated[IntArray, ("b",)]
-    carried: Annotated[Array, ("b", 6, 6)]
     on_arm: Array
 
 
@@ -106,7 +102,7 @@ class RigidScene:
         self._servo_inertia = self._tick_s * self.servo_damping
         self._model.dof_armature[self._v] += self._servo_inertia
         self.cell = CellDrives(self._model, self._data)
-        self.bodies = Bodies(self._model, self._data, layout.dofs, self.cell.bodies)
+        self.bodies = Bodies(self._model, self._data, layout, self.cell.bodies)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
         self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
@@ -265,7 +261,6 @@ class RigidScene:
             began: pose of the flange at the beginning of the last of them.
         """
         self.flange.stepped(began)
-        self.bodies.carried.follow_bodies()
 
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
@@ -307,11 +302,10 @@ class RigidScene:
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
         servo_torque = np.array(self._data.qfrc_actuator)
-        load, carried = self.flange.measured, self.bodies.carried
+        load, on_arm = self.flange.measured, self.bodies.carried.on_arm
         return RigidState(
-            integration, armature, acceleration, servo_torque, load, self.bodies.loaded, carried.bodies,
-            carried.inertia, carried.on_arm,
-        )  # fmt: skip
+            integration, armature, acceleration, servo_torque, load, self.bodies.loaded, on_arm
+        )
 
     def restore_state(self, state: RigidState) -> None:
         """Return to a state of `save_state`, model edits included; everything readable follows.
@@ -324,8 +318,7 @@ class RigidScene:
             raise InputError(f"the saved scene has {len(state.integration)} numbers, here {size}: {_ALIKE}")
         self._warnings[:] = 0
         self.bodies.loaded = state.loaded
-        carried = self.bodies.carried
-        carried.bodies, carried.inertia, carried.on_arm = state.carrying, state.carried, state.on_arm
+        self.bodies.carried.on_arm = state.on_arm
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()

@@ -1,0 +1,487 @@
+"""Bodies that the film can move: they give way to it within its own step.
+
+A force that acts on a body one tick late throws it where the body is lighter than the film's own answer: over
+a tick h, a motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film in
+series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T. Above 1, the largest eigenvalue
+of S C (the contact ratio) makes an exchange grow that is one tick late.
+
+So the film meets such a body where it will be at the end of the body's next step, in which the load of this
+very step acts: at x + h (v + h a) + C (F - F'), a the acceleration of the last step and F' the load that acted
+in it. That is implicit Euler for film and body together, stable whatever the body weighs, and the body bears F
+in MuJoCo's step, with its own mass and with whatever else holds it: impulses are exact. Seen from the film the
+body is one tick ahead, in a frame that goes with the flange.
+
+Unknown is l = F - F', of all bodies that the film may touch. The film's step with its planes moved on by C l
+answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of the monotone residual. A step
+beyond it is cut by the secant of the work that the residual does along the motion C dl.
+
+In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way into
+it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, Final, Protocol, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Pose, cross
+from cosim.coupling.contact.contact_arrays import AGE
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.soft_sides.soft_side import SoftReply
+from cosim.errors import ConvergenceError
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.state import SoftState, StepAim
+
+RATIO_BOUND: Final = 1.0
+"""Contact ratio from which on bodies give way within the film's step."""
+AGREED_M: Final = 2e-6
+"""How far bodies may go from where the film has met them; the next tick knows of it."""
+_LEVER_M: Final = 0.02  # angles count as ways at it
+_TOLERANCE_N = 1e-4  # of the film's step, unless light bodies ask for less
+_TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
+_NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
+_VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
+_LEFT = 0.3  # share of a residual's work that a step may leave
+_UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
+_OTHER = 1.3  # the stiffness of contacts over that with which S was found, beyond which it is found anew
+_FALLS_FAST = 0.25  # share of the residual that a step with a known S leaves, below which S serves
+_RENEW_AFTER_S, _FEWEST_TICKS, _MOST_TICKS = 0.1, 10, 50
+
+
+def rigid_motions(points: Array, origins: Array) -> Array:
+    """Return how points (k, 3) [m] move (k, 3, 6) with translation and rotation about origins: [1, -S(arm)].
+
+    Args:
+        points: (k, 3) [m].
+        origins: (3,) [m], of all, or (k, 3), of each.
+    """
+    motion = np.zeros((len(points), 3, 6))
+    motion[:, :, :3] = np.eye(3)
+    x, y, z = (points - origins).T
+    motion[:, 0, 4], motion[:, 0, 5] = z, -y
+    motion[:, 1, 3], motion[:, 1, 5] = -z, x
+    motion[:, 2, 3], motion[:, 2, 4] = y, -x
+    return motion
+
+
+class Yielding(Protocol):
+    """What gives way to forces on its nodes within a tick: the soft side."""
+
+    @property
+    def state(self) -> SoftState:
+        """State after the newest step."""
+
+    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
+        """Return (m, n, 3) [m] under forces (m, n, 3) [N]; None where the tangent is indefinite."""
+
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+        """Advance by one step."""
+
+    def advance_closely(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    ) -> SoftReply:
+        """Advance by one step, as closely as asked for."""
+
+    def restore(self, before: SoftState) -> None:
+        """Undo the last step."""
+
+
+def body_stiffness(
+    soft: Yielding | None,
+    planes: ContactPlanes,
+    tangents: Array,
+    touched: tuple[IntArray, Array],
+    positions: Array,
+    tick_s: float,
+) -> Array:
+    """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
+
+    G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
+    nodes, H is the tangent of the film's time step.
+
+    Args:
+        soft: soft side, after its step; None for one that stays where it is.
+        planes: contacts.
+        tangents: K (k, 3, 3) [N/m], of all contacts.
+        touched: bodies (b,), ascending, and points (b, 3) [m] that motions and loads are about; world axes.
+        positions: (n, 3) [m], of the nodes.
+        tick_s: length of the step [s].
+    """
+    bodies, points = touched
+    mine = np.flatnonzero(np.isin(planes.body, bodies) & (np.abs(tangents).max(axis=(1, 2)) > 0.0))
+    place = np.searchsorted(bodies, planes.body[mine])
+    nodes, weights = planes.nodes[mine], planes.weights[mine]
+    pressed = np.unique(place)
+    moved = np.zeros((len(mine), 3, len(pressed), 6))  # the points with their body
+    arms = rigid_motions(np.einsum("ka,kar->kr", weights, positions[nodes]), points[place])
+    moved[np.arange(len(mine)), :, np.searchsorted(pressed, place)] = arms
+    motion = moved.reshape(len(mine), 3, 6 * len(pressed))
+    push = np.einsum("krs,ksj->krj", tangents[mine], motion)
+    own = np.einsum("kri,krj->ij", motion, push)
+    if soft is not None and len(mine):
+        forces = np.zeros((len(positions), motion.shape[2], 3))
+        for a in range(nodes.shape[1]):
+            np.add.at(forces, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
+        forces = np.ascontiguousarray(forces.transpose(1, 0, 2))
+        following = soft.response(forces, planes, tick_s)
+        if following is not None:
+            own -= np.einsum("inr,jnr->ij", forces, following)
+    stiffness = np.zeros((6 * len(bodies), 6 * len(bodies)))
+    columns = (6 * pressed[:, None] + np.arange(6)).ravel()
+    stiffness[np.ix_(columns, columns)] = own
+    return stiffness
+
+
+@final
+@dataclass(frozen=True)
+class LightBodiesState:
+    """Where `LightBodies` are: the arguments are its attributes of these names.
+
+    Args:
+        heavy: (bodies that can be moved,), 1 for those that are met where they are.
+        touching: (the same,) [N/m], stiffness of their contacts when they were weighed.
+        ratio: largest contact ratio when they were.
+        known: (b,) bodies of the last S.
+        stiffness: S (6 b, 6 b).
+    """
+
+    heavy: Annotated[IntArray, ("k",)]
+    touching: Annotated[Array, ("k",)]
+    ratio: float
+    known: Annotated[IntArray, ("b",)]
+    stiffness: Annotated[Array, ("n", "n")]
+
+
+@final
+@dataclass(frozen=True)
+class _Trial:
+    """The film's step with bodies that give way to a change of their loads.
+
+    Args:
+        change: l (6 b,), assumed.
+        residual: (6 b,), of the loads.
+        reply: of the soft side; None where it has not stepped.
+    """
+
+    change: Array
+    residual: Array
+    reply: SoftReply | None
+
+
+@final
+class _Step:
+    """The film's step of one tick, taken again with bodies that give way.
+
+    Args:
+        exchange: contacts; where they are now is where they are found.
+        soft: soft side.
+        tick: pose of the flange and loads at the end of the step, without contacts; its length [s].
+        aim: how closely; as an ordinary step unless given.
+    """
+
+    def __init__(
+        self, exchange: ContactExchange, soft: Yielding, tick: tuple[Pose, Loads, float], aim: StepAim | None
+    ) -> None:
+        self._exchange, self._soft, self._aim = exchange, soft, aim
+        self._flange, self._loads, self.tick_s = tick
+        self.before, self._planes = soft.state, exchange.find(soft.state, self.tick_s)
+        self.iterations = self.trials = 0
+        self.bodies: IntArray = np.zeros(0, np.int64)
+        if self._planes is not None:
+            near = np.unique(self._planes.body)
+            self.bodies = near[exchange.arrays.bodies.leads.ahead[near] != 0]
+        if self._planes is not None and len(self.bodies):
+            self._mine = np.flatnonzero(np.isin(self._planes.body, self.bodies))
+            self._place = np.searchsorted(self.bodies, self._planes.body[self._mine])
+            self._centers = exchange.arrays.bodies.centers[self.bodies]
+            self._arm = self._planes.anchor[self._mine] - self._centers[self._place]
+            self._shift = np.zeros_like(self._arm)
+            self._applied = exchange.bodies.applied[self.bodies].ravel()
+            self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies)
+            most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
+            self._tolerance_N = min(_TOLERANCE_N if aim is None else aim.tolerance_N, 0.25 * AGREED_M / most)
+
+    def take(self, change: Array | None = None) -> _Trial:
+        """Take the step with bodies that give way to a change of their loads; to none unless given."""
+        aim = self._aim
+        if change is None:
+            change = np.zeros(6 * len(self.bodies))
+        moved = 0.0
+        if len(self.bodies):
+            moved = self._meet(self.mobility @ change)
+            if self._tolerance_N < _TOLERANCE_N:
+                aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
+        if self.trials:
+            # from where the film was pressed hard it may not come back
+            reached = self._soft.state.positions if moved < _NEAR_M else None
+            self._soft.restore(self.before)
+            aim = StepAim(_TOLERANCE_N if aim is None else aim.tolerance_N, reached)
+        loads = self._loads if self._planes is None else replace(self._loads, contact=self._planes)
+        self.trials += 1
+        if aim is None:
+            reply = self._soft.advance(self._flange, loads, self.tick_s)
+        else:
+            reply = self._soft.advance_closely(self._flange, loads, self.tick_s, aim)
+        self.iterations += reply.iterations
+        reply = replace(reply, iterations=self.iterations)
+        if not len(self.bodies):
+            return _Trial(change, change, reply)
+        return _Trial(change, self.answered(self._soft.state.positions) - self._applied - change, reply)
+
+    def guess(self) -> Array:
+        """Return the change of loads (6 b,) with which bodies give way to a film that keeps its velocity.
+
+        A body of next to no mass hardly changes that; where none is, or none is pressed deep: zero.
+        """
+        x = self.before.positions + self.tick_s * self.before.velocities
+        change = np.zeros(6 * len(self.bodies))
+        if self._planes is None or not len(self.bodies) or self._planes.at(x).depth_m < _NEAR_M:
+            return change
+        if _ratio(self.stiffness(x, alone=True), self.mobility) < _VERY_LIGHT:
+            return change
+        return self.rest_on(x, change)
+
+    def rest_on(self, x: Array, change: Array) -> Array:
+        """Return the change of loads (6 b,) with which bodies give way to a film that stays at x (n, 3) [m].
+
+        Args:
+            x: of the film's nodes.
+            change: to begin with.
+        """
+
+        def rests(change: Array) -> _Trial:
+            self._meet(self.mobility @ change)
+            return _Trial(change, self.answered(x) - self._applied - change, None)
+
+        trial = rests(change)
+        for _ in range(_GUESSES):
+            step = self.newton_step(self.stiffness(x, alone=True), trial.residual)
+            trial = _search(self, rests, trial, step)
+            if self.mismatch_m(step) < _NEAR_M:
+                break
+        return trial.change
+
+    def newton_step(self, stiffness: Array, residual: Array) -> Array:
+        """Return the change of loads (6 b,) that should take a residual away."""
+        return np.linalg.solve(np.eye(len(residual)) + stiffness @ self.mobility, residual)
+
+    def touched(self) -> IntArray:
+        """Return which of the bodies (t,) bear a load."""
+        return self.bodies[self.answered(self._soft.state.positions).reshape(-1, 6).any(axis=1)]
+
+    def presses(self) -> bool:
+        """Return whether the film presses on bodies where the last trial has ended."""
+        assert self._planes is not None, "there are bodies"
+        return bool(self._planes.at(self._soft.state.positions).normal_force[self._mine].any())
+
+    def held_N_m(self) -> float:
+        """Return the trace of the stiffness of the contacts where the last trial has ended."""
+        assert self._planes is not None, "there are bodies"
+        tangents = self._planes.stiffnesses(self._soft.state.positions)[self._mine]
+        return float(np.einsum("kii->", tangents))
+
+    def mismatch_m(self, residual: Array) -> float:
+        """Return how far a residual of loads lets bodies go from where the film has met them."""
+        away = np.abs(self.mobility @ residual).reshape(-1, 6)
+        return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
+
+    def stiffness(self, x: Array, *, alone: bool = False) -> Array:
+        """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of the contacts alone."""
+        assert self._planes is not None, "there are bodies"
+        points = self._exchange.arrays.bodies.centers[self.bodies]
+        soft = None if alone else self._soft
+        return body_stiffness(soft, self._planes, self._planes.stiffnesses(x), (self.bodies, points), x, self.tick_s)
+
+    def answered(self, x: Array) -> Array:
+        """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres of mass."""
+        assert self._planes is not None, "there are bodies"
+        found = self._planes.at(x)
+        force = -found.force[self._mine]
+        arm = found.point[self._mine] - self._exchange.arrays.bodies.centers[self.bodies][self._place]
+        loads = np.zeros((len(self.bodies), 6))
+        np.add.at(loads, self._place, np.concatenate([force, cross(arm, force)], axis=1))
+        return loads.ravel()
+
+    def _meet(self, motion: Array) -> float:
+        """Let the film meet bodies where a motion (6 b,) has brought them; return how far that is from before."""
+        moved = motion.reshape(-1, 6)
+        shift = moved[self._place, :3] + cross(moved[self._place, 3:], self._arm)
+        further, self._shift = shift - self._shift, shift
+        self._exchange.move(self._mine, further)
+        self._exchange.arrays.bodies.centers[self.bodies] = self._centers + moved[:, :3]
+        self._planes = self._exchange.planes
+        return float(np.abs(further).max(initial=0.0))
+
+
+@final
+class LightBodies:
+    """Lets the bodies that the film can move give way to it.
+
+    Args:
+        exchange: contacts.
+        soft: soft side.
+        tick_s: h [s].
+    """
+
+    def __init__(self, exchange: ContactExchange, soft: Yielding, tick_s: float) -> None:
+        self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
+        arrays = exchange.arrays
+        self._movable, self._heavy, self._touching = arrays.movable, arrays.heavy, arrays.touching
+        self._ahead = arrays.bodies.leads.ahead
+        self._known: IntArray = np.zeros(0, np.int64)
+        self._stiffness, self._held = np.zeros((0, 0)), 0.0
+        ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
+        exchange.ask_for_weighing_after(ticks)
+        self.ratio = 0.0
+        self.trials = 1
+        self._meet_ahead()
+
+    def advance(self, flange: Pose, loads: Loads, aim: StepAim | None = None) -> SoftReply:
+        """Take the soft step with the contacts that are there, and load the bodies.
+
+        Args:
+            flange: its pose at the end.
+            loads: then, contacts not counted.
+            aim: how closely; as an ordinary step unless given.
+
+        Raises:
+            ConvergenceError: the film's step has no solution, or bodies and film do not agree.
+        """
+        tick = flange, loads, self._tick_s
+        step = _Step(self._exchange, self._soft, tick, aim)
+        trial = step.take(step.guess())
+        if len(step.bodies):
+            touched = step.touched()
+            if len(touched) and not np.isin(touched, self._known).all():
+                self._learn(step)
+                if self.ratio <= RATIO_BOUND:
+                    self._heavy[np.isin(self._movable, touched)] = 1
+                    self._meet_ahead()
+                    self._soft.restore(step.before)
+                    step = _Step(self._exchange, self._soft, tick, aim)
+                    trial = step.take()
+            if len(step.bodies):
+                trial = self._agree(step, trial)
+        assert trial.reply is not None, "the film has stepped"
+        self.trials = step.trials
+        self._exchange.settle(self._soft.state.positions)
+        self.weigh()
+        return trial.reply
+
+    def weigh(self) -> None:
+        """Find anew which bodies are heavy, where the last tick asks for it."""
+        exchange = self._exchange
+        if not exchange.asks_for_weighing:
+            return
+        held, planes = exchange.held_N_m[self._movable], exchange.sticking
+        loaded = exchange.bodies.bearing[self._movable] != 0
+        self._heavy[~loaded] = 0
+        self._touching[:] = np.where(self._heavy, held, 0.0)
+        exchange.arrays.counts[AGE] = 0
+        touched = self._movable[self._heavy != 0]
+        if planes is not None and len(touched):
+            x = self._soft.state.positions
+            rows = touched, exchange.arrays.bodies.centers[touched]
+            stiffness = body_stiffness(self._soft, planes, planes.tangents(x), rows, x, self._tick_s)
+            self.ratio = _ratio(stiffness, self._tick_s**2 * exchange.bodies.mobility(touched))
+            if self.ratio > RATIO_BOUND:
+                self._heavy[:] = 0
+        self._meet_ahead()
+
+    def save_state(self) -> LightBodiesState:
+        """Return what the next tick depends on."""
+        return LightBodiesState(
+            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness
+        )
+
+    def restore_state(self, state: LightBodiesState) -> None:
+        """Return to a state of `save_state`; the scene has been restored before."""
+        self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
+        self._known, self._stiffness = state.known, state.stiffness
+        self._meet_ahead()
+
+    def _meet_ahead(self) -> None:
+        self._ahead[self._movable] = 1 - self._heavy
+
+    def _learn(self, step: _Step) -> None:
+        """Find S where the last trial has ended."""
+        self._known, self._stiffness = step.bodies, step.stiffness(self._soft.state.positions)
+        self._held = step.held_N_m()
+        self.ratio = _ratio(self._stiffness, step.mobility)
+
+    def _agree(self, step: _Step, trial: _Trial) -> _Trial:
+        """Let bodies give way until they go where the film has met them."""
+        away, fresh = step.mismatch_m(trial.residual), False
+        while away > AGREED_M:
+            if step.trials >= _TRIALS_MAX:
+                raise self._error(step, away)
+            held = step.held_N_m()
+            if not step.presses():  # they have come off: back to where the film is now
+                trial = step.take(step.rest_on(self._soft.state.positions, trial.change))
+                away = step.mismatch_m(trial.residual)
+                continue
+            if not self._held / _OTHER < held < self._held * _OTHER:
+                self._learn(step)
+                fresh = True
+            stiffness = self._known_stiffness(step.bodies)
+            change = step.newton_step(stiffness, trial.residual)
+            trial = _search(step, step.take, trial, change)
+            before, away = away, step.mismatch_m(trial.residual)
+            if fresh and away > 0.5 * before and away < 10.0 * AGREED_M:
+                break  # what the film's own residual leaves
+            fresh = False
+            if away > _FALLS_FAST * before:
+                self._held = 0.0
+        return trial
+
+    def _known_stiffness(self, bodies: IntArray) -> Array:
+        """Return S of bodies (b,), where it is known."""
+        known = np.flatnonzero(np.isin(bodies, self._known))
+        found = np.searchsorted(self._known, bodies[known])
+        mine, rows = ((6 * places[:, None] + np.arange(6)).ravel() for places in (known, found))
+        stiffness = np.zeros((6 * len(bodies), 6 * len(bodies)))
+        stiffness[np.ix_(mine, mine)] = self._stiffness[np.ix_(rows, rows)]
+        return stiffness
+
+    def _error(self, step: _Step, away: float) -> ConvergenceError:
+        names = ", ".join(self._exchange.bodies.names(step.touched()))
+        return ConvergenceError(
+            f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: the bodies "
+            f"would be {1e3 * away:.3g} mm from where the film meets them; try a shorter clock.tick_s, or "
+            f"bodies {self.ratio / RATIO_BOUND:.3g} times as heavy, which need no trials",
+            away,
+            step.iterations,
+        )
+
+
+def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change: Array) -> _Trial:
+    """Return a trial along a change (6 b,) of what was assumed, cut where it goes too far.
+
+    The work of the residual along the motion falls through zero; where it is, is bracketed (Illinois method).
+    """
+    motion = step.mobility @ change
+    work = low_work = float(trial.residual @ motion)
+    low, high, high_work, here = 0.0, 0.0, 0.0, 1.0
+    for _ in range(_CUTS):
+        found = take(trial.change + here * change)
+        now = float(found.residual @ motion)
+        if abs(now) <= _LEFT * work or step.mismatch_m(found.residual) < AGREED_M:
+            break
+        if now < 0.0:
+            high, high_work, low_work = here, now, low_work if high == 0.0 or here > high else 0.5 * low_work
+        elif high == 0.0:
+            break
+        else:
+            low, low_work, high_work = here, now, 0.5 * high_work
+        share = low_work / (low_work - high_work)
+        here = low + (high - low) * min(max(share, 0.05), 0.95)
+    return found
+
+
+def _ratio(stiffness: Array, mobility: Array) -> float:
+    """Return the largest eigenvalue of S C."""
+    return float(np.linalg.eigvals(stiffness @ mobility).real.max(initial=0.0))
