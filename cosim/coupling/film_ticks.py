@@ -257,11 +257,11 @@ def _take_tick(
     contact, found = row.contact, _find(row, way.x[k + 1], way.velocity[k + 1])
     if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
-    if found > 0 and _may_give_way(contact, found, 0):
+    if found[0] > 0 and _may_give_way(contact, found[0], 0):
         return SOFT_HALF_LEFT
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
         return SOFT_STEP_BEGUN
-    if found > 0 and _may_give_way(contact, found, found):
+    if found[0] > 0 and _may_give_way(contact, found[0], found[0]):
         return SOFT_HALF_LEFT
     acting = row.side.held, row.side.work.gradient
     _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])

@@ -366,7 +366,7 @@ class SoftArm(SoftSide):
         """Return in which direction a shape would give way if it was at rest; None: in none."""
         system, state = self._system, SoftState.at_rest(shape, self.state.memory)
         serving, memory = system.serving, system.memory.copy()
-        pairs = None if self._films is None else self._films.static_pairs(shape)
+        pairs = None if self.films is None else self.films.static_pairs(shape)
         loads = replace(loads, self_contact=pairs)
         found = undecided(self._tested, state, loads, world_from_flange.rotation)
         # the next step shall not depend on whether somebody has looked
