@@ -340,6 +340,7 @@ def handing_on_views(function: Function) -> Function:
     return found
 
 
+@cache
 def address_of(kernel: Any) -> int:
     """Return where a kernel's machine code is, compiled or loaded if need be; it stays there."""
     signature = kernel.fixed_signature
