@@ -20,26 +20,19 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
     if scenario.contact.self_contact:
-        from cosim.soft.contact import self_contact_candidates as film_candidates
-        from cosim.soft.contact import self_contact_pairs as film_contact
-        from cosim.soft.contact import self_contact_search as film_search
-        from cosim.soft.linear import multifrontal_kernels as fronts  # pairs of films may make matrices wide
+        from cosim.soft.contact import self_contact_candidates, self_contact_pairs, self_contact_search
+        from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
 
-        modules = film_candidates, film_contact, film_search, fronts
+        modules = self_contact_candidates, self_contact_pairs, self_contact_search, multifrontal_kernels
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 
         modules += (ring_kernels,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, section_energy
-        from cosim.reduced.sections import assembly as chain_figures
-        from cosim.reduced.sections import assembly as chain_shapes
-        from cosim.reduced.sections import section_energy as energy
         from cosim.reduced.solve import newton, time_step
 
-        modules += (
-            assembly, newton, chain_figures, chain_shapes, energy, time_step, section_energy,
-        )  # fmt: skip
+        modules += (assembly, newton, time_step, section_energy)
     if scenario.robot != NO_ARM:
         from cosim.rigid.distance import shapes  # here: it brings MuJoCo
 
@@ -55,11 +48,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
     from cosim.coupling.contact import contact_kernels
-    from cosim.rigid.distance import film_distance, signed_distance
-    from cosim.rigid.distance import shapes as features
-    from cosim.rigid.distance import signed_distance as mesh_distance
+    from cosim.rigid.distance import film_distance, shapes, signed_distance
 
-    return contact_kernels, features, film_distance, mesh_distance, signed_distance
+    return contact_kernels, shapes, film_distance, signed_distance
 
 
 def compile_contact(tell: Callable[[str], None]) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -21,10 +21,6 @@ from cosim.plan.arm_limits import ArmLimits
 from cosim.plan.motion import FlangeWay, JointPath
 from cosim.plan.planning import AnyWay
 from cosim.plan.tip_paths import PoseTrack
-
-if TYPE_CHECKING:
-    from cosim.kinematics.arm import Arm
-
 
 _SAMPLE_s: Final = 0.005
 _MOST_SAMPLES: Final = 20_000
