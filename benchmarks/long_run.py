@@ -39,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from cosim.app.driver import Options, Runnable, build_simulation, execute, rerun_recorder
+from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
 from cosim.build.soft_model import fidelity_body
@@ -47,6 +47,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.kinematics.arm import Arm
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -114,7 +115,7 @@ class Energies:
         of: its scenario.
     """
 
-    def __init__(self, simulation: Runnable, of: Scenario) -> None:
+    def __init__(self, simulation: SteppedRun, of: Scenario) -> None:
         body = fidelity_body(of)
         self._simulation, self._system = simulation, SoftSystem(body)
         self._arm = Arm(find_arm(of.robot), gravity=of.gravity_m_s2)
@@ -158,7 +159,7 @@ class Watch:
         self._joints = np.zeros((0, 0))
         self._first: Array | None = None
 
-    def build(self, of: Scenario) -> Runnable:
+    def build(self, of: Scenario) -> SteppedRun:
         """Build the simulation and keep it in sight."""
         simulation = build_simulation(of)
         self.energies = Energies(simulation, of)

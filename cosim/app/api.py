@@ -122,7 +122,7 @@ def load_run(directory: str | Path) -> RunResult:
     stage = read_stage(ticks[-1])
     arrays = read_parts(ticks, COLUMNS, "tick") | read_parts(frames, FRAME_COLUMNS, "frame_tick")
     check_rows(arrays, ticks, frames, summary["ticks"], _again(where))
-    return RunResult(stage, summary, where, **arrays)
+    return RunResult(stage=stage, summary=summary, directory=where, **arrays)
 
 
 def _summary(where: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -20,13 +20,16 @@ from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenari
 from cosim.base.files import changed_file
 from cosim.base.kept_parts import code_identity
 from cosim.base.resources import is_file
-from cosim.base.state_archive import Stateful, read_archive, read_header, write_archive
+from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_indices, check_state
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
 from cosim.telemetry.tick_batch import TickBatch
+
+if TYPE_CHECKING:
+    from cosim.stepping.stepped_run import SteppedRun
 
 
 def sizes_of(stage: RunInfo) -> dict[str, int]:
@@ -138,17 +141,6 @@ class Origin:
         return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.last)
 
 
-class Saves(Stateful[Any], Protocol):
-    """A simulation, as far as checkpoints need it."""
-
-    @property
-    def saves_now(self) -> bool:
-        """Whether its state is that of the last tick shown: a later one may have begun."""
-
-    def steps(self) -> Iterator[Snapshot]:
-        """Yield the states to come."""
-
-
 @final
 class CheckpointKeeper:
     """Keeps a state in memory now and then, and writes one now and then and when the run ends early.
@@ -164,7 +156,7 @@ class CheckpointKeeper:
 
     def __init__(
         self,
-        simulation: Saves,
+        simulation: SteppedRun,
         summary: SummaryBuilder,
         origin: Origin,
         files: RunFiles,
@@ -301,7 +293,7 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
     return tick
 
 
-def read_checkpoint(directory: Path, simulation: Saves, stage: RunInfo) -> Checkpoint:
+def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> Checkpoint:
     """Return the checkpoint of a run, with the simulation, which has been built, brought to it.
 
     Args:

@@ -29,22 +29,22 @@ from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_chec
 from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, RunFiles
 from cosim.base.files import cache_directory, files_read
 from cosim.base.kept_parts import KeptParts
-from cosim.base.state_archive import Stateful
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.results.array_files import write_arrays
 from cosim.results.result import ResultBuilder
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.build.soft_body import AnyBody, NamedBody
-    from cosim.devices.controller import AnyController, Command, Measurement
+    from cosim.devices.controller import AnyController
     from cosim.plan.decision import Choices
     from cosim.soft.body.body import SoftBody
+    from cosim.stepping.stepped_run import SteppedRun
 
 
 class Observer(Protocol):
@@ -118,41 +118,6 @@ class ArrayRecorder(Recorder):
 Observe = Callable[[TickBatch], None]
 
 
-class Runnable(Stateful[Any], Protocol):
-    """What can be run; `steps`, `batches` and `advance` go on from a restored state."""
-
-    @property
-    def stage(self) -> RunInfo:
-        """Everything that does not change during the run."""
-
-    @property
-    def saves_now(self) -> bool:
-        """Whether `save_state` may be called: not where a tick after the one yielded last has begun."""
-
-    @property
-    def tick(self) -> int | None:
-        """Ticks taken so far; None before the state at rest is known."""
-
-    def steps(self, most: int | None = None) -> Iterator[Snapshot]:
-        """Yield the state before the first tick, unless the run has begun, then that after every tick.
-
-        Args:
-            most: states to yield, and ticks to take for them; None for all.
-        """
-
-    def batches(self, *, most: int | None = None) -> Iterator[TickBatch]:
-        """Yield the same, many ticks of one phase at a time."""
-
-    def advance(self, steps: int) -> Snapshot:
-        """Take some ticks, at least one, and return what is there then."""
-
-    def command(self, command: Command, ticks: int) -> None:
-        """Take up a command for the ticks to come."""
-
-    def measured(self, last: Snapshot) -> Measurement:
-        """Return what is measured after the last tick, which a snapshot shows."""
-
-
 @final
 @dataclass(frozen=True)
 class Termination:
@@ -195,7 +160,7 @@ class RunOutcome:
 
 
 def execute(
-    scenario: Scenario, build: Callable[[Scenario], Runnable], options: Options, started: float
+    scenario: Scenario, build: Callable[[Scenario], SteppedRun], options: Options, started: float
 ) -> RunOutcome:
     """Build and run a scenario, or the rest of it; the files are complete when this returns.
 
@@ -230,7 +195,7 @@ def execute(
 
 def _run(
     scenario: Scenario,
-    simulation: Runnable,
+    simulation: SteppedRun,
     first: TickBatch | None,
     batches: Iterator[TickBatch],
     options: Options,
@@ -290,7 +255,7 @@ def build_simulation(
     body: SoftBody | None = None,
     tell: Callable[[str], None] = lambda _text: None,
     kept: KeptParts | None = None,
-) -> Runnable:
+) -> SteppedRun:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
 
     Args:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final, overload
 
 from cosim.app.checkpoint import Checkpoint, check_shown, naming
-from cosim.app.driver import Runnable, build_simulation, log, named_body, prepared
+from cosim.app.driver import build_simulation, log, named_body, prepared
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
 from cosim.base.state_archive import read_archive, write_archive
@@ -28,6 +28,7 @@ from cosim.telemetry.tick_batch import TickBatch
 if TYPE_CHECKING:
     from cosim.build.soft_body import AnyBody
     from cosim.devices.controller import AnyController, Command, Measurement
+    from cosim.stepping.stepped_run import SteppedRun
 
 
 @final
@@ -118,7 +119,7 @@ class Simulation:
             self._run = self._built(saved._run.choices)
         self.restore(start)
 
-    def _built(self, before: Choices | None) -> Runnable:
+    def _built(self, before: Choices | None) -> SteppedRun:
         body = self._body and self._body.body
         return build_simulation(self.scenario, self._controllers, before, body, log, self._kept)
 

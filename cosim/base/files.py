@@ -13,6 +13,7 @@ Files that are written whole, and data kept in them: readers see all of it, what
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import warnings
@@ -23,6 +24,7 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import BinaryIO, Final, TypeVar
 
+LARGEST_TEXT_BYTES: Final = 4_000_000
 ABSENT: Final = "absent"
 """In place of the digest of a file that cannot be read."""
 
@@ -58,11 +60,23 @@ def note_read(found: Mapping[str, str]) -> None:
         asked.update(found)
 
 
-def read_file(path: Path, most_bytes: int) -> bytes:
-    """Return the contents of a file, up to one byte more than are allowed; whoever reads it checks that.
+def read_text(path: Path) -> str:
+    """Return the contents of a UTF-8 text, without a byte order mark.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: it cannot be read, is longer than any such file needs to be, or is not UTF-8.
+    """
+    try:
+        return read_file(path, LARGEST_TEXT_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise OSError(errno.EILSEQ, f"it is not UTF-8 text: byte {error.start}") from error
+
+
+def read_file(path: Path, most_bytes: int) -> bytes:
+    """Return the contents of a file.
+
+    Raises:
+        OSError: it cannot be read, or is longer than is allowed.
     """
     try:
         with path.open("rb") as stream:
@@ -72,6 +86,8 @@ def read_file(path: Path, most_bytes: int) -> bytes:
         raise
     if _ASKED.get() is not None:
         note_read({_name(path): sha256(data).hexdigest()})
+    if len(data) > most_bytes:
+        raise OSError(errno.EFBIG, f"it is longer than {most_bytes} bytes")
     return data
 
 

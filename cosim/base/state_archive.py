@@ -1,9 +1,8 @@
 """Saved states on disk: arrays and JSON in one .npz file, made from the dataclasses themselves.
 
-What can be saved and restored while it runs.
-
-A state is a frozen dataclass of arrays, numbers, texts, tuples, None and further frozen dataclasses. It may
-share arrays with the object it was taken from: whoever writes to an array in place saves a copy of it.
+What can be saved and restored while it runs goes on from a saved state bit for bit. A state is a frozen
+dataclass of arrays, numbers, texts, tuples, None and further frozen dataclasses. It may share arrays with the
+object it was taken from: whoever writes to an array in place saves a copy of it.
 
 Whatever is made of frozen dataclasses, enums, arrays, numbers, texts, tuples, lists, dictionaries by text and
 None is written and read back bit for bit; an array that occurs twice is stored once, and is one array again.
@@ -25,7 +24,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, TypeVar, final
+from typing import Any, BinaryIO, final
 
 import numpy as np
 from numpy.lib import format as npy
@@ -33,19 +32,6 @@ from numpy.typing import NDArray
 
 from cosim.base.files import whole_file
 from cosim.errors import InputError
-
-State = TypeVar("State")
-
-
-class Stateful(Protocol[State]):
-    """Continues from a saved state as it went on from there the first time, bit for bit."""
-
-    def save_state(self) -> State:
-        """Return everything that the next step depends on."""
-
-    def restore_state(self, state: State) -> None:
-        """Return to a state of `save_state`, of this object or of one that was made alike."""
-
 
 ARCHIVE_SCHEMA = 1
 _STRUCTURE, _SUFFIX = "structure", ".npy"

@@ -128,8 +128,6 @@ def _read(path: Path) -> tuple[Array, list[tuple[str, ...]]]:
         raise MeshError(f"{path.name}: a mesh file ends in {' or '.join(MESH_SUFFIXES)}")
     try:
         data = read_file(path, LARGEST_FILE_BYTES)
-        if len(data) > LARGEST_FILE_BYTES:
-            raise MeshError(f"{path.name}: is longer than {LARGEST_FILE_BYTES} bytes")
         if path.suffix.lower() == ".stl":
             corners = _stl_corners(data)
         else:

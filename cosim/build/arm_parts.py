@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Final, final
+from typing import Final, final
 
 import numpy as np
 
@@ -36,11 +36,6 @@ from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject, Wire
 from cosim.rigid.scene.scene import RigidScene
-
-if TYPE_CHECKING:
-    from cosim.kinematics.arm import Arm, Payload
-    from cosim.rigid.scene.scene import RigidScene
-
 
 STATES: Final = 100
 POSE_BOUND: Final = 1e-9

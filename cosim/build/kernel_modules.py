@@ -20,13 +20,12 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
     if scenario.contact.self_contact:
-        from cosim.soft.contact import self_contact_candidates as film_candidates
-        from cosim.soft.contact import self_contact_pairs as film_contact
-        from cosim.soft.contact import self_contact_search as film_search
-        from cosim.soft.linear import multifrontal_kernels as fronts  # pairs of films may make matrices wide
-        from cosim.soft.solve import self_contact as film_pairs
+        from cosim.soft.contact import self_contact_candidates, self_contact_pairs, self_contact_search
+        from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
+        from cosim.soft.solve import self_contact
 
-        modules = film_candidates, film_contact, film_search, film_pairs, fronts
+        modules = self_contact_candidates, self_contact_pairs, self_contact_search, self_contact
+        modules += (multifrontal_kernels,)
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 
@@ -51,11 +50,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
     from cosim.coupling.contact import contact_kernels
-    from cosim.rigid.distance import film_distance, signed_distance
-    from cosim.rigid.distance import shapes as features
-    from cosim.rigid.distance import signed_distance as mesh_distance
+    from cosim.rigid.distance import film_distance, shapes, signed_distance
 
-    return contact_kernels, features, film_distance, mesh_distance, signed_distance
+    return contact_kernels, shapes, film_distance, signed_distance
 
 
 def compile_contact(tell: Callable[[str], None]) -> None:

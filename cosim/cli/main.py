@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -175,35 +174,19 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _trade(options: argparse.Namespace) -> int:
-    from cosim.app.run_files import default_directory
     from cosim.cli.trade import trade_command  # here, because it loads the kernels
 
-    return trade_command(
-        options.scenario,
-        options.out or default_directory(f"trade_{Path(options.scenario).stem}"),
-        budget=options.budget,
-        tolerance=options.tolerance,
-        force_tolerance=options.force_tolerance,
-        assignments=options.assignments,
-        truth=options.against,
-        quick=options.quick,
-        time_scale=options.scale_time,
-        slowest=options.slowest,
-    )
+    return trade_command(options)
 
 
 def _sweep(options: argparse.Namespace) -> int:
     from cosim.cli.sweep import sweep_command  # here, because it loads numpy
 
-    given = {key: vars(options)[key] for key in ("workers", "modules", "columns", "quiet")}
-    return sweep_command(options.study, options.out, options.engine, **given)
+    return sweep_command(options)
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from cosim.gym.policy import (
-        policy_of,  # here, because it loads Gymnasium and the kernels
-        replay,
-    )
+    from cosim.gym.policy import policy_of, replay  # here, because it loads Gymnasium and the kernels
 
     if options.episodes < 1:
         raise InputError(f"--episodes {options.episodes}: must be at least 1")

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Final, TextIO, final
 
-from cosim.app.driver import prepared
 from cosim.app.progress import clock
 from cosim.cli.screen import draw, tell
 from cosim.errors import OutputError
-from cosim.sweeps.sweeping import SweepOutcome, SweepProgress, run_study, run_task
+from cosim.sweeps.sweeping import SweepOutcome, SweepProgress, sweep
 from cosim.sweeps.table import TABLE, plot_sweep
 
 PLOT: Final = "sweep.png"
@@ -23,44 +22,26 @@ _REDRAW_S: Final = 0.2
 _RETOLD_S: Final = 30.0
 
 
-def sweep_command(
-    study: Path,
-    out: Path | None,
-    engine: str,
-    *,
-    workers: int | None = None,
-    modules: Sequence[str] = (),
-    columns: Sequence[str] = (),
-    quiet: bool = False,
-) -> int:
+def sweep_command(options: argparse.Namespace) -> int:
     """Run a study and return the exit code: 1 if none of its designs is completed.
 
     Args:
-        study: its file.
-        out: directory of the results; None: under runs/.
-        engine: what runs the designs.
-        workers: processes of this machine.
-        modules: with kinds of one's own.
-        columns: to draw, the one to the right first; none: no picture.
-        quiet: show errors only.
+        options: of the command line.
 
     Raises:
         InputError: study, directory, engine or column is wrong.
         OutputError: the results cannot be written.
     """
-    progress = None if quiet else SweepLine(sys.stderr)
+    given = {key: vars(options)[key] for key in ("out", "engine", "workers", "modules")}
     try:
-        run = partial(run_task, prepared)
-        outcome = run_study(
-            run, study, out=out, engine=engine, workers=workers, modules=modules, tell=progress
-        )
+        outcome = sweep(options.study, tell=None if options.quiet else SweepLine(sys.stderr), **given)
     except KeyboardInterrupt:
         tell("cosim: interrupted; the rows so far are kept: the same command goes on")
         raise
-    if not quiet:
+    if not options.quiet:
         tell(_closing_lines(outcome))
-    if columns:
-        _draw(outcome.directory, columns)
+    if options.columns:
+        _draw(outcome.directory, options.columns)
     return 0 if outcome.statuses.get("completed") else 1
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TextIO, final
 
 from cosim.app.driver import build_simulation, recorded
-from cosim.app.run_files import OutputDirectory
+from cosim.app.run_files import OutputDirectory, default_directory
 from cosim.cli.screen import draw as draw_line
 from cosim.cli.screen import printable, tell
 from cosim.config.loading import load_scenario
@@ -17,8 +18,8 @@ from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.recording import colours
-from cosim.trade.candidates import Candidate, Truth, candidates_of
-from cosim.trade.measuring import SLOWEST, Measured, Telling, compile_for_trade, measure
+from cosim.trade.candidates import Candidate, candidates_of
+from cosim.trade.measuring import Measured, Telling, compile_for_trade, measure
 from cosim.trade.report import (
     Requirement,
     as_json,
@@ -35,48 +36,27 @@ from cosim.trade.report import (
 TABLE, FIGURES, PLOT = "trade.md", "trade.json", "trade.png"
 
 
-def trade_command(
-    scenario_name: str,
-    out: Path,
-    *,
-    budget: str | None = None,
-    tolerance: str | None = None,
-    force_tolerance: str | None = None,
-    assignments: Sequence[str] = (),
-    quick: bool = False,
-    time_scale: float = 1.0,
-    truth: Truth = "finest",
-    slowest: str = f"{SLOWEST}x",
-) -> int:
+def trade_command(options: argparse.Namespace) -> int:
     """Run a scenario's candidates, write table, JSON and plot; return 1 if none meets the requirement.
 
     Args:
-        scenario_name: name or path.
-        out: directory of the results.
-        budget: least real-time factor, such as "1.0x".
-        tolerance: largest tip error, such as "1mm".
-        force_tolerance: largest error of the flange force's mean over 40 ms, such as "0.1N".
-        assignments: changes to the scenario, texts of the form key=value.
-        quick: fewer candidates.
-        time_scale: factor on the duration of every phase.
-        truth: what a choice is measured against.
-        slowest: real-time factor below which a candidate is stopped, such as "0.05x".
+        options: of the command line.
 
     Raises:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
-    requirement = _requirement(budget, tolerance, force_tolerance)
-    bound = parse_budget(slowest)
-    scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
+    requirement, bound = _requirement(options), parse_budget(options.slowest)
+    scenario = load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
     check_ends(scenario)
     scenario = replace(scenario, fidelity="lumped", auto=None)
-    candidates = candidates_of(scenario, quick=quick, time_scale=time_scale, truth=truth)
+    candidates = candidates_of(
+        scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against
+    )
+    out = options.out or default_directory(f"trade_{Path(options.scenario).stem}")
     with OutputDirectory(out) as directory:
         compile_for_trade(scenario, tell, (colours,))
-        progress = TradeProgress(sys.stderr, len(candidates))
-        results = measure(
-            scenario, candidates, build_simulation, progress.telling, follow=recorded, slowest=bound
-        )
+        telling = TradeProgress(sys.stderr, len(candidates)).telling
+        results = measure(scenario, candidates, build_simulation, telling, follow=recorded, slowest=bound)
         _write(directory, scenario, results, requirement)
     if requirement is None:
         return 0
@@ -92,9 +72,8 @@ def _write(
     requirement: Requirement | None,
 ) -> None:
     table = markdown(scenario.title, results)
-    print(
-        printable(table), flush=True
-    )  # before anything is written: what took long must not be lost with a full disk
+    # before anything is written: what took long must not be lost with a full disk
+    print(printable(table), flush=True)
     directory.make()
     directory.claim(TABLE, FIGURES, PLOT)
     directory.write(TABLE, table)
@@ -105,14 +84,11 @@ def _write(
         tell("no plot: it needs matplotlib (pip install matplotlib)")
 
 
-def _requirement(budget: str | None, tolerance: str | None, force: str | None) -> Requirement | None:
-    if budget is None and tolerance is None and force is None:
-        return None
-    return Requirement(
-        None if budget is None else parse_budget(budget),
-        None if tolerance is None else parse_tolerance(tolerance),
-        None if force is None else parse_force(force),
-    )
+def _requirement(options: argparse.Namespace) -> Requirement | None:
+    given = (options.budget, options.tolerance, options.force_tolerance)
+    readers = (parse_budget, parse_tolerance, parse_force)
+    values = [None if text is None else read(text) for text, read in zip(given, readers, strict=True)]
+    return None if values == [None] * 3 else Requirement(*values)
 
 
 @final

@@ -35,7 +35,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeVar, final
 
-from cosim.base.files import note_file, read_file
+from cosim.base.files import note_file, read_text
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
 from cosim.config.arms.arm_files import with_arm_path
 from cosim.config.rules import check_scenario
@@ -47,7 +47,6 @@ from cosim.config.studies import StudyTable, is_study, load_study
 from cosim.config.toml.keys import describe, join, label
 from cosim.config.toml.parsing import KindTable, name_of, parse, register_kind, with_unknown
 from cosim.config.toml.reading import (
-    LARGEST_FILE_BYTES,
     UNKNOWN,
     Faults,
     NotKnown,
@@ -170,15 +169,9 @@ def read_tip_path(file: Path, key: str) -> tuple[list[list[float]], list[list[fl
         ScenarioError: it cannot be read, or lacks columns or numbers.
     """
     try:
-        data = read_file(file, LARGEST_FILE_BYTES)
-        if len(data) > LARGEST_FILE_BYTES:
-            raise ScenarioError(
-                key, f"{file.name} is longer than {LARGEST_FILE_BYTES} bytes; take fewer points"
-            )
-        text = data.decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ScenarioError(key, f"{str(file)!r} cannot be read: {reason}") from error
+        text = read_text(file)
+    except OSError as error:
+        raise ScenarioError(key, f"{str(file)!r} cannot be read: {error.strerror}") from error
     lines = [
         (k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"
     ]

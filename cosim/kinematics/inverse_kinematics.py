@@ -6,7 +6,7 @@ A configuration far from singularities and joint limits, for arms whose files na
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -19,36 +19,14 @@ _FULL_TURN = 2.0 * np.pi
 _CONVERGED = 1e-18  # squared error; steps converge quadratically, so the last digits are cheap
 _LARGEST_STEP_rad = 0.5  # of a joint from one pose of a path to the next
 _MARGIN = 1e-9  # rad, rounding of a limit
+_TOLERANCE = 1e-6  # accepted error of position [m] and rotation [rad]
+_DAMPING = 0.03  # factor c of lambda = c |error|^2
+_ITERATIONS = 60  # at most, per start
+_PATIENCE = 12  # a start is given up when the squared error has not fallen to 0.3 of its value so long ago
+_NEAR_rad = 0.5  # a solution no joint of which is farther from the seed is taken at once
+RESTARTS = 200  # at most, beyond the start from the seed
 
 PoseError = Callable[[Array], tuple[Array, Array]]
-
-
-@dataclass(frozen=True)
-class InverseKinematicsOptions:
-    """How hard to look for a configuration.
-
-    Args:
-        tolerance_m: accepted position error [m].
-        tolerance_rad: accepted rotation error [rad].
-        damping: factor c of the damping lambda = c |error|^2.
-        iterations: at most, per start.
-        patience: a start is given up when the squared error has not fallen to 0.3 of its value so many
-            iterations ago.
-        restarts: at most, beyond the start from the seed.
-        near_rad: a solution no joint of which is farther from the seed is taken at once.
-        candidates: otherwise this many solutions are compared and the nearest to the seed is taken.
-        random_seed: of the restarts; equal seeds give equal solutions.
-    """
-
-    tolerance_m: float = 1e-6
-    tolerance_rad: float = 1e-6
-    damping: float = 0.03
-    iterations: int = 60
-    patience: int = 12
-    restarts: int = 200
-    near_rad: float = 0.5
-    candidates: int = 4
-    random_seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,7 +58,7 @@ class _Search:
     iterations: int = 0
 
 
-def solve(arm: Arm, target: Pose, seed: Array, options: InverseKinematicsOptions | None = None) -> Solution:
+def solve(arm: Arm, target: Pose, seed: Array, candidates: int = 4, restarts: int = RESTARTS) -> Solution:
     """Return a configuration near the seed whose flange is at a pose.
 
     Steps dq = -J^T (J J^T + lambda I)^-1 e with e = log(flange_from_target) and lambda = c |e|^2
@@ -92,32 +70,31 @@ def solve(arm: Arm, target: Pose, seed: Array, options: InverseKinematicsOptions
         arm: the arm.
         target: world_from_flange.
         seed: (joints,) [rad].
-        options: defaults unless given.
+        candidates: solutions that are compared, unless one is near the seed; the nearest is taken.
+        restarts: at most, beyond the start from the seed; equal ones each time.
 
     Raises:
         InputError: the target or the seed is not finite, or the seed has the wrong length.
         UnreachableError: nothing found; `closest` holds the closest pose.
     """
-    chosen = options or InverseKinematicsOptions()
     start = _checked_seed(arm, target, seed)
     error = arm.error_towards(target)
-    rng = np.random.default_rng(chosen.random_seed)
+    rng = np.random.default_rng(0)
     search = _Search([], start)
-    in_reach = bool(np.linalg.norm(target.translation - arm.shoulder) <= arm.reach + chosen.tolerance_m)
+    in_reach = bool(np.linalg.norm(target.translation - arm.shoulder) <= arm.reach + _TOLERANCE)
     # Out of reach, a few starts serve to name the closest pose.
-    restarts = chosen.restarts if in_reach else min(4, chosen.restarts)
     attempt = 0
-    for attempt in range(restarts + 1):
+    for attempt in range((restarts if in_reach else min(4, restarts)) + 1):
         guess = _scattered(arm, start, min(np.pi, 0.4 * attempt), rng) if attempt else start
-        found = _descend(arm, error, np.clip(guess, arm.lower, arm.upper), chosen, search)
+        found = _descend(arm, error, np.clip(guess, arm.lower, arm.upper), search)
         if found is not None:
             search.solutions.append(_nearest_turn(arm, found, start))
-            near = np.max(np.abs(search.solutions[-1] - start)) <= chosen.near_rad
-            if near or len(search.solutions) >= chosen.candidates:
+            near = np.max(np.abs(search.solutions[-1] - start)) <= _NEAR_rad
+            if near or len(search.solutions) >= candidates:
                 break
     if not search.solutions:
         # The starts are given up early; finish the best one, which also makes the pose named the closest.
-        found = _descend(arm, error, search.best, _thorough(chosen), search)
+        found = _descend(arm, error, search.best, search, thorough=True)
         if found is None:
             raise _unreachable(arm, target, search, _reason(arm, target, attempt, in_reach))
         search.solutions.append(_nearest_turn(arm, found, start))
@@ -138,13 +115,12 @@ def follow(arm: Arm, path: Sequence[Pose], start: Array) -> Array:
         InputError: a pose or the start is not finite, or the start has the wrong length.
         UnreachableError: the branch ends (singularity or joint limit) or a joint would have to jump.
     """
-    options = InverseKinematicsOptions()
     q, configurations = start, []
     for index, target in enumerate(path):
         seed = _checked_seed(arm, target, q)
         error = arm.error_towards(target)
         search = _Search([], seed)
-        found = _descend(arm, error, seed, options, search)
+        found = _descend(arm, error, seed, search)
         if found is None:
             reason = f"the branch followed ends before pose {index} of the path"
             raise _unreachable(arm, target, search, reason)
@@ -175,26 +151,28 @@ def _checked_seed(arm: Arm, target: Pose, seed: Array) -> Array:
 
 
 def _descend(
-    arm: Arm, error: PoseError, start: Array, options: InverseKinematicsOptions, search: _Search
+    arm: Arm, error: PoseError, start: Array, search: _Search, *, thorough: bool = False
 ) -> Array | None:
     """Return where the steps from a start converge to, or None; the best point goes into `search`."""
     q, history = start, []
     limited = np.flatnonzero(~arm.turns_fully)
-    for _ in range(options.iterations):
+    iterations = _ITERATIONS * (2 if thorough else 1)
+    patience = iterations if thorough else _PATIENCE
+    for _ in range(iterations):
         deviation, derivative = error(q)
         squared = float(deviation @ deviation)
         search.iterations += 1
         if squared < search.best_error:
             search.best, search.best_error = q, squared
         history.append(squared)
-        stalled = len(history) > options.patience and squared > 0.3 * history[-1 - options.patience]
+        stalled = len(history) > patience and squared > 0.3 * history[-1 - patience]
         if squared < _CONVERGED or stalled:
             break
-        q = q + _step(deviation, derivative, options.damping * squared)
+        q = q + _step(deviation, derivative, _DAMPING * squared)
         if limited.size:
             q[limited] = np.clip(q[limited], arm.lower[limited], arm.upper[limited])
     position, rotation = np.linalg.norm(deviation[:3]), np.linalg.norm(deviation[3:])
-    return q if position <= options.tolerance_m and rotation <= options.tolerance_rad else None
+    return q if position <= _TOLERANCE and rotation <= _TOLERANCE else None
 
 
 def _step(deviation: Array, derivative: Array, damping: float) -> Array:
@@ -229,10 +207,6 @@ def _distance(arm: Arm, q: Array, target: Pose) -> tuple[float, float]:
     pose = arm.forward(q)
     position = float(np.linalg.norm(pose.translation - target.translation))
     return position, float(np.linalg.norm(vector_from_rotation(pose.rotation.T @ target.rotation)))
-
-
-def _thorough(options: InverseKinematicsOptions) -> InverseKinematicsOptions:
-    return replace(options, iterations=2 * options.iterations, patience=2 * options.iterations)
 
 
 def _reason(arm: Arm, target: Pose, restarts: int, in_reach: bool) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,19 +16,14 @@ from scipy.interpolate import CubicSpline
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
-from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
+from cosim.kinematics.inverse_kinematics import follow, solve
 from cosim.plan.arm_limits import ArmLimits
 from cosim.plan.motion import FlangeWay, JointPath
 from cosim.plan.planning import AnyWay
 from cosim.plan.tip_paths import PoseTrack
 
-if TYPE_CHECKING:
-    from cosim.kinematics.arm import Arm
-
-
 _SAMPLE_s: Final = 0.005
 _MOST_SAMPLES: Final = 20_000
-_ONE: Final = InverseKinematicsOptions(candidates=1)
 
 
 def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str) -> JointPath:
@@ -51,7 +46,7 @@ def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str) -> JointPath:
         except UnreachableError as error:
             place = track.instant(k / count)
             try:
-                solve(arm, pose, knots[-1], _ONE)
+                solve(arm, pose, knots[-1], candidates=1)
             except UnreachableError as far:
                 remedy = "bring the path nearer to the arm, or turn its directions"
                 raise UnreachableError(f"{key}: {place}: {far}; {remedy}", far.closest) from far
@@ -103,8 +98,6 @@ def _below(value: float) -> str:
 _START_CONFIGURATIONS = 12
 _FINER = 2  # pieces of a way whose velocity is to be even
 _SINGULAR = 1e-3  # of the Jacobian's largest singular value: no velocity is asked for that way
-_END_OPTIONS = InverseKinematicsOptions(candidates=1)
-_ROLL_OPTIONS = InverseKinematicsOptions(candidates=1, restarts=20)
 _ROLLS = tuple(sign * quarter * math.pi / 4.0 for quarter in (2, 4, 1, 3) for sign in (1.0, -1.0))  # tried
 
 
@@ -151,7 +144,7 @@ def _rolled_otherwise(arm: Arm, start: Pose) -> str:
     for turn in _ROLLS:
         roll = Pose(rotation_from_vector(np.array([0.0, 0.0, turn])), np.zeros(3))
         with suppress(UnreachableError):
-            solve(arm, start @ roll, arm.home, _ROLL_OPTIONS)
+            solve(arm, start @ roll, arm.home, candidates=1, restarts=20)
             return f"; with its roll_rad {abs(turn):.2f} {'more' if turn > 0.0 else 'less'} it can be there"
     return ""
 
@@ -177,7 +170,7 @@ def _check_ends(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int]
 
 def _check_end(arm: Arm, index: int, way: AnyWay, seed: Array, blame: Callable[[int], str]) -> None:
     try:
-        solve(arm, way.end, seed, _END_OPTIONS)
+        solve(arm, way.end, seed, candidates=1)
     except UnreachableError as error:
         raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
 

@@ -17,7 +17,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from cosim.base.frames import Array, rotation_from_quaternion
-from cosim.recording.colours import BACKGROUND, WHITE, stress_scale
+from cosim.recording.colours import BACKGROUND, STRESS_RANGE_PA, WHITE, stress_scale
 from cosim.recording.plots import Plot
 from cosim.soft.geometry.surface import triangle_area
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -121,17 +121,12 @@ LEGEND_X: Final = (-20.0, _WIDTH + 20.0)
 LEGEND_Y: Final = (-4.0, _HEIGHT + 26.0)
 
 
-def log_stress_legend(stream: rr.RecordingStream, stress_range_Pa: tuple[float, float]) -> None:
-    """Log the scale with evenly spaced numbers.
-
-    Args:
-        stream: to write to.
-        stress_range_Pa: stress of the first and last colour [Pa].
-    """
+def log_stress_legend(stream: rr.RecordingStream) -> None:
+    """Log the scale with evenly spaced numbers."""
     row = stress_scale(_WIDTH)[:, :3]
     stream.log(f"{PATH}/colours", rr.Image(np.tile(row, (_HEIGHT, 1, 1))), static=True)
     fraction = np.linspace(0.0, 1.0, _TICKS)
-    low, high = stress_range_Pa
+    low, high = STRESS_RANGE_PA
     x, y = fraction * _WIDTH, np.full(_TICKS, _HEIGHT + 4.0)
     labels = [f"{1e-6 * (low + s * (high - low)):.3g}" for s in fraction]
     ticks = rr.Points2D(

@@ -87,6 +87,9 @@ def _linear_srgb(lightness: Array, chroma: Array, hue: Array) -> Array:
     return np.asarray(cone_roots**3 @ to_srgb.T)
 
 
+STRESS_RANGE_PA: Final = (0.0, 25e6)
+"""Stress of the first and last colour of the film; fixed, so that colours can be compared over whole runs."""
+
 _LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])
 _AMBIENT: Final = 0.62
 """Light that reaches every face: high, so that shading does not hide the scale."""
@@ -98,17 +101,14 @@ def colour_nodes(
     triangles: IndexTable,
     stress: Matrix,
     weight: Vector,
-    stress_range: Vector,
     scale: Matrix,
-    light: Vector,
-    ambient: float,
     packed: Annotated[NDArray[np.uint32], numba.uint32[:, ::1]],
 ) -> None:
     """Fill packed (k, n) with the colour of each node in k frames as 0xRRGGBBAA; see `MembraneColours`.
 
     weight: (n,) one over the number of triangles; scale: (colours, 3).
     """
-    last = scale.shape[0] - 1
+    last, (low, high), light, ambient = scale.shape[0] - 1, STRESS_RANGE_PA, _LIGHT, _AMBIENT
     sums = np.empty((x.shape[1], 4))
     for f in range(x.shape[0]):
         sums[:] = 0.0
@@ -123,7 +123,7 @@ def colour_nodes(
                 sums[node, 2] += n1
                 sums[node, 3] += n2
         for i in range(x.shape[1]):
-            place = (sums[i, 0] * weight[i] - stress_range[0]) / (stress_range[1] - stress_range[0])
+            place = (sums[i, 0] * weight[i] - low) / (high - low)
             index = 0
             if place > 0.0:  # what is not a number is not
                 index = int(min(place, 1.0) * last + 0.5)
@@ -144,12 +144,10 @@ class MembraneColours:
     Args:
         triangles: (m, 3) node indices, outward orientation.
         nodes: number of nodes.
-        stress_range_Pa: stress of the first and last colour of the scale [Pa].
     """
 
-    def __init__(self, triangles: IntArray, nodes: int, stress_range_Pa: tuple[float, float]) -> None:
+    def __init__(self, triangles: IntArray, nodes: int) -> None:
         self._triangles = np.ascontiguousarray(triangles, dtype=np.int64)
-        self._range = np.array(stress_range_Pa)
         self._scale = stress_scale()[:, :3].astype(np.float64)
         self._share = 1.0 / np.maximum(np.bincount(self._triangles.ravel(), minlength=nodes), 1)
 
@@ -161,15 +159,5 @@ class MembraneColours:
             stress: (k, m) [Pa]; each node shows the mean of its triangles.
         """
         packed = np.empty(positions.shape[:2], dtype=np.uint32)
-        colour_nodes(
-            positions,
-            self._triangles,
-            stress,
-            self._share,
-            self._range,
-            self._scale,
-            _LIGHT,
-            _AMBIENT,
-            packed,
-        )
+        colour_nodes(positions, self._triangles, stress, self._share, self._scale, packed)
         return packed

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -36,26 +37,27 @@ class Plot:
     Args:
         entity: path under `/plots`; one below another plot's path joins that plot.
         title: with the unit; empty if the curves join another plot.
-        tab: the tab it is shown in.
         series: name of each curve.
-        colours: of each curve.
         values: the curves' values in a batch of k ticks, (k, series) or for one curve (k,), in the
             title's unit; not a number: no point.
+        colours: of each curve; none: those of a series.
         legend: whether the plot names its curves.
         peaks: whether crowded curves show their largest value rather than their range.
+        tab: the tab it is shown in.
     """
 
     entity: str
     title: str
-    tab: str
     series: tuple[str, ...]
-    colours: Sequence[Colour]
     values: Callable[[TickBatch], Array]
+    colours: Sequence[Colour] = ()
     legend: bool = True
     peaks: bool = False
+    tab: str = ""
 
 
-_TAB: Final = "Devices"
+_XYZ: Final = ("x", "y", "z")
+_RGB: Final = (VERMILION, GREEN, SKY)
 _SHOWN: Final[dict[str, tuple[str, float]]] = {
     "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
     "tip_height_m": ("Tip height [mm]", 1e3),
@@ -76,13 +78,9 @@ def _plot(
     title: str,
     series: tuple[str, ...],
     values: Callable[[ActuationReport], Array | tuple[float, ...]],
-    colours: Sequence[Colour] | None = None,
+    colours: Sequence[Colour] = (),
 ) -> Plot:
-    def of(batch: TickBatch) -> Array:
-        return np.array([values(report) for report in _reports(batch)])
-
-    shown = series_colours(len(series)) if colours is None else colours
-    return Plot(entity, title, _TAB, series, shown, of)
+    return Plot(entity, title, series, lambda batch: np.array(list(map(values, _reports(batch)))), colours)
 
 
 def _reports(batch: TickBatch) -> list[ActuationReport]:
@@ -111,8 +109,8 @@ def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tup
 
     entity = f"control/{quantity}"
     return (
-        Plot(entity, title, _TAB, ("measured",), [SKY], measured),
-        Plot(f"{entity}/setpoint", "", _TAB, ("setpoint",), [ORANGE], setpoint),
+        Plot(entity, title, ("measured",), measured, [SKY]),
+        Plot(f"{entity}/setpoint", "", ("setpoint",), setpoint, [ORANGE]),
     )
 
 
@@ -153,7 +151,7 @@ def _pump_plots(names: DeviceNames) -> list[Plot]:
     def delivered(devices: ActuationReport) -> tuple[float, ...]:
         return tuple(1e6 * pump.delivered_kg for pump in devices.pumps)
 
-    colours = [GREEN, ORANGE] if len(on) == 2 else None
+    colours = [GREEN, ORANGE] if len(on) == 2 else ()
     return [
         _plot("pump", "Pump on [1]", on, running, colours),
         _plot("gas_delivered", "Gas delivered [mg]", names.pumps, delivered),
@@ -173,152 +171,69 @@ def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
         stage: what is run.
         joints: of the arm; 0 without one.
     """
-    plots = (*_robot_plots(stage), *device_plots(stage), *_interface_plots(), *_run_plots(stage, joints))
-    return plots if joints else tuple(plot for plot in plots if plot.entity not in _OF_AN_ARM)
+    tabs = {
+        "Robot": _robot_plots(stage),
+        "Devices": device_plots(stage),
+        "Interface": _interface_plots(),
+        "Run": _run_plots(stage, joints),
+    }
+    return tuple(
+        replace(plot, tab=tab, colours=plot.colours or series_colours(len(plot.series)))
+        for tab, plots in tabs.items()
+        for plot in plots
+        if joints or plot.entity not in _OF_AN_ARM
+    )
 
 
 def _robot_plots(stage: RunInfo) -> list[Plot]:
-    cables = len(stage.cables)
+    chambers, cables = stage.chamber_names, range(1, len(stage.cables) + 1)
+    names = stage.cable_names or tuple(f"cable {k}" for k in cables)
+    many = len(chambers) > 1
+    gauge, inside = (chambers, chambers) if many else (("gauge pressure",), ("volume",))
+    blue, green = ((), ()) if many else ((SKY,), (GREEN,))
     plots = [
-        *_gas_plots(stage.chamber_names),
-        Plot(
-            "tip_position",
-            "Tip position, world [mm]",
-            "Robot",
-            ("x", "y", "z"),
-            [VERMILION, GREEN, SKY],
-            lambda b: 1e3 * b.tip_position,
-        ),
+        Plot("pressure", "Pressure [kPa]", gauge, lambda b: 1e-3 * b.chamber_pressure_Pa, blue, many),
+        Plot("volume", "Chamber volume [ml]", inside, lambda b: 1e6 * b.chamber_volume_m3, green, many),
+        Plot("tension", "Cable tension [N]", names, lambda b: b.cable_tension_N),
+        Plot("tip_position", "Tip position, world [mm]", _XYZ, lambda b: 1e3 * b.tip_position, _RGB),
+        Plot("sag", "Sag [mm]", ("sag",), lambda b: 1e3 * b.sag_m, [ORANGE]),
+        Plot("sag/target", "", ("tip to target",), lambda b: 1e3 * target_distance(b), [GREEN]),
     ]
-    if cables:
-        names = stage.cable_names or tuple(f"cable {k + 1}" for k in range(cables))
-        tension = Plot(
-            "tension",
-            "Cable tension [N]",
-            "Robot",
-            names,
-            series_colours(cables),
-            lambda b: b.cable_tension_N,
-        )
-        plots.insert(2, tension)
-    plots += [
-        Plot("sag", "Sag [mm]", "Robot", ("sag",), [ORANGE], lambda b: 1e3 * b.sag_m),
-        Plot("sag/target", "", "Robot", ("tip to target",), [GREEN], lambda b: 1e3 * target_distance(b)),
-    ]
-    return plots
-
-
-def _gas_plots(chambers: tuple[str, ...]) -> list[Plot]:
-    several = len(chambers) > 1
-    return [
-        Plot(
-            "pressure",
-            "Pressure [kPa]",
-            "Robot",
-            chambers if several else ("gauge pressure",),
-            series_colours(len(chambers)) if several else [SKY],
-            lambda b: 1e-3 * b.chamber_pressure_Pa,
-            legend=several,
-        ),
-        Plot(
-            "volume",
-            "Chamber volume [ml]",
-            "Robot",
-            chambers if several else ("volume",),
-            series_colours(len(chambers)) if several else [GREEN],
-            lambda b: 1e6 * b.chamber_volume_m3,
-            legend=several,
-        ),
-    ]
+    return [plot for plot in plots if plot.series]
 
 
 def _interface_plots() -> list[Plot]:
+    ratio, lost = "Stability ratio of the coupling", "Power lost at the interface [W]"
     return [
-        Plot(
-            "flange_force",
-            "Force on the flange, world [N]",
-            "Interface",
-            ("x", "y", "z"),
-            [VERMILION, GREEN, SKY],
-            lambda b: b.flange_force,
-        ),
-        Plot(
-            "flange_torque",
-            "Torque on the flange, world [N m]",
-            "Interface",
-            ("x", "y", "z"),
-            [VERMILION, GREEN, SKY],
-            lambda b: b.flange_torque,
-        ),
-        Plot(
-            "power_error",
-            "Power lost at the interface [W]",
-            "Interface",
-            ("power error",),
-            [PINK],
-            lambda b: b.power_error_W,
-            legend=False,
-        ),
-        Plot(
-            "stability",
-            "Stability ratio of the coupling",
-            "Interface",
-            ("mass ratio",),
-            [ORANGE],
-            lambda b: b.stability_ratio,
-            legend=False,
-        ),
+        Plot("flange_force", "Force on the flange, world [N]", _XYZ, lambda b: b.flange_force, _RGB),
+        Plot("flange_torque", "Torque on the flange, world [N m]", _XYZ, lambda b: b.flange_torque, _RGB),
+        Plot("power_error", lost, ("power error",), lambda b: b.power_error_W, [PINK], legend=False),
+        Plot("stability", ratio, ("mass ratio",), lambda b: b.stability_ratio, [ORANGE], legend=False),
     ]
 
 
 def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:
-    real_time = stage.mode == "dynamic"
-    cost = Plot(
-        "tick_cost",
-        "Cost of a tick [ms]",
-        "Run",
-        ("wall time", "tick length") if real_time else ("wall time",),
-        [ORANGE, GREY],
-        lambda b: cost_ms(b, stage.tick_s if real_time else None),
-        peaks=True,
-    )
-    tracking = Plot(
-        "joint_error",
-        "Joint error [mrad]",
-        "Run",
-        tuple(f"joint {k + 1}" for k in range(joints)),
-        series_colours(joints),
-        lambda b: 1e3 * (b.joint_position - b.joint_target),
-    )
-    return [*_solver_plots(), cost, tracking]
-
-
-def _solver_plots() -> list[Plot]:
+    tick_s = stage.tick_s if stage.mode == "dynamic" else None
+    wall = ("wall time",) if tick_s is None else ("wall time", "tick length")
+    names = tuple(f"joint {k + 1}" for k in range(joints))
+    left, iterations = "Out-of-balance force [log10 N]", "Newton iterations per tick"
     return [
-        Plot(
-            "residual",
-            "Out-of-balance force [log10 N]",
-            "Run",
-            ("residual",),
-            [SKY],
-            lambda b: np.log10(np.maximum(b.residual_N, SMALLEST_RESIDUAL_N)),
-            legend=False,
-            peaks=True,
-        ),
-        Plot(
-            "newton",
-            "Newton iterations per tick",
-            "Run",
-            ("iterations",),
-            [WHITE],
-            lambda b: b.newton_iterations.astype(np.float64),
-            legend=False,
-            peaks=True,
-        ),
+        Plot("residual", left, ("residual",), _log_residual, [SKY], legend=False, peaks=True),
+        Plot("newton", iterations, ("iterations",), _iterations, [WHITE], legend=False, peaks=True),
+        Plot("tick_cost", "Cost of a tick [ms]", wall, partial(_cost_ms, tick_s), [ORANGE, GREY], peaks=True),
+        Plot("joint_error", "Joint error [mrad]", names, lambda b: 1e3 * (b.joint_position - b.joint_target)),
     ]
 
 
-def cost_ms(batch: TickBatch, tick_s: float | None) -> Array:
+def _log_residual(batch: TickBatch) -> Array:
+    return np.log10(np.maximum(batch.residual_N, SMALLEST_RESIDUAL_N))
+
+
+def _iterations(batch: TickBatch) -> Array:
+    return batch.newton_iterations.astype(np.float64)
+
+
+def _cost_ms(tick_s: float | None, batch: TickBatch) -> Array:
     """Return the wall time of ticks [ms]; (k, 2) with the length of a tick if that is given, else (k,)."""
     wall = 1e3 * batch.tick_wall_s
     return wall if tick_s is None else np.stack([wall, np.full(len(batch), 1e3 * tick_s)], axis=1)

@@ -25,7 +25,6 @@ from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 APPLICATION_ID: Final = "cosim"
-STRESS_RANGE_PA: Final = (0.0, 25e6)
 FRAMES_PER_S: Final = 60.0
 _SECOND_NS: Final = 1_000_000_000
 _GATHERED_S: Final = 1.0
@@ -55,14 +54,12 @@ class RerunRecorder(Recorder):
     Args:
         path: of the file; missing folders are made, an old file is replaced.
         frames_per_s: frames of the scene per simulated second.
-        stress_range_Pa: stress of the first and last colour of the film; fixed, so that colours can
-            be compared over the whole run.
         part: of the run, so that its recordings open as one; None for a recording that stands alone.
         viewer: address of a viewer that is shown the run at once; None for the file alone. A viewer that is
             closed meanwhile ends nothing.
 
     Raises:
-        InputError: the frame rate or the stress range is impossible.
+        InputError: the frame rate is impossible.
     """
 
     def __init__(
@@ -70,17 +67,13 @@ class RerunRecorder(Recorder):
         path: Path,
         *,
         frames_per_s: float = FRAMES_PER_S,
-        stress_range_Pa: tuple[float, float] = STRESS_RANGE_PA,
         part: RecordingPart | None = None,
         viewer: str | None = None,
     ) -> None:
         if not 0.0 < frames_per_s < np.inf:
             raise InputError(f"frames_per_s is {frames_per_s}; it must be above 0")
-        if not -np.inf < stress_range_Pa[0] < stress_range_Pa[1] < np.inf:
-            raise InputError(f"stress_range_Pa is {stress_range_Pa}; the second must exceed the first")
         self._path = path
         self._frame_ns = _SECOND_NS / frames_per_s
-        self._stress_range_Pa = stress_range_Pa
         self._part = part
         self._viewer = viewer
         self._run: _Run | None = None
@@ -93,7 +86,7 @@ class RerunRecorder(Recorder):
         with _named(self._path):
             viewers = [] if self._viewer is None else [rr.GrpcSink(self._viewer)]
             stream.set_sinks(rr.FileSink(self._path), *viewers)
-        self._run = _Run(stream, stage, self._frame_ns, self._stress_range_Pa, self._viewer)
+        self._run = _Run(stream, stage, self._frame_ns, self._viewer)
         if part is not None and part.before is not None:
             self._run.go_on(*part.before)
 
@@ -157,7 +150,6 @@ class _Run:
         stream: rr.RecordingStream,
         stage: RunInfo,
         frame_ns: float,
-        stress_range_Pa: tuple[float, float],
         viewer: str | None,
     ) -> None:
         self._stream = stream
@@ -165,7 +157,6 @@ class _Run:
         self._gathered_s = _GATHERED_S if viewer is None else _SHOWN_S
         self._stage = stage
         self._frame_ns = frame_ns
-        self._stress_range_Pa = stress_range_Pa
         self._tick_ns = round(stage.tick_s * _SECOND_NS)
         self._curves: PlotBuffer | None = None
         self._scene: Scene | None = None
@@ -237,7 +228,7 @@ class _Run:
         )
         stream.send_property("run", parameters)
         stream.send_property("outcome", rr.AnyValues(status="running"))
-        log_stress_legend(stream, self._stress_range_Pa)
+        log_stress_legend(stream)
         log_rigid_meshes(stream, stage)
         names = list(stage.phase_names)
         colours = [(*colour, 255) for colour in series_colours(len(names))]
@@ -257,7 +248,7 @@ class _Run:
         eyes = scene_eye(stage, first), close_eye(stage, first)
         self._stream.send_blueprint(blueprint(plots, *eyes, live=self._viewer is not None))
         self._frames_most = max(1, _NODES_GATHERED // len(first.node_position))
-        self._scene = Scene(self._stream, stage, first, self._stress_range_Pa)
+        self._scene = Scene(self._stream, stage, first)
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)
         return self._curves
 

@@ -337,7 +337,6 @@ class Scene:
         stream: to write to.
         stage: what is run.
         first: the first snapshot; its shape shows where the film is welded.
-        stress_range_Pa: ends of the colour scale [Pa].
     """
 
     def __init__(
@@ -345,14 +344,13 @@ class Scene:
         stream: rr.RecordingStream,
         stage: RunInfo,
         first: Snapshot,
-        stress_range_Pa: tuple[float, float],
     ) -> None:
         self._stream = stream
         self._stage = stage
         nodes = len(first.node_position)
         self._share = np.full(nodes, 1.0 / nodes)
         # a copy: kernels take no array that is read-only
-        self._colours = MembraneColours(stage.soft_triangles.copy(), nodes, stress_range_Pa)
+        self._colours = MembraneColours(stage.soft_triangles.copy(), nodes)
         self._seams = crease_lines(first.node_position, stage.soft_triangles)
         self._paths = [body_path(name) for name in stage.body_names]
         self._drawn = sorted({shape.body for shape in stage.shapes})

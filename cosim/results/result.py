@@ -21,7 +21,7 @@ from cosim.results.curves import drawn
 from cosim.telemetry.figures import branching_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import SummaryBuilder, reason_of
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.tick_batch import RigidColumns, TickBatch
 
 
 def as_html(text: str, summary: Mapping[str, Any]) -> str:
@@ -60,7 +60,7 @@ def _scaled(value: float | None, scale: float) -> str:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class RunResult:
+class RunResult(RigidColumns):
     """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
 
     World frame, SI units. Node positions are kept at the recording's frame rate only. The files of a run
@@ -115,16 +115,6 @@ class RunResult:
     stage: RunInfo
     summary: dict[str, Any]
     directory: Path | None
-    tick: IntArray
-    time_s: Array
-    phase: IntArray
-    joint_position: Array
-    joint_velocity: Array
-    joint_torque: Array
-    joint_target: Array
-    body_position: Array
-    body_quaternion: Array
-    body_contact_force: Array
     flange_position: Array
     flange_quaternion: Array
     flange_force: Array
@@ -269,7 +259,7 @@ class ResultBuilder:
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
-        return RunResult(self._stage, summary, directory, **self.arrays())
+        return RunResult(stage=self._stage, summary=summary, directory=directory, **self.arrays())
 
 
 def frame_rows(time_s: Array, frames_per_s: float, before: int = -1) -> IntArray:

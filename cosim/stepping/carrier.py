@@ -117,7 +117,7 @@ class Carrier(ABC):
 
     @abstractmethod
     def save_state(self) -> Any:
-        """Return everything that the steps to come depend on, as a frozen dataclass; see `Stateful`."""
+        """Return everything that the steps to come depend on, as a frozen dataclass."""
 
     @abstractmethod
     def restore_state(self, state: Any) -> None:

@@ -42,7 +42,7 @@ from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
 from cosim.config.writing import scenario_text
 from cosim.errors import InputError, OutputError
 from cosim.results.result import ResultBuilder
-from cosim.sweeps.engines import PROCESSES, Engine, Run, rows_of
+from cosim.sweeps.engines import PROCESSES, Engine, rows_of
 from cosim.sweeps.table import TABLE, Design, write_table
 from cosim.sweeps.task import (
     LOST,
@@ -76,26 +76,19 @@ def _compile(names: tuple[str, ...]) -> None:
     compile_kernels(announce, tuple(sys.modules[name] for name in names))
 
 
-Prepare = Callable[..., Scenario]
-"""`cosim.app.driver.prepared`, or what stands for it."""
 _ONE_AT_A_TIME: Final = threading.Lock()
 """Executors may have several threads in a process; runs keep to one each, as kernels and engines expect."""
 
 
-def run_task(prepare: Prepare, task: Task) -> Row:
-    """Run a design; whatever is wrong with it is said in the row.
-
-    Args:
-        prepare: chooses the fidelity of a scenario, and builds what its run needs.
-        task: the design.
-    """
+def run_task(task: Task) -> Row:
+    """Run a design; whatever is wrong with it is said in the row."""
     with _ONE_AT_A_TIME:
         wall, cpu = time.perf_counter(), time.thread_time()
         with files_read() as files:
             try:
                 scenario = _unpacked(task)
                 wall, cpu = time.perf_counter(), time.thread_time()
-                row = _run(prepare(scenario, _say_nothing, recording=False), task)
+                row = _run(prepared(scenario, _tell_nobody, recording=False), task)
             except InputError as error:
                 row = Row("refused", reason_of(error))
             except Exception as error:  # a design must not end the sweep, whatever it raises
@@ -141,10 +134,6 @@ def _make_known(modules: tuple[str, ...]) -> None:
     register_installed()
     for name in modules:
         register_module(name)
-
-
-def _say_nothing(_text: Any) -> None:
-    """Do nothing: who started the sweep has been told."""
 
 
 @final
@@ -274,52 +263,6 @@ class SweepOutcome:
 Tell = Callable[[SweepProgress], object]
 
 
-def run_study(
-    run: Run,
-    study: str | Path | Mapping[str, Any],
-    *,
-    out: str | Path | None = None,
-    engine: Executor | str = PROCESSES,
-    workers: int | None = None,
-    measure: Measure | None = None,
-    modules: Sequence[str] = (),
-    tell: Tell | None = None,
-) -> SweepOutcome:
-    """Run every design of a study; see `cosim.sweep`.
-
-    Args:
-        run: what a worker does with a design.
-        study: as there, like all that follow.
-        out: directory of the results.
-        engine: what runs the designs.
-        workers: processes of this machine.
-        measure: returns more columns of a run's result.
-        modules: for every worker to import.
-        tell: told of the progress.
-
-    Raises:
-        InputError: study, directory or engine is wrong.
-        OutputError: the results cannot be written.
-    """
-    table = load_study(study)
-    if measure is not None and table.measure is not None:
-        raise InputError("measure: is given in the study as well; leave it out in one of them")
-    if measure is not None and isinstance(engine, str):
-        check_travels(measure)
-    chosen = Engine(engine, workers)
-    function = measure_named(table.measure) if table.measure is not None else measure
-    where = Path(out) if out is not None else _default_directory(study, table)
-    with OutputDirectory(where) as directory:
-        directory.make()
-        directory.claim(JOURNAL, TABLE)
-        with Journal(where / JOURNAL) as journal:
-            under_way = _Sweep(table, where, journal, function, tuple(modules), tell or _tell_nobody)
-            under_way.fan_out(chosen, run)
-        outcome = under_way.outcome()
-        write_table(where / TABLE, varied_keys(table), under_way.designs(), table.figures)
-    return outcome
-
-
 @final
 @dataclass
 class _Sweep:
@@ -353,9 +296,9 @@ class _Sweep:
         self._seen: dict[str, str] = {}  # digests of files, each taken once
         self._first_s: float | None = None
 
-    def fan_out(self, engine: Engine, run: Run) -> None:
+    def fan_out(self, engine: Engine) -> None:
         """Compute the rows that are not known."""
-        for name, row in rows_of(engine, run, self._tasks()):
+        for name, row in rows_of(engine, run_task, self._tasks()):
             self.journal.add(name, row)
             self.computed[name] = row
             self._note(row.status, self.waiting.pop(name))
@@ -422,8 +365,8 @@ def _default_directory(study: str | Path | Mapping[str, Any], table: StudyTable)
     return Path("runs", name)
 
 
-def _tell_nobody(_progress: SweepProgress) -> None:
-    """Do nothing."""
+def _tell_nobody(_what: Any) -> None:
+    """Do nothing; of what a worker would tell, who started the sweep has been told."""
 
 
 def sweep(
@@ -454,7 +397,20 @@ def sweep(
         InputError: study, directory or engine is wrong; nothing was run.
         OutputError: the results cannot be written.
     """
-    return run_study(
-        partial(run_task, prepared), study, out=out, engine=engine, workers=workers, measure=measure,
-        modules=modules, tell=tell,
-    )  # fmt: skip
+    table = load_study(study)
+    if measure is not None and table.measure is not None:
+        raise InputError("measure: is given in the study as well; leave it out in one of them")
+    if measure is not None and isinstance(engine, str):
+        check_travels(measure)
+    chosen = Engine(engine, workers)
+    function = measure_named(table.measure) if table.measure is not None else measure
+    where = Path(out) if out is not None else _default_directory(study, table)
+    with OutputDirectory(where) as directory:
+        directory.make()
+        directory.claim(JOURNAL, TABLE)
+        with Journal(where / JOURNAL) as journal:
+            under_way = _Sweep(table, where, journal, function, tuple(modules), tell or _tell_nobody)
+            under_way.fan_out(chosen)
+        outcome = under_way.outcome()
+        write_table(where / TABLE, varied_keys(table), under_way.designs(), table.figures)
+    return outcome

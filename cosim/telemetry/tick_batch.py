@@ -41,9 +41,25 @@ _OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if
 """What a ledger says beside the wrench, and of which kind the columns are."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidColumns:
+    """When ticks were, and where the rigid side was: columns that a run's result has as well."""
+
+    tick: IntArray
+    time_s: Array
+    phase: IntArray
+    joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    joint_target: Array
+    body_position: Array
+    body_quaternion: Array
+    body_contact_force: Array
+
+
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class TickBatch:
+class TickBatch(RigidColumns):
     """Ticks of one run, one row each, that nobody writes to any more; see `Snapshot` and `LedgerEntry`.
 
     Args:
@@ -73,16 +89,6 @@ class TickBatch:
         branchings: of the soft robot's states, by row; rows left out have none.
     """
 
-    tick: IntArray
-    time_s: Array
-    phase: IntArray
-    joint_position: Array
-    joint_velocity: Array
-    joint_torque: Array
-    joint_target: Array
-    body_position: Array
-    body_quaternion: Array
-    body_contact_force: Array
     film: FilmShapes
     flange_position: Array
     flange_rotation: Array

@@ -25,12 +25,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from types import ModuleType
-from typing import Final, Protocol, TypeAlias, final
+from typing import Final, TypeAlias, final
 
 import numpy as np
 
@@ -48,19 +48,7 @@ from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 from cosim.trade.candidates import Candidate
 
-
-class Steps(Protocol):
-    """Something that can be stepped."""
-
-    @property
-    def stage(self) -> RunInfo:
-        """Everything that does not change during the run."""
-
-    def batches(self) -> Iterator[TickBatch]:
-        """Yield the state before the first tick, then those after the ticks, many at a time."""
-
-
-Build: TypeAlias = Callable[[Scenario], Steps]
+Build: TypeAlias = Callable[[Scenario], SteppedRun]
 
 
 FORCE_WINDOW_S: Final = 0.04
@@ -300,7 +288,7 @@ def with_commands(scenario: Scenario, build: Build) -> Scenario:
 
     Args:
         scenario: checked.
-        build: makes a simulation; one without a plan leaves the scenario as it is.
+        build: makes a simulation.
 
     Raises:
         InputError: a target cannot be reached.
@@ -314,11 +302,8 @@ def with_commands(scenario: Scenario, build: Build) -> Scenario:
             )
     if all(phase.tip_target is None for phase in scenario.phases):
         return scenario
-    simulation = build(scenario)
-    if not isinstance(simulation, SteppedRun):
-        return scenario
     phases = []
-    for planned in simulation.plan.phases:
+    for planned in build(scenario).plan.phases:
         phase, target = planned.phase, planned.phase.tip_target
         if target is not None:
             found = _tensions(planned) if target.reach_with == "cables" else _flange(planned)

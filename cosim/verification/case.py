@@ -307,6 +307,20 @@ class Specimen:
         self.system.evaluate(x, loads, self.system.segment_share(x, loads), equilibrium.state.memory)
         return self.newton.linear.factor(self.system.blocks, low_rank=self.system.low_rank)
 
+    def critical(self, low: float, high: float, loads: Callable[[float], Loads]) -> float:
+        """Return up to where between two factors the drawn shape is stable, by bisection to 1e-7.
+
+        Args:
+            low: factor at which it is.
+            high: factor at which it is not.
+            loads: at a factor.
+        """
+        while high - low > 1e-7 * high:
+            middle = 0.5 * (low + high)
+            stable = self.stable(self.solve(self.drawn(), loads(middle)))
+            low, high = (middle, high) if stable else (low, middle)
+        return 0.5 * (low + high)
+
     def stiffness(self, equilibrium: Equilibrium) -> Array:
         """Return the dense tangent stiffness (3 n, 3 n) [N/m] of all components, free or not."""
         x, loads, pattern = equilibrium.state.positions, equilibrium.loads, self.system.pattern

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -332,13 +333,8 @@ def axial(strip: Strip, load: float, lateral: float = 0.0) -> Loads:
 def critical_load(panels: int) -> float:
     """Return the load [N] at which the straight strip's tangent stiffness ceases to be positive definite."""
     strip = Strip(panels)
-    specimen = strip.specimen()
-    low, high = 0.5 * euler_load(strip), 2.0 * euler_load(strip)
-    while high - low > 1e-7 * high:
-        middle = 0.5 * (low + high)
-        straight = specimen.solve(specimen.drawn(), axial(strip, middle))
-        low, high = (middle, high) if specimen.stable(straight) else (low, middle)
-    return 0.5 * (low + high)
+    euler = euler_load(strip)
+    return strip.specimen().critical(0.5 * euler, 2.0 * euler, partial(axial, strip))
 
 
 def elastica(tip_angle: float) -> tuple[float, float, float]:
@@ -403,15 +399,12 @@ def critical_weight() -> float:
 def found_weight(panels: int) -> float:
     """Return w L^3 / EI at which the upright strip's tangent stiffness ceases to be positive definite."""
     strip = Strip(panels, density=1.0)
-    specimen = strip.specimen()
     unit = strip.bending_stiffness / (strip.length_m**3 * strip.width_m * strip.density)
-    low, high = 0.5 * critical_weight(), 2.0 * critical_weight()
-    while high - low > 1e-7 * high:
-        middle = 0.5 * (low + high)
-        # the strip lies along x: this gravity presses it against its clamp
-        upright = specimen.solve(specimen.drawn(), replace(UNLOADED, gravity=(-middle * unit, 0.0, 0.0)))
-        low, high = (middle, high) if specimen.stable(upright) else (low, middle)
-    return 0.5 * (low + high)
+
+    def upright(weight: float) -> Loads:  # the strip lies along x: this presses it against its clamp
+        return replace(UNLOADED, gravity=(-weight * unit, 0.0, 0.0))
+
+    return strip.specimen().critical(0.5 * critical_weight(), 2.0 * critical_weight(), upright)
 
 
 @case(
@@ -482,13 +475,7 @@ def outer(pressure_Pa: float) -> Loads:
 
 def found_pressure(panels: int) -> float:
     """Return the pressure [Pa] at which the round ring's tangent stiffness ceases to be positive definite."""
-    specimen = pressed(panels)
-    low, high = 0.5 * critical_pressure(), 1.5 * critical_pressure()
-    while high - low > 1e-7 * high:
-        middle = 0.5 * (low + high)
-        round_one = specimen.solve(specimen.drawn(), outer(middle))
-        low, high = (middle, high) if specimen.stable(round_one) else (low, middle)
-    return 0.5 * (low + high)
+    return pressed(panels).critical(0.5 * critical_pressure(), 1.5 * critical_pressure(), outer)
 
 
 @case(

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Runnable, build_simulation
+from cosim.app.driver import build_simulation
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import Snapshot
 
 # The fingers start around the roll, so that they soon hold it; three fingers, three points each at most.
@@ -30,7 +31,7 @@ GRASP: dict[str, Any] = {
 GRASPED = 160  # tick at which the fingers hold the roll above the table
 
 
-def simulation(name: str, **overrides: Any) -> Runnable:
+def simulation(name: str, **overrides: Any) -> SteppedRun:
     """Return the simulation of a scenario with changes, in the paper's lumped model, which is quicker."""
     return build_simulation(load_scenario(name, {"model.published": True, **overrides}))
 

@@ -14,13 +14,14 @@ import pytest
 from rerun.chunk import RrdReader
 
 from cosim.app import checkpoint
-from cosim.app.driver import Runnable, build_simulation
+from cosim.app.driver import build_simulation
 from cosim.app.simulation import Simulation as SteppedByHand
 from cosim.base.state_archive import read_archive
 from cosim.cli import running
 from cosim.cli.main import main
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ConvergenceError
+from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.cli.interrupted import Command, figures, interrupt_at
@@ -219,7 +220,7 @@ def test_words_that_do_not_go_together(
 class Disturbed:
     """A real simulation that is disturbed while a tick is computed."""
 
-    def __init__(self, inner: Runnable, tick: int, disturb: Callable[[], None]) -> None:
+    def __init__(self, inner: SteppedRun, tick: int, disturb: Callable[[], None]) -> None:
         self._inner, self._tick, self._disturb = inner, tick, disturb
         self.stage: RunInfo = inner.stage
         self.save_state, self.restore_state = inner.save_state, inner.restore_state
@@ -259,7 +260,7 @@ def test_a_real_run_goes_on_bit_for_bit(
     words += ["--set", "phase.1.increments=20"]
     assert main(["run", "three_unit_inflation", "--out", str(tmp_path / "whole"), *words]) == 0
 
-    def build(scenario: Scenario, **_given: Any) -> Runnable:
+    def build(scenario: Scenario, **_given: Any) -> SteppedRun:
         return Disturbed(build_simulation(scenario), 13, disturb)
 
     with monkeypatch.context() as patch:

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.base.frames import rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.devices.live.live_commands import along
+from cosim.devices.live.live_commands import Departure
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_limits import ArmLimits
 
@@ -22,7 +22,7 @@ def arm() -> Arm:
 
 def test_a_twist_takes_the_flange_straight_and_turns_it_evenly(arm: Arm) -> None:
     twist, ticks = np.array([0.1, -0.05, 0.08, 0.2, -0.3, 0.1]), 125
-    motion = along(arm, twist, HERE, 0, ticks, ArmLimits.of(arm), TICK_s)
+    motion = Departure(HERE, 0, ticks, ArmLimits.of(arm), TICK_s).along(arm, twist)
     begin, end, lasts_s = arm.forward(HERE), arm.forward(motion.knots[-1]), ticks * TICK_s
     # of pieces of 0.01 rad the middle's rate leaves a millionth of the way, the first one's 100 times as much
     np.testing.assert_allclose(end.translation, begin.translation + lasts_s * twist[:3], atol=2e-6)
@@ -33,7 +33,7 @@ def test_a_twist_takes_the_flange_straight_and_turns_it_evenly(arm: Arm) -> None
 
 def test_a_twist_that_is_too_fast_is_followed_at_the_fastest_joints_bound(arm: Arm) -> None:
     limits, ticks = ArmLimits.of(arm), 5
-    motion = along(arm, np.array([8.0, 0.0, 0.0, 0.0, 0.0, 0.0]), HERE, 0, ticks, limits, TICK_s)
+    motion = Departure(HERE, 0, ticks, limits, TICK_s).along(arm, np.array([8.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     speed = np.abs(motion.through(0, ticks, TICK_s).velocity) / limits.velocity
     assert speed.max(axis=1) == pytest.approx(1.0)
     begin, end = arm.forward(HERE).translation, arm.forward(motion.knots[-1]).translation

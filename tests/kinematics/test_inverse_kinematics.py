@@ -9,7 +9,7 @@ from cosim.base.frames import Pose, rotation_from_quaternion, rotation_from_vect
 from cosim.build.arms import find_arm
 from cosim.errors import InputError, UnreachableError
 from cosim.kinematics.arm import Arm
-from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, follow, solve
+from cosim.kinematics.inverse_kinematics import follow, solve
 
 UR5E = Arm(find_arm("ur5e"))
 PANDA = Arm(find_arm("panda"))
@@ -53,7 +53,7 @@ def test_unreachable_poses_are_named_with_the_closest_found() -> None:
             centre = np.array([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(-0.3, 0.8)])
             position = centre + 0.0996 * rotation[:, 2]
         with pytest.raises(UnreachableError, match="the closest pose found is") as caught:
-            solve(UR5E, Pose(rotation, position), HOME, InverseKinematicsOptions(restarts=30))
+            solve(UR5E, Pose(rotation, position), HOME, restarts=30)
         assert isinstance(caught.value.closest, Pose)
 
 

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+from cosim.recording.colours import STRESS_RANGE_PA
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -116,10 +117,10 @@ def test_colours_follow_the_stress(
         return float(np.mean(np.array([0.2126, 0.7152, 0.0722]) @ np.array(channels)))
 
     means = []
-    for stress in (0.0, 0.5e6, 1e6):
+    for stress in (0.0, 0.5 * STRESS_RANGE_PA[1], STRESS_RANGE_PA[1]):
         stage = make_stage(membrane_stress=lambda x, s=stress: np.full(len(make_stage().soft_triangles), s))
         path = rrd.with_name(f"{stress}.rrd")
-        recorded = record(path, stage, make_snapshot, ticks=0, stress_range_Pa=(0.0, 1e6))
+        recorded = record(path, stage, make_snapshot, ticks=0)
         (colours,) = recorded.by_time(FILM, "Mesh3D:vertex_colors").values()
         packed = np.array(colours, dtype=np.uint32)
         assert set(packed & 0xFF) == {255}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, Runnable, build_simulation, drive, execute, with_fidelity_chosen
+from cosim.app.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
 from cosim.app.simulation import Simulation
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
@@ -62,7 +62,7 @@ def scenario(path: Path, **changes: Any) -> Scenario:
     return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
 
 
-def together(run: Runnable, many: int = 64, most: int | None = None) -> list[Snapshot]:
+def together(run: SteppedRun, many: int = 64, most: int | None = None) -> list[Snapshot]:
     """Return ticks of which many were taken together."""
     return [snapshot for batch in run.batches(many, most=most) for snapshot in batch]
 

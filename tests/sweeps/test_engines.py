@@ -181,7 +181,7 @@ def test_lost_designs_are_run_again(tmp_path: Path, study: Path, monkeypatch: py
         assert cosim.sweep(study, out=tmp_path, engine=executor).computed == 16
 
 
-def lost(_prepare: Any, _task: Task) -> Row:
+def lost(_task: Task) -> Row:
     raise OSError("the network is gone")
 
 

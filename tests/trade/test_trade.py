@@ -286,6 +286,7 @@ def test_the_command_writes_table_figures_and_plot(
 ) -> None:
     monkeypatch.setattr(command, "build_simulation", made_up_build())
     monkeypatch.setattr(command, "recorded", unfollowed)  # made-up snapshots are nothing to draw
+    monkeypatch.setattr("cosim.trade.measuring.with_commands", lambda scenario, _build: scenario)  # no plan
     out = tmp_path / "out"
     assert main(["trade", REFERENCE, "--quick", "--out", str(out), "--budget", "1e-9x"]) == 0
     written = capsys.readouterr().out

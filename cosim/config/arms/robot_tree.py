@@ -7,11 +7,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Final
 
-from cosim.base.files import read_file
+from cosim.base.files import read_text
 from cosim.base.resources import is_file
 from cosim.errors import InputError
 
-LARGEST_FILE_BYTES: Final = 4_000_000
 MOST_LINKS: Final = 500
 DEEPEST: Final = 300
 LONGEST_NAME: Final = 200
@@ -75,15 +74,9 @@ def _text(path: Path, kind: str) -> str:
     if not is_file(path):
         raise InputError(f"{kind} file {path} does not exist")
     try:
-        data = read_file(path, LARGEST_FILE_BYTES)
+        text = read_text(path)
     except OSError as error:
         raise InputError(f"{kind} file {path} cannot be read: {error.strerror}") from None
-    if len(data) > LARGEST_FILE_BYTES:
-        raise InputError(f"{kind} file {path} is longer than {LARGEST_FILE_BYTES} bytes, which nothing needs")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{kind} file {path} is not UTF-8 text: byte {error.start}") from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError(f"{kind} file {path} declares a document type or entities; nothing needs them")
     return text

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, final, get_type_hints
 
-from cosim.base.files import read_file
+from cosim.base.files import read_text
 from cosim.config.toml.keys import join, key_of
 from cosim.errors import ScenarioError
 
@@ -195,7 +195,6 @@ def _check_entries(
             check(entry, join(path, name), around, rules, faults)
 
 
-LARGEST_FILE_BYTES: Final = 4_000_000
 DEEPEST: Final = 24
 LONGEST_TEXT: Final = 10_000
 LONGEST_LIST: Final = 10_000
@@ -226,16 +225,9 @@ def read_table(path: Path) -> dict[str, Any]:
         ScenarioError: the file cannot be read, is too large, or is not TOML; `path` is the file's name.
     """
     try:
-        data = read_file(path, LARGEST_FILE_BYTES)
-        if len(data) > LARGEST_FILE_BYTES:
-            raise ScenarioError(
-                str(path), f"is longer than {LARGEST_FILE_BYTES} bytes, which no scenario or robot needs"
-            )
-        table = tomllib.loads(data.decode("utf-8-sig").replace("\r\n", "\n"))
+        table = tomllib.loads(read_text(path).replace("\r\n", "\n"))
     except OSError as error:
         raise ScenarioError(str(path), f"cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ScenarioError(str(path), f"is not UTF-8 text: byte {error.start}") from error
     except RecursionError:
         raise ScenarioError(str(path), f"is nested too deeply; at most {DEEPEST} levels are read") from None
     except tomllib.TOMLDecodeError as error:

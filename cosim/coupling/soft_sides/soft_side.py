@@ -458,7 +458,7 @@ class SoftSide(ABC):
 
     @abstractmethod
     def save_state(self) -> Any:
-        """Return everything that the next step depends on, as a frozen dataclass; see `Stateful`."""
+        """Return everything that the next step depends on, as a frozen dataclass."""
 
     @abstractmethod
     def restore_state(self, state: Any) -> None:

@@ -81,95 +81,91 @@ class JointMotion:
         return JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
 
 
-def towards(
-    joints: Array, here: Array, begin: int, ticks: int, limits: ArmLimits, tick_s: float
-) -> JointMotion:
-    """Return the motion to joint positions; it takes longer than asked for where a joint is not as fast.
+@final
+@dataclass(frozen=True)
+class Departure:
+    """Where the joints are when they are commanded, and how long they are given.
 
     Args:
-        joints: (joints,) [rad], wanted; cut down to their bounds.
         here: (joints,) [rad].
-        begin: ticks of the run before it begins.
+        begin: ticks of the run before the motion begins.
         ticks: that it is to take.
         limits: of the joints.
         tick_s: length of a tick [s].
     """
-    wanted = np.clip(joints, limits.lower, limits.upper)
-    words = [
-        f"position of {limits.joint_names[k]}: {joints[k]:.4g} was asked for, held at {wanted[k]:.4g}"
-        for k in np.flatnonzero(np.abs(joints - wanted) > _ROUNDING)
-    ]
-    speed = np.abs(wanted - here) / (ticks * tick_s)
-    share = speed / limits.velocity
-    if share.max(initial=0.0) > 1.0:
-        words += _speeds(share, limits)
-        ticks = math.ceil(ticks * float(share.max()))
-    return JointMotion(begin, ticks, np.stack([here, wanted]), tuple(words))
 
+    here: Array
+    begin: int
+    ticks: int
+    limits: ArmLimits
+    tick_s: float
 
-def along(
-    arm: Arm, twist: Array, here: Array, begin: int, ticks: int, limits: ArmLimits, tick_s: float
-) -> JointMotion:
-    """Return the motion with a twist of the flange, slower where a joint is not as fast, up to its bound.
+    def towards(self, joints: Array) -> JointMotion:
+        """Return the motion to joint positions; it takes longer than asked for where a joint is not as fast.
 
-    Args:
-        arm: kinematics.
-        twist: (6,) [m/s, rad/s] of the flange's origin, world axes.
-        here: (joints,) [rad].
-        begin: ticks of the run before it begins.
-        ticks: that it takes.
-        limits: of the joints.
-        tick_s: length of a tick [s].
+        Args:
+            joints: (joints,) [rad], wanted; cut down to their bounds.
+        """
+        limits, ticks = self.limits, self.ticks
+        wanted = np.clip(joints, limits.lower, limits.upper)
+        words = [
+            f"position of {limits.joint_names[k]}: {joints[k]:.4g} was asked for, held at {wanted[k]:.4g}"
+            for k in np.flatnonzero(np.abs(joints - wanted) > _ROUNDING)
+        ]
+        speed = np.abs(wanted - self.here) / (ticks * self.tick_s)
+        share = speed / limits.velocity
+        if share.max(initial=0.0) > 1.0:
+            words += _speeds(share, limits)
+            ticks = math.ceil(ticks * float(share.max()))
+        return JointMotion(self.begin, ticks, np.stack([self.here, wanted]), tuple(words))
 
-    Raises:
-        InputError: no motion of the joints moves the flange like that.
-    """
-    lasts_s = ticks * tick_s
-    first = joint_rate(arm.jacobian(here), twist)
-    pieces = min(max(math.ceil(float(np.abs(first).max()) * lasts_s / _PIECE_RAD), 1), _MOST_PIECES)
-    knots, words = [here], dict[str, None]()
-    for k in range(pieces):
-        q = knots[-1]
-        at_first = joint_rate(arm.jacobian(q), twist) if k else first
-        middle = q + 0.5 * lasts_s / pieces * at_first
-        rate = joint_rate(arm.jacobian(middle), twist)
-        share = np.abs(rate) / limits.velocity
-        largest = float(share.max())
-        if largest > 1.0:
-            words |= dict.fromkeys(_speeds(share, limits))
-        ahead = q + lasts_s / pieces / max(1.0, largest) * rate
-        beyond = (ahead > limits.upper) | (ahead < limits.lower)
-        if beyond.any():
-            words |= {
-                f"position of {limits.joint_names[k]}: its bound stops the flange": None
-                for k in np.flatnonzero(beyond)
-            }
-            ahead = q
-        knots.append(ahead)
-    return JointMotion(begin, ticks, np.array(knots), tuple(words))
+    def to_pose(self, arm: Arm, pose: Pose) -> JointMotion:
+        """Return the motion to a pose of the flange, straight in the space of the joints.
 
+        Args:
+            arm: kinematics.
+            pose: world_from_flange.
 
-def to_pose(
-    arm: Arm, pose: Pose, here: Array, begin: int, ticks: int, limits: ArmLimits, tick_s: float
-) -> JointMotion:
-    """Return the motion to a pose of the flange, straight in the space of the joints.
+        Raises:
+            UnreachableError: no configuration of the joints reaches it.
+        """
+        from cosim.kinematics.inverse_kinematics import solve  # here: see above
 
-    Args:
-        arm: kinematics.
-        pose: world_from_flange.
-        here: (joints,) [rad].
-        begin: ticks of the run before it begins.
-        ticks: that it is to take.
-        limits: of the joints.
-        tick_s: length of a tick [s].
+        return self.towards(solve(arm, pose, self.here, candidates=1).q)
 
-    Raises:
-        UnreachableError: no configuration of the joints reaches it.
-    """
-    from cosim.kinematics.inverse_kinematics import InverseKinematicsOptions, solve  # here: see above
+    def along(self, arm: Arm, twist: Array) -> JointMotion:
+        """Return the motion with a twist of the flange, slower where a joint is not as fast, up to its bound.
 
-    found = solve(arm, pose, here, InverseKinematicsOptions(candidates=1))
-    return towards(found.q, here, begin, ticks, limits, tick_s)
+        Args:
+            arm: kinematics.
+            twist: (6,) [m/s, rad/s] of the flange's origin, world axes.
+
+        Raises:
+            InputError: no motion of the joints moves the flange like that.
+        """
+        limits, lasts_s = self.limits, self.ticks * self.tick_s
+        first = joint_rate(arm.jacobian(self.here), twist)
+        pieces = min(max(math.ceil(float(np.abs(first).max()) * lasts_s / _PIECE_RAD), 1), _MOST_PIECES)
+        knots, words = [self.here], dict[str, None]()
+        for k in range(pieces):
+            q = knots[-1]
+            at_first = joint_rate(arm.jacobian(q), twist) if k else first
+            middle = q + 0.5 * lasts_s / pieces * at_first
+            rate = joint_rate(arm.jacobian(middle), twist)
+            share = np.abs(rate) / limits.velocity
+            largest = float(share.max())
+            if largest > 1.0:
+                words |= dict.fromkeys(_speeds(share, limits))
+            ahead = q + lasts_s / pieces / max(1.0, largest) * rate
+            beyond = (ahead > limits.upper) | (ahead < limits.lower)
+            if beyond.any():
+                words |= {
+                    f"position of {limits.joint_names[k]}: its bound stops the flange": None
+                    for k in np.flatnonzero(beyond)
+                }
+                ahead = q
+            knots.append(ahead)
+        return JointMotion(self.begin, self.ticks, np.array(knots), tuple(words))
 
 
 def _speeds(share: Array, limits: ArmLimits) -> list[str]:
@@ -372,13 +368,13 @@ class LiveCommands(SteeredCommands):
         assert limits is not None, "an arm has them"
         if state.joints is not None:
             here = state.joints.through(tick - 1, 1, self._tick_s).position[0]
-        given = (here, tick - 1, ticks, limits, self._tick_s)
+        departure = Departure(here, tick - 1, ticks, limits, self._tick_s)
         if command.flange is not None:
-            found = to_pose(arm, command.flange, *given)
+            found = departure.to_pose(arm, command.flange)
         elif command.joint_position is not None:
-            found = towards(np.array(command.joint_position, dtype=float), *given)
+            found = departure.towards(np.array(command.joint_position, dtype=float))
         else:
-            found = along(arm, np.array(command.flange_twist, dtype=float), *given)
+            found = departure.along(arm, np.array(command.flange_twist, dtype=float))
         self._state, self._motion = replace(state, joints=found), None
         return found
 
