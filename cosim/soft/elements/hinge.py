@@ -50,7 +50,7 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.errors import MeshError
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant, Remembered
 from cosim.soft.elements.hinge_gradient import (
     ALPHA,
     BETA,
@@ -61,7 +61,6 @@ from cosim.soft.elements.hinge_gradient import (
     A,
     B,
     E,
-    HingeAngles,
     HingeRows,
     U,
     W,
@@ -168,7 +167,7 @@ def _add_hessians(s: Vector, first: int, lanes: int, h: Vector, slots: IndexTabl
 
 @device_function
 def _add_group(
-    x: Matrix, springs: HingeRows, angles: HingeAngles, first: int, s: Vector, gradient: Matrix
+    x: Matrix, springs: HingeRows, angles: Remembered, first: int, s: Vector, gradient: Matrix
 ) -> float:
     """Add a group of hinges to gradient; return its energy."""
     lanes = min(LANES, springs.nodes.shape[0] - first)
@@ -180,7 +179,7 @@ def _add_group(
 
 @kernel
 def add_hinges(
-    x: Matrix, springs: HingeRows, angles: HingeAngles, slots: IndexTable, gradient: Matrix, blocks: Blocks
+    x: Matrix, springs: HingeRows, angles: Remembered, slots: IndexTable, gradient: Matrix, blocks: Blocks
 ) -> float:
     """Add all hinges to gradient and, if slots is not empty, their Hessian to blocks.
 
@@ -236,7 +235,7 @@ class Hinges(DirectElement):
     ) -> float:
         if not self._bends:
             return 0.0
-        angles = HingeAngles(at.memory, at.tracked)
+        angles = Remembered(at.memory, at.tracked)
         energy: float = add_hinges(positions, self.arrays, angles, slots, gradient, blocks)
         return energy
 

@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.base.kernels import IndexTable, Matrix, Vector, device_function
+from cosim.soft.elements.element import Remembered
 
 TURN = 2.0 * math.pi
 _EIGHTH = math.tan(math.pi / 8.0)
@@ -111,18 +112,6 @@ class HingeRows(NamedTuple):
     fold_barrier: float
 
 
-class HingeAngles(NamedTuple):
-    """Angles of hinges [rad], unwrapped.
-
-    Args:
-        before: (h,), at the last accepted state.
-        now: (h,), filled.
-    """
-
-    before: Vector
-    now: Vector
-
-
 @device_function
 def nodes_of(hinges: IndexTable, h: int) -> tuple[Any, Any, Any, Any]:
     """Return the nodes of a hinge, of a type that needs no test for places counted from the end."""
@@ -160,7 +149,7 @@ def differentiate(x: Matrix, hinges: IndexTable, first: int, lanes: int, s: Vect
 
 
 @device_function
-def load(springs: HingeRows, angles: HingeAngles, first: int, lanes: int, s: Vector) -> float:
+def load(springs: HingeRows, angles: Remembered, first: int, lanes: int, s: Vector) -> float:
     """Write a group's unwrapped angles, fill its moments and tangents; return the energy."""
     k, free, theta1 = springs.stiffness[first:], springs.rest[first:], springs.fold_barrier
     before, after = angles.before[first:], angles.now[first:]

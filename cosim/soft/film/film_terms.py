@@ -26,8 +26,9 @@ from cosim.soft.contact.self_contact_pairs import add_pairs
 from cosim.soft.elements import gas
 from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
+from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import add_hinges
-from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
+from cosim.soft.elements.hinge_gradient import HingeRows
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import FilmRows, add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
@@ -147,7 +148,7 @@ def _add_bends(film: Any, slots: Any, first: int, last: int, point: Any) -> floa
         film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
         film.fold_barrier[0],
     )  # fmt: skip
-    angles = HingeAngles(point.memory[begin:end], point.tracked[begin:end])
+    angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
     added = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
     return _add_hinges(film.calls[_HINGES], added)
 
@@ -210,18 +211,13 @@ def _add_beams(film: Any, slots: Any, groups: tuple[int, int], moving: bool, poi
             film.beams.directors[9 * begin : 9 * end].reshape((rings, nodes, 3, 3)),
             film.beams.lengths[begin:end].reshape((rings, nodes)),
             film.beams.rigidities[k],
+            moving,
         )
         pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
         own = slots.beams[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
-        places = (
-            point.memory[first:last],
-            moving,
-            own,
-            point.gradient,
-            point.blocks,
-            point.tracked[first:last],
-        )
-        energy += _add_beam_rings(film.calls[_BEAMS], (point.x, beams, *places))
+        memory = Remembered(point.memory[first:last], point.tracked[first:last])
+        added = point.x, beams, memory, own, point.gradient, point.blocks
+        energy += _add_beam_rings(film.calls[_BEAMS], added)
     return energy
 
 
