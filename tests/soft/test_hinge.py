@@ -6,18 +6,16 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.soft.elements import hinge_gradient
+from cosim.soft.elements import hinge
 from cosim.soft.elements.element import Remembered
-from cosim.soft.elements.hinge import Hinges, add_hinges
-from cosim.soft.elements.hinge_gradient import HingeRows
+from cosim.soft.elements.hinge import CLOSED_FRACTION, HingeRows, Hinges, add_hinges
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from tests.compiled import compiled
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
-CLOSED_FRACTION = hinge_gradient.CLOSED_FRACTION
-fold_law, full_angle = compiled(hinge_gradient.fold_law), compiled(hinge_gradient.full_angle)
+fold_law, full_angle = compiled(hinge.fold_law), compiled(hinge.full_angle)
 UNITS = 2
 K = 2.0e-3
 THETA1 = 0.1 * np.pi

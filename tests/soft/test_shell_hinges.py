@@ -11,13 +11,13 @@ from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
 from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import (
+    HingeRows,
     add_hinges,
     bending_measure,
     hinge_areas,
     mean_square_angle,
     shell_stiffness,
 )
-from cosim.soft.elements.hinge_gradient import HingeRows
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine

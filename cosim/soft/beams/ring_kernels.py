@@ -397,19 +397,6 @@ def _read_memory(x: Matrix, beams: BeamArrays, f: int, memory: Vector, w: RingWo
 
 
 @device_function
-def _write_memory(w: RingWork, f: int, memory: Vector) -> None:
-    """Keep turns and factor of ring f."""
-    count, factor = w.beams.hessian.shape[0], w.factor.reshape(w.factor.size)
-    start = REMEMBERED * f * count
-    for e in range(count):
-        turns, s = memory[start + 4 * e :], w.lanes[lane_of(e) :]
-        for r in range(4):
-            turns[r] = s[TURNS + r * LANES]
-    for i in range(factor.shape[0]):
-        memory[start + 4 * count + i] = factor[i]
-
-
-@device_function
 def _fill_matrix(w: RingWork, mixed: Matrix, matrix: Matrix) -> None:
     """Fill matrix (3 m, 3 m) = E_xx - E_xR E_RR^-1 E_Rx in axes of the ring; mixed (3 m, 3 m) is scratch."""
     count = w.beams.hessian.shape[0]
@@ -488,7 +475,12 @@ def add_beam_rings(
                 force = w.axes[r, 0] * own[0] + w.axes[r, 1] * own[1] + w.axes[r, 2] * own[2]
                 gradient[node, r] -= force
                 gradient[other, r] += force
-        _write_memory(w, f, memory.now)
+        kept_factor, start = w.factor.reshape(w.factor.size), REMEMBERED * f * count
+        for e in range(count):
+            for r in range(4):
+                memory.now[start + 4 * e + r] = w.lanes[lane_of(e) + TURNS + r * LANES]
+        for i in range(kept_factor.shape[0]):
+            memory.now[start + 4 * count + i] = kept_factor[i]
         if with_hessian:
             _fill_matrix(w, mixed, matrix)
             _add_matrix(w, slots[f], matrix, blocks)
