@@ -11,13 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    Matrix,
-    address_of,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import Blocks, Matrix, address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import PlainLoads, Touching

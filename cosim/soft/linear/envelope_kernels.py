@@ -7,15 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Places,
-    Vector,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import Blocks, Indices, Matrix, Places, Vector, device_function, kernel
 
 # Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
@@ -85,11 +77,7 @@ def _products(store: Vector, a: Any, wide: Any, b: Any, other: Any, count: Any) 
 
 @device_function
 def _finish_row(
-    store: Vector,
-    at: Any,
-    sums: _Four,
-    below: tuple[float, float, float, float, float, float],
-    scale: _Four,
+    store: Vector, at: Any, sums: _Four, below: tuple[float, float, float, float, float, float], scale: _Four
 ) -> None:
     """Turn a row of A_IJ into that of L_IJ, given L_JJ's strict lower triangle and inverse diagonal."""
     l10, l20, l21, l30, l31, l32 = below
@@ -101,14 +89,7 @@ def _finish_row(
 
 
 @device_function
-def _finish_diagonal(
-    store: Vector,
-    at: Any,
-    wide: Any,
-    inverse: Vector,
-    c: Any,
-    sums: _Sums,
-) -> bool:
+def _finish_diagonal(store: Vector, at: Any, wide: Any, inverse: Vector, c: Any, sums: _Sums) -> bool:
     """Turn A_II into L_II, given the sums of products; False where it is not positive definite."""
     at1, at2, at3 = at + wide, at + _2 * wide, at + _3 * wide
     p0 = store[at] - sums[0][0]

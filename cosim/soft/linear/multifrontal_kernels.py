@@ -10,14 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Places,
-    PlaceTable,
-    Vector,
-    allocating,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import Places, PlaceTable, Vector, allocating, device_function, kernel
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
 # Places are unsigned, as in `envelope_kernels`.
