@@ -36,7 +36,7 @@ from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.reduced.sections.section_energy import PressureSpline
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.elements.hinge_gradient import CLOSED_FRACTION
+from cosim.soft.elements.hinge import CLOSED_FRACTION
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
 from cosim.stepping.parts import film_law

@@ -9,6 +9,7 @@ import pytest
 
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError, MeshError
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -49,3 +50,9 @@ def test_a_step_has_a_length(value: float) -> None:
     with pytest.raises(InputError, match="step"):
         arm.advance(HANGING, no_load(arm.body), value)
     assert arm.state is before
+
+
+def test_a_body_from_arrays_refuses_what_it_does_not_know() -> None:
+    unknown: dict[str, Any] = {"cap": ()}
+    with pytest.raises(TypeError, match="'cap'"):
+        SoftBody.from_arrays(np.eye(3), np.array([[0, 1, 2]]), Film(1e9, 0.3, 1e-4), **unknown)

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.soft.elements import hinge_gradient
-from cosim.soft.elements.hinge import Hinges, add_hinges
-from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
+from cosim.soft.elements import hinge
+from cosim.soft.elements.element import Remembered
+from cosim.soft.elements.hinge import CLOSED_FRACTION, HingeRows, Hinges, add_hinges
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from tests.compiled import compiled
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
-CLOSED_FRACTION = hinge_gradient.CLOSED_FRACTION
-fold_law, full_angle = compiled(hinge_gradient.fold_law), compiled(hinge_gradient.full_angle)
+fold_law, full_angle = compiled(hinge.fold_law), compiled(hinge.full_angle)
 UNITS = 2
 K = 2.0e-3
 THETA1 = 0.1 * np.pi
@@ -36,7 +35,7 @@ def evaluation(hinges: Hinges, reference: Array, nodes: int) -> Evaluate:
     angles = np.zeros(len(hinges.nodes))
 
     def add(x, slots, force, blocks):  # type: ignore[no-untyped-def]
-        return add_hinges(x, hinges.arrays, HingeAngles(reference, angles), slots, force, blocks)
+        return add_hinges(x, hinges.arrays, Remembered(reference, angles), slots, force, blocks)
 
     return assembled(hinges.nodes, add, nodes)
 
@@ -112,7 +111,7 @@ def test_angles_are_unwrapped_against_the_last_state(
     angles, force = np.zeros(1), np.zeros((4, 3))
     springs = HingeRows(np.array([[0, 1, 2, 3]]), np.array([K]), np.array([REST]), 0.0)
     energy = add_hinges(
-        folded(angle), springs, HingeAngles(np.array([reference]), angles), np.zeros((0, 0), np.int64), force,
+        folded(angle), springs, Remembered(np.array([reference]), angles), np.zeros((0, 0), np.int64), force,
         np.zeros((0, 3, 3)),
     )  # fmt: skip
     assert angles[0] == pytest.approx(unwrapped, abs=1e-12)
@@ -227,7 +226,7 @@ def test_without_slots_the_gradient_is_the_same() -> None:
         found = []
         for table in (slots, np.zeros((0, 0), np.int64)):
             force, angles = np.zeros((body.nodes, 3)), np.zeros(len(hinges.nodes))
-            springs, turned = hinges.arrays._replace(fold_barrier=3.0), HingeAngles(reference, angles)
+            springs, turned = hinges.arrays._replace(fold_barrier=3.0), Remembered(reference, angles)
             energy = add_hinges(x, springs, turned, table, force, np.zeros((slots.max() + 1, 3, 3)))
             found.append((energy, force, angles))
         (energy, force, angles), other = found

@@ -9,14 +9,15 @@ import pytest
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
+from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import (
+    HingeRows,
     add_hinges,
     bending_measure,
     hinge_areas,
     mean_square_angle,
     shell_stiffness,
 )
-from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
@@ -54,7 +55,7 @@ def _two_per_cell(count, falling):  # type: ignore[no-untyped-def]
 def hinge_energy(x: Array, hinges: IntArray, stiffness: Array) -> float:
     rest, none = np.full(len(hinges), np.pi), np.zeros((0, 0), np.int64)
     empty = np.zeros((1, 3, 3))
-    springs, angles = HingeRows(hinges, stiffness, rest, 0.0), HingeAngles(rest, np.zeros(len(hinges)))
+    springs, angles = HingeRows(hinges, stiffness, rest, 0.0), Remembered(rest, np.zeros(len(hinges)))
     energy: float = add_hinges(x, springs, angles, none, np.zeros_like(x), empty)
     return energy
 

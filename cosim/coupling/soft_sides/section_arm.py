@@ -278,8 +278,8 @@ class SectionArm(SoftSide):
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
         chain, pressure = self._chain_of(here.state, here.world_from_flange)
-        given, extra = given_tensions(self._solver, chain.frames, here.loads, pressure)
-        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, given, pressure, extra)
+        acting = given_tensions(self._solver, chain.frames, here.loads, pressure)
+        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, acting, pressure)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -341,9 +341,9 @@ class SectionArm(SoftSide):
         """Return how far small forces would have moved the nodes within the last step."""
         bed = self._stepper.task(self._last.chain, self.clamp, step_s).bed
         frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver
-        given, extra = given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
+        acting = given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
         try:
-            tangent = ChainTangent(solver, frames, self.clamp.free, given, pressure, bed, extra)
+            tangent = ChainTangent(solver, frames, self.clamp.free, acting, pressure, bed)
         except LinAlgError:
             return None
         motion = node_motion(self.section, frames, pressure)

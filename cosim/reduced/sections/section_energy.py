@@ -24,15 +24,7 @@ from typing import Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    Blocks,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernels import Blocks, Matrix, Vector, device_function, kernel, small_matrix, small_vector
 
 _SCALE_Pa = 200.0
 TERMS = 4
@@ -71,7 +63,9 @@ class PressureSpline(NamedTuple):
     def bases(self, pressure_Pa: Array) -> Array:
         """Return `basis` of many pressures (k,) [Pa]: (k, 2, size)."""
         result = np.zeros((len(pressure_Pa), 2, self.size))
-        fill_bases(pressure_Pa, self, result)
+        for row, pressure in zip(result, pressure_Pa.tolist(), strict=True):
+            terms = self.terms(pressure)
+            row[:, terms.first : terms.first + TERMS] = terms.weights
         return result
 
     def terms(self, pressure_Pa: float) -> SplineTerms:
@@ -106,17 +100,6 @@ def active_terms(pressure: float, spline: PressureSpline, out: Matrix) -> int:
     for k in range(4):
         out[0, k] += (pressure - inside) * out[1, k]
     return first
-
-
-@kernel
-def fill_bases(pressures: Vector, spline: PressureSpline, out: Blocks) -> None:
-    """Put the active terms of pressures (k,) in their places in out (k, 2, size)."""
-    terms = small_matrix(2, TERMS)
-    for p in range(pressures.shape[0]):
-        first = active_terms(pressures[p], spline, terms)
-        for k in range(TERMS):
-            out[p, 0, first + k] = terms[0, k]
-            out[p, 1, first + k] = terms[1, k]
 
 
 @kernel(taken_in=True)
@@ -213,8 +196,8 @@ def section_energy(
         f_zb = bend_z + b * (2.0 * bend2_z + 3.0 * b * bend3_z) + q * mix2_z
         f_bb = 2.0 * bend2 + 6.0 * b * bend3
         f_zq = mix_z + b * mix2_z
-        _stretching(x, inverse_length, (f_zz, f_zb, sh_z, f_zq, tw_z), hessian)
-        _bending(x, (f_b, f_s, f_q, f_t, f_bb, mix2, 2.0 * c1), (c2, c3, c4), hessian)
+        by_stretch, by_bend = (f_zz, f_zb, sh_z, f_zq, tw_z), (f_b, f_s, f_q, f_t, f_bb, mix2, 2.0 * c1)
+        _fill_hessian(x, inverse_length, by_stretch, by_bend, (c2, c3, c4), hessian)
     return (
         a + b * (bend + b * (bend2 + b * bend3)) + shear * sh + q * (mix + b * mix2)
         + c1 * q * q + c2 * b * shear + t * (tw + c3 * b) - c4 * w3 * (u1 * w1 + u2 * w2)
@@ -222,11 +205,18 @@ def section_energy(
 
 
 @device_function
-def _stretching(
-    x: Vector, inverse_length: float, second: tuple[float, float, float, float, float], hessian: Matrix
+def _fill_hessian(
+    x: Vector,
+    inverse_length: float,
+    by_stretch: tuple[float, float, float, float, float],
+    by_bend: tuple[float, float, float, float, float, float, float],
+    mixed: tuple[float, float, float],
+    hessian: Matrix,
 ) -> None:
-    """Fill the Hessian's row and column of u_3 from the second derivatives z and (z, b, s, q, t)."""
-    f_zz, f_zb, f_zs, f_zq, f_zt = second
+    """Fill the Hessian from derivatives by z and (z, b, s, q, t), by (b, s, q, t), and by bb, bq, qq."""
+    f_zz, f_zb, f_zs, f_zq, f_zt = by_stretch
+    f_b, f_s, f_q, f_t, f_bb, f_bq, f_qq = by_bend
+    c2, c3, c4 = mixed
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
     hessian[2, 2] = inverse_length * inverse_length * f_zz
     hessian[2, 0] = inverse_length * (2.0 * u1 * f_zs + w2 * f_zq)
@@ -236,19 +226,6 @@ def _stretching(
     hessian[2, 5] = inverse_length * 2.0 * w3 * f_zt
     for k in (0, 1, 3, 4, 5):
         hessian[k, 2] = hessian[2, k]
-
-
-@device_function
-def _bending(
-    x: Vector,
-    derivatives: tuple[float, float, float, float, float, float, float],
-    mixed: tuple[float, float, float],
-    hessian: Matrix,
-) -> None:
-    """Fill the rest of the Hessian from the derivatives by (b, s, q, t), and by bb, bq, qq."""
-    f_b, f_s, f_q, f_t, f_bb, f_bq, f_qq = derivatives
-    c2, c3, c4 = mixed
-    u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
     hessian[0, 0] = 2.0 * f_s + w2 * w2 * f_qq
     hessian[1, 0] = -w1 * w2 * f_qq
     hessian[1, 1] = 2.0 * f_s + w1 * w1 * f_qq

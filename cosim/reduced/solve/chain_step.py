@@ -13,16 +13,7 @@ from typing import Annotated, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    Flags,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_vector,
-)
+from cosim.base.kernels import Blocks, Cubes, Flags, Matrix, Vector, device_function, kernel, small_vector
 from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.reduced.solve.clamp import FrameClamp

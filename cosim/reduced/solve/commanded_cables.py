@@ -151,7 +151,7 @@ def solve_loaded(
             return replace(found, iterations=spent)
         given = with_tensions(loads, tuple(tension.tolist()))
         try:
-            tangent = ChainTangent(solver, found.frames, free, given, found.pressure_Pa, task.bed)
+            tangent = ChainTangent(solver, found.frames, free, (given, None), found.pressure_Pa, task.bed)
         except LinAlgError:
             return replace(found, outcome=Outcome.INDEFINITE, iterations=spent)
         shortened = np.einsum("cfi,dfi->cd", pulls.gradient, tangent.solve(pulls.gradient))

@@ -348,10 +348,9 @@ class ChainTangent:
         solver: of the chain.
         frames: (f, 4, 3), where it is taken.
         free: (f,) frames that can move.
-        loads: that act.
+        acting: loads, and what is added to it (6 f, 6 f), such as that of commanded cables; None for nothing.
         pressure_Pa: of the gas; a sealed one is taken to keep it.
         bed: of an implicit step; None in statics.
-        extra: (6 f, 6 f) added to it, such as contacts.
 
     Raises:
         LinAlgError: it is not positive definite.
@@ -362,11 +361,11 @@ class ChainTangent:
         solver: ChainSolver,
         frames: Array,
         free: Mask,
-        loads: Loads,
+        acting: tuple[Loads, Array | None],
         pressure_Pa: float,
         bed: Bed | None = None,
-        extra: Array | None = None,
     ) -> None:
+        loads, extra = acting
         solver.evaluate(frames, loads, pressure_Pa, bed, hessian=True)
         count = len(frames)
         full = np.zeros((count, 6, count, 6))
@@ -397,9 +396,8 @@ class ChainSensitivity:
         solver: of the chain.
         frames: (f, 4, 3), at equilibrium.
         free: (f,) frames that can move.
-        loads: that act.
+        acting: see `ChainTangent`.
         pressure_Pa: of the gas.
-        extra: (6 f, 6 f) added to the tangent; None for nothing.
 
     Raises:
         ConvergenceError: the equilibrium is not stable.
@@ -410,13 +408,12 @@ class ChainSensitivity:
         solver: ChainSolver,
         frames: Array,
         free: Mask,
-        loads: Loads,
+        acting: tuple[Loads, Array | None],
         pressure_Pa: float,
-        extra: Array | None = None,
     ) -> None:
-        self._solver, self._frames, self._loads, self._pressure = solver, frames, loads, pressure_Pa
+        self._solver, self._frames, self._loads, self._pressure = solver, frames, acting[0], pressure_Pa
         try:
-            self._tangent = ChainTangent(solver, frames, free, loads, pressure_Pa, None, extra)
+            self._tangent = ChainTangent(solver, frames, free, acting, pressure_Pa)
         except LinAlgError as error:
             raise ConvergenceError(
                 "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "

@@ -14,14 +14,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    kernel,
-)
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, kernel
 
 
 class ShapeKind(IntEnum):

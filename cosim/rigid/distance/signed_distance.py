@@ -139,24 +139,12 @@ def grid(p: Vector, table: Blocks, origin: Vector, spacing: Vector, normal: Vect
     return value
 
 
-@device_function
-def _solid_angle(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Return the signed solid angle of a triangle seen from p (van Oosterom and Strackee, 1983)."""
-    # component by component: temporary arrays would cost ten times as much
-    ux, uy, uz = a[0] - p[0], a[1] - p[1], a[2] - p[2]
-    vx, vy, vz = b[0] - p[0], b[1] - p[1], b[2] - p[2]
-    wx, wy, wz = c[0] - p[0], c[1] - p[1], c[2] - p[2]
-    lu, lv = np.sqrt(ux * ux + uy * uy + uz * uz), np.sqrt(vx * vx + vy * vy + vz * vz)
-    lw = np.sqrt(wx * wx + wy * wy + wz * wz)
-    uv, vw, wu = ux * vx + uy * vy + uz * vz, vx * wx + vy * wy + vz * wz, wx * ux + wy * uy + wz * uz
-    volume = ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
-    below = lu * lv * lw + uv * lw + vw * lu + wu * lv
-    return 2.0 * np.arctan2(volume, below)
-
-
 @kernel
 def _exact_distances(points: Matrix, corners: Blocks, out: Matrix) -> None:
-    """Fill out[:, 0] with the signed distance of points (n, 3) to a closed surface of corners (f, 3, 3)."""
+    """Fill out[:, 0] with the signed distance of points (n, 3) to a closed surface of corners (f, 3, 3).
+
+    Inside is where the solid angles of all triangles add up (van Oosterom and Strackee, 1983).
+    """
     weight = small_vector(3)
     for n in range(points.shape[0]):
         p = points[n]
@@ -168,7 +156,16 @@ def _exact_distances(points: Matrix, corners: Blocks, out: Matrix) -> None:
             for r in range(3):
                 square += (p[r] - weight[0] * a[r] - weight[1] * b[r] - weight[2] * c[r]) ** 2
             best = min(best, square)
-            winding += _solid_angle(p, a, b, c)
+            # component by component: temporary arrays would cost ten times as much
+            ux, uy, uz = a[0] - p[0], a[1] - p[1], a[2] - p[2]
+            vx, vy, vz = b[0] - p[0], b[1] - p[1], b[2] - p[2]
+            wx, wy, wz = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+            lu, lv = np.sqrt(ux * ux + uy * uy + uz * uz), np.sqrt(vx * vx + vy * vy + vz * vz)
+            lw = np.sqrt(wx * wx + wy * wy + wz * wz)
+            uv, vw, wu = ux * vx + uy * vy + uz * vz, vx * wx + vy * wy + vz * wz, wx * ux + wy * uy + wz * uz
+            volume = ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
+            below = lu * lv * lw + uv * lw + vw * lu + wu * lv
+            winding += 2.0 * np.arctan2(volume, below)
         out[n, 0] = -np.sqrt(best) if winding > 2.0 * np.pi else np.sqrt(best)
 
 

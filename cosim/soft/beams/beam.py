@@ -38,8 +38,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Matrix, Vector, allocating, device_function, inlined
-from cosim.soft.elements.hinge_gradient import full_angle
+from cosim.base.kernels import Vector, allocating, device_function, inlined
+from cosim.soft.elements.hinge import full_angle
 
 
 @inlined
@@ -160,16 +160,6 @@ def twist(sine: float, cosine: float) -> tuple[float, float, float]:
 
 
 @device_function
-def _fill_second_of_twist(stiffness: float, m: Vector, second: Matrix) -> None:
-    phi, by_sine, by_cosine = twist(m[SINE], m[COSINE])
-    mixed = 2.0 * by_sine * by_cosine  # -2 S C / (S^2 + C^2)^2
-    second[SINE, SINE] = stiffness * (by_sine * by_sine + phi * mixed)
-    second[COSINE, COSINE] = stiffness * (by_cosine * by_cosine - phi * mixed)
-    cross = by_sine * by_cosine + phi * (by_cosine * by_cosine - by_sine * by_sine)
-    second[SINE, COSINE] = second[COSINE, SINE] = stiffness * cross
-
-
-@device_function
 def fill_second(rigidities: Vector, lengths: Vector, w: BeamWork) -> None:
     """Fill second derivatives by the measures."""
     for e in range(lengths.shape[0]):
@@ -200,7 +190,12 @@ def fill_second(rigidities: Vector, lengths: Vector, w: BeamWork) -> None:
             second[r, STRETCH] = second[STRETCH, r]
             if r not in (1, 4):
                 second[r, 1], second[r, 4] = second[1, r], second[4, r]
-        _fill_second_of_twist(rigidities[3] / lengths[e], m, second)
+        stiffness, (phi, by_sine, by_cosine) = rigidities[3] / lengths[e], twist(m[SINE], m[COSINE])
+        mixed = 2.0 * by_sine * by_cosine  # -2 S C / (S^2 + C^2)^2
+        second[SINE, SINE] = stiffness * (by_sine * by_sine + phi * mixed)
+        second[COSINE, COSINE] = stiffness * (by_cosine * by_cosine - phi * mixed)
+        across = by_sine * by_cosine + phi * (by_cosine * by_cosine - by_sine * by_sine)
+        second[SINE, COSINE] = second[COSINE, SINE] = stiffness * across
 
 
 LANES: Final = 8
@@ -288,13 +283,6 @@ def _measure_end(s: Vector, lane: int, end: int, fraction: float) -> None:
     s[FACTOR + at], s[FACTOR + LANES + at], _ = factor_by_series(cosine)
 
 
-@device_function
-def _correct_factor(s: Vector, at: int) -> None:
-    """Replace the factor of an end's angle where the series does not reach."""
-    if 1.0 - s[MEASURES + at] >= FAR:
-        s[FACTOR + at], s[FACTOR + LANES + at], _ = angle_factor(s[MEASURES + at])
-
-
 @inlined
 def _strain(stretch: float, s: Vector, lane: int) -> float:
     """Fill angles, strain and the derivatives by l and v that come of it; return the energy."""
@@ -373,9 +361,10 @@ def differentiate(rigidities: Vector, s: Vector, fraction: float) -> None:
     for lane in range(lanes):
         _measure_end(s, lane, 0, fraction)
         _measure_end(s, lane, SECOND, fraction)
-    for at in range(lanes):
-        _correct_factor(s, at)
-        _correct_factor(s, SECOND + at)
+    for lane in range(lanes):
+        for at in (lane, SECOND + lane):
+            if 1.0 - s[MEASURES + at] >= FAR:  # the series does not reach
+                s[FACTOR + at], s[FACTOR + LANES + at], _ = angle_factor(s[MEASURES + at])
     stretch, second, third, torsion = rigidities[0], rigidities[1], rigidities[2], rigidities[3]
     for lane in range(lanes):
         energy = _strain(stretch, s, lane)

@@ -29,7 +29,7 @@ from cosim.base.frames import Array, IntArray, cross
 from cosim.errors import InputError, MeshError
 from cosim.soft.beams.ring_kernels import BAND, BeamArrays, add_beam_rings, peak_strains, ring_axes
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant, Remembered
 
 
 @final
@@ -171,9 +171,8 @@ class BeamRings(DirectElement):
         memory = at.memory if len(at.memory) else self.first_memory(positions)
         tracked = at.tracked if len(at.tracked) else np.empty_like(memory)
         moving = at.step_s < np.inf and not at.closely
-        energy: float = add_beam_rings(
-            positions, self.arrays, memory, moving, slots, gradient, blocks, tracked
-        )
+        arrays, remembered = self.arrays._replace(moving=moving), Remembered(memory, tracked)
+        energy: float = add_beam_rings(positions, arrays, remembered, slots, gradient, blocks)
         return energy
 
     def peak_strains(self, positions: Array, memory: Array) -> Array:

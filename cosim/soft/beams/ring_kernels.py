@@ -64,6 +64,7 @@ from cosim.soft.beams.beam import (
     lane_of,
     three,
 )
+from cosim.soft.elements.element import Remembered
 from cosim.soft.linear.pattern import add_block
 
 
@@ -90,29 +91,6 @@ def _cross_columns(axes: Matrix, a: int, b: int, into: int) -> None:
 
 
 @device_function
-def place_ring(x: Matrix, beams: BeamArrays, f: int, turns: Vector, axes: Matrix, lanes: Vector) -> None:
-    """Fill axes and groups of ring f, its turns from quaternions (4 m,)."""
-    ring, count = beams.rings[f], beams.rings.shape[1]
-    fill_axes(x, ring, axes)
-    for n in range(lanes.shape[0] // SIZE * LANES):
-        e = min(n, count - 1)
-        other = e + 1 if e + 1 < count else 0
-        s, directors, length = lanes[lane_of(n) :], beams.directors[f, e], beams.lengths[f, e]
-        here, there = x[np.uint64(ring[e])], x[np.uint64(ring[other])]
-        chord = there[0] - here[0], there[1] - here[1], there[2] - here[2]
-        s[DRAWN_LENGTH], s[LENGTH] = length, math.sqrt(dot(chord, chord))
-        over = 1.0 / s[LENGTH]
-        for c in range(3):
-            along = axes[0, c] * chord[0] + axes[1, c] * chord[1] + axes[2, c] * chord[2]
-            s[DIRECTION + c * LANES] = over * along
-            for k in range(3):
-                s[DRAWN + (3 * k + c) * LANES] = directors[k, c]
-        begin, end = turns[4 * e :], turns[4 * other :]
-        for r in range(4):
-            s[TURNS + r * LANES], s[SECOND + TURNS + r * LANES] = begin[r], end[r]
-
-
-@device_function
 def place_step(lanes: Vector, places: Indices, step: Vector) -> None:
     """Hand a step to the groups."""
     for n in range(lanes.shape[0] // SIZE * LANES):
@@ -130,21 +108,6 @@ def accept(s: Vector) -> None:
             s[first + TURNS + k] = s[first + TRIAL + k]
         for k in range(4 * LANES):
             s[first + SECOND + TURNS + k] = s[first + SECOND + TRIAL + k]
-
-
-@device_function
-def sum_lanes(lanes: Vector, places: Indices, moment: Vector) -> float:
-    """Fill the moments; return the energy."""
-    energy = 0.0
-    for i in range(moment.shape[0]):
-        moment[i] = 0.0
-    for e in range(places.shape[0] - 1):
-        s, begin, end = lanes[lane_of(e) :], moment[places[e] :], moment[places[e + 1] :]
-        energy += s[ENERGY]
-        for r in range(3):
-            begin[r] += s[MOMENT + r * LANES]
-            end[r] += s[SECOND + MOMENT + r * LANES]
-    return energy
 
 
 _STEPS_MAX = 100
@@ -170,12 +133,14 @@ class BeamArrays(NamedTuple):
         directors: (f, m, 3, 3), d1, d2, d3 of the beam from each node to the next, in axes of the ring.
         lengths: (f, m) [m], drawn.
         rigidities: (4,), see `RectangularSection`.
+        moving: whether they are in a step in time, which asks for newtons alone.
     """
 
     rings: IndexTable
     directors: Cubes
     lengths: Matrix
     rigidities: Vector
+    moving: bool = False
 
 
 class RingWork(NamedTuple):
@@ -220,18 +185,20 @@ def _sum_beams(beams: BeamArrays, f: int, w: RingWork, fraction: float, hessian:
 
     The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
     """
+    band, moment, energy = w.band, w.moment, 0.0
     for first in range(0, w.lanes.shape[0], SIZE):
         differentiate(beams.rigidities, w.lanes[first : first + SIZE], fraction)
-    energy = sum_lanes(w.lanes, w.places, w.moment)
-    if hessian:
-        fill_hessians(beams.rigidities, beams.lengths[f], w.lanes, w.beams, whole)
-        _fill_band(w)
-    return energy
-
-
-@device_function
-def _fill_band(w: RingWork) -> None:
-    band = w.band
+    for i in range(moment.shape[0]):
+        moment[i] = 0.0
+    for e in range(w.places.shape[0] - 1):
+        s, begin, end = w.lanes[lane_of(e) :], moment[w.places[e] :], moment[w.places[e + 1] :]
+        energy += s[ENERGY]
+        for r in range(3):
+            begin[r] += s[MOMENT + r * LANES]
+            end[r] += s[SECOND + MOMENT + r * LANES]
+    if not hessian:
+        return energy
+    fill_hessians(beams.rigidities, beams.lengths[f], w.lanes, w.beams, whole)
     band[:] = 0.0
     for e in range(w.beams.hessian.shape[0]):
         h, first, second = w.beams.hessian[e], w.places[e], w.places[e + 1]
@@ -244,6 +211,7 @@ def _fill_band(w: RingWork) -> None:
                     band[second + r, second + r - first - c] += h[6 + r, 3 + c]
                 else:
                     band[first + r, first + r - second - c] += h[3 + r, 6 + c]
+    return energy
 
 
 @device_function
@@ -311,11 +279,9 @@ def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: 
         if shift > 0.0 and largest < _STUCK_TURN:
             largest, slope = _fill_unstable_step(w)
         fraction, before = min(1.0, _LARGEST_TURN / max(largest, 1e-300)), energy
+        shrinks = kept or (largest < _SHRINKS * last and shift == 0.0)
         if kept:  # nothing has shown yet how well it serves
             last, kept = max(largest, 1e-300) / _SHRINKS, False
-            shrinks = True
-        else:
-            shrinks = largest < _SHRINKS * last and shift == 0.0
         # a factor that serves well is kept; what it leaves shrinks as the steps do
         done = shift == 0.0 and largest * min(1.0, largest / last) < small
         fresh = (done and hessian) if shrinks or done else True
@@ -399,47 +365,35 @@ def backward(factor: Matrix, values: Vector) -> None:
         values[i] = _upper(factor, values, i, BAND - 1)
 
 
-@device_function
-def forward_rows(factor: Matrix, rows: Matrix) -> None:
-    """Turn the columns of rows (3 m, n) into L^-1 times them."""
-    for i in range(factor.shape[0]):
-        for k in range(max(0, i - BAND + 1), i):
-            for c in range(rows.shape[1]):
-                rows[i, c] -= factor[i, i - k] * rows[k, c]
-        for c in range(rows.shape[1]):
-            rows[i, c] *= factor[i, 0]
-
-
 REMEMBERED: Final = 4 + 3 * BAND
 """Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""
 
 
 @device_function
-def _copy(values: Vector, to: Vector) -> None:
-    for i in range(values.shape[0]):
-        to[i] = values[i]
-
-
-@device_function
 def _read_memory(x: Matrix, beams: BeamArrays, f: int, memory: Vector, w: RingWork) -> bool:
     """Lay ring f with the turns and fill the factor that it remembers; return whether there is a factor."""
-    count, factor = beams.rings.shape[1], w.factor.reshape(w.factor.size)
-    first = REMEMBERED * f * count
-    place_ring(x, beams, f, memory[first:], w.axes, w.lanes)
-    _copy(memory[first + 4 * count : first + REMEMBERED * count], factor)
-    return factor[0] > 0.0
-
-
-@device_function
-def _write_memory(w: RingWork, f: int, memory: Vector) -> None:
-    """Keep turns and factor of ring f."""
-    count, factor = w.beams.hessian.shape[0], w.factor.reshape(w.factor.size)
-    first = REMEMBERED * f * count
-    for e in range(count):
-        turns, s = memory[first + 4 * e :], w.lanes[lane_of(e) :]
+    ring, count, factor = beams.rings[f], beams.rings.shape[1], w.factor.reshape(w.factor.size)
+    start = REMEMBERED * f * count
+    fill_axes(x, ring, w.axes)
+    for n in range(w.lanes.shape[0] // SIZE * LANES):
+        e = min(n, count - 1)
+        other = e + 1 if e + 1 < count else 0
+        s, directors, length = w.lanes[lane_of(n) :], beams.directors[f, e], beams.lengths[f, e]
+        here, there = x[np.uint64(ring[e])], x[np.uint64(ring[other])]
+        chord = there[0] - here[0], there[1] - here[1], there[2] - here[2]
+        s[DRAWN_LENGTH], s[LENGTH] = length, math.sqrt(dot(chord, chord))
+        over = 1.0 / s[LENGTH]
+        for c in range(3):
+            along = w.axes[0, c] * chord[0] + w.axes[1, c] * chord[1] + w.axes[2, c] * chord[2]
+            s[DIRECTION + c * LANES] = over * along
+            for k in range(3):
+                s[DRAWN + (3 * k + c) * LANES] = directors[k, c]
+        begin, end = memory[start + 4 * e :], memory[start + 4 * other :]
         for r in range(4):
-            turns[r] = s[TURNS + r * LANES]
-    _copy(factor, memory[first + 4 * count :])
+            s[TURNS + r * LANES], s[SECOND + TURNS + r * LANES] = begin[r], end[r]
+    for i in range(factor.shape[0]):
+        factor[i] = memory[start + 4 * count + i]
+    return factor[0] > 0.0
 
 
 @device_function
@@ -461,7 +415,13 @@ def _fill_matrix(w: RingWork, mixed: Matrix, matrix: Matrix) -> None:
                 for r in range(3):
                     for c in range(3):
                         mixed[row + r, 3 * ends[b] + c] += sign * h[3 + 3 * a + r, c]
-    forward_rows(w.factor, mixed)
+    factor = w.factor
+    for i in range(factor.shape[0]):  # L^-1 times the columns
+        for k in range(max(0, i - BAND + 1), i):
+            for c in range(mixed.shape[1]):
+                mixed[i, c] -= factor[i, i - k] * mixed[k, c]
+        for c in range(mixed.shape[1]):
+            mixed[i, c] *= factor[i, 0]
     for k in range(3 * count):
         for i in range(3 * count):
             for j in range(i + 1):
@@ -489,20 +449,12 @@ def _add_matrix(w: RingWork, slots: Indices, matrix: Matrix, blocks: Blocks) -> 
 
 @kernel(allocates=True)
 def add_beam_rings(
-    x: Matrix,
-    beams: BeamArrays,
-    memory: Vector,
-    moving: bool,
-    slots: IndexTable,
-    gradient: Matrix,
-    blocks: Blocks,
-    tracked: Vector,
+    x: Matrix, beams: BeamArrays, memory: Remembered, slots: IndexTable, gradient: Matrix, blocks: Blocks
 ) -> float:
     """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
 
     The search for the turns begins at those in memory (REMEMBERED f m,), and without a Hessian with the
-    factor there, if there is one; it ends sooner in a step in time (moving). What it ends with is written to
-    tracked.
+    factor there, if there is one; it ends sooner in a step in time. What it ends with is remembered.
     Returns the energy [J]; infinity where no turns in balance are found.
     """
     count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
@@ -510,9 +462,9 @@ def add_beam_rings(
     size = 3 * count if with_hessian else 0
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
-        there = _read_memory(x, beams, f, memory, w)
+        there = _read_memory(x, beams, f, memory.before, w)
         kept = there and not with_hessian
-        small = SMALL_TURN_IN_MOTION if moving else SMALL_TURN_BY_KEPT if kept else SMALL_TURN
+        small = SMALL_TURN_IN_MOTION if beams.moving else SMALL_TURN_BY_KEPT if kept else SMALL_TURN
         energy += balance_turns(beams, f, w, with_hessian, small, kept)
         if not energy < np.inf:
             return np.inf
@@ -523,7 +475,12 @@ def add_beam_rings(
                 force = w.axes[r, 0] * own[0] + w.axes[r, 1] * own[1] + w.axes[r, 2] * own[2]
                 gradient[node, r] -= force
                 gradient[other, r] += force
-        _write_memory(w, f, tracked)
+        kept_factor, start = w.factor.reshape(w.factor.size), REMEMBERED * f * count
+        for e in range(count):
+            for r in range(4):
+                memory.now[start + 4 * e + r] = w.lanes[lane_of(e) + TURNS + r * LANES]
+        for i in range(kept_factor.shape[0]):
+            memory.now[start + 4 * count + i] = kept_factor[i]
         if with_hessian:
             _fill_matrix(w, mixed, matrix)
             _add_matrix(w, slots[f], matrix, blocks)

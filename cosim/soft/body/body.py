@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar, final
+from typing import TypedDict, TypeVar, Unpack, final
 
 import numpy as np
 
@@ -113,6 +113,49 @@ def by_film(
 
 
 _Kind = TypeVar("_Kind", bound=Element)
+
+
+class BodyParts(TypedDict, total=False):
+    """What a body may have besides nodes, triangles and film, see `SoftBody.from_arrays`.
+
+    Args:
+        face_groups: places of triangles by name; those named by the film hold every triangle once.
+        wrinkle_panel_m: (m,) or one number, see `Membranes`; a film of law "wrinkling" needs it.
+        hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
+        hinge_stiffness: (h,) or one number [N m/rad].
+        hinge_rest_angle: (h,) [rad]; the drawn shape's angles if omitted.
+        fold_barrier_rad: angle below which the fold barrier acts; 0 for none.
+        caps: rings that close the chamber.
+        closed: whether the caps carry pressure; True if omitted.
+        cables: routed cables.
+        node_mass: (n,) or one number [kg].
+        base: nodes that follow the flange.
+        tip: nodes whose mean is the tip, in order around the ring.
+        rings: names of node groups.
+    """
+
+    face_groups: Mapping[str, IntArray] | None
+    wrinkle_panel_m: Array | float
+    hinge_nodes: IntArray | None
+    hinge_stiffness: Array | float
+    hinge_rest_angle: Array | None
+    fold_barrier_rad: float
+    caps: tuple[IntArray, ...]
+    closed: bool
+    cables: tuple[Cable, ...]
+    node_mass: Array | float
+    base: IntArray | None
+    tip: IntArray | None
+    rings: Mapping[str, IntArray] | None
+
+
+def _hinges(x: Array, parts: BodyParts) -> Hinges:
+    """Return the hinges of a body with nodes x (n, 3) [m]."""
+    given, rest = parts.get("hinge_nodes"), parts.get("hinge_rest_angle")
+    nodes = _nodes("hinges", np.zeros((0, 4)) if given is None else given, len(x))
+    stiffness = np.broadcast_to(parts.get("hinge_stiffness", 0.0), (len(nodes),))
+    angle = dihedral_angle(x, nodes) if rest is None else np.array(rest)
+    return Hinges(nodes, np.array(stiffness, dtype=np.float64), angle, parts.get("fold_barrier_rad", 0.0))
 
 
 @final
@@ -260,20 +303,7 @@ class SoftBody:
         positions: Array,
         triangles: IntArray,
         film: Film | Mapping[str, Film],
-        *,
-        face_groups: Mapping[str, IntArray] | None = None,
-        wrinkle_panel_m: Array | float = 0.0,
-        hinge_nodes: IntArray | None = None,
-        hinge_stiffness: Array | float = 0.0,
-        hinge_rest_angle: Array | None = None,
-        fold_barrier_rad: float = 0.0,
-        caps: tuple[IntArray, ...] = (),
-        closed: bool = True,
-        cables: tuple[Cable, ...] = (),
-        node_mass: Array | float = 0.0,
-        base: IntArray | None = None,
-        tip: IntArray | None = None,
-        rings: Mapping[str, IntArray] | None = None,
+        **parts: Unpack[BodyParts],
     ) -> SoftBody:
         """Return a body from plain arrays, so that foreign meshes run.
 
@@ -281,39 +311,27 @@ class SoftBody:
             positions: (n, 3) [m], stress-free shape of the film.
             triangles: (m, 3), outward orientation.
             film: material of all triangles, or of those of each face group; these come in that order.
-            face_groups: places of triangles by name; those named by `film` hold every triangle once.
-            wrinkle_panel_m: (m,) or one number, see `Membranes`; a film of law "wrinkling" needs it.
-            hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
-            hinge_stiffness: (h,) or one number [N m/rad].
-            hinge_rest_angle: (h,) [rad]; the drawn shape's angles if omitted.
-            fold_barrier_rad: angle below which the fold barrier acts; 0 for none.
-            caps: rings that close the chamber.
-            closed: whether the caps carry pressure.
-            cables: routed cables.
-            node_mass: (n,) or one number [kg].
-            base: nodes that follow the flange.
-            tip: nodes whose mean is the tip, in order around the ring.
-            rings: names of node groups.
+            parts: what else there is, see `BodyParts`.
 
         Raises:
             MeshError: degenerate triangles, unknown nodes, negative masses, a triangle with no film or two.
         """
+        unknown = parts.keys() - BodyParts.__annotations__.keys()
+        if unknown:
+            raise TypeError(f"from_arrays() got an unexpected keyword argument {min(unknown)!r}")
         x = np.array(positions, dtype=np.float64, order="C")
-        tri = _nodes("triangles", triangles, len(x))
-        nodes = _nodes("hinges", np.zeros((0, 4)) if hinge_nodes is None else hinge_nodes, len(x))
-        stiffness = np.array(np.broadcast_to(hinge_stiffness, (len(nodes),)), dtype=np.float64)
-        rest = dihedral_angle(x, nodes) if hinge_rest_angle is None else np.array(hinge_rest_angle)
-        parts = by_film(tri, film, face_groups or {}, wrinkle_panel_m)
-        films = [Membranes.from_shape(x, *part) for part in parts]
+        tri, panel_m = _nodes("triangles", triangles, len(x)), parts.get("wrinkle_panel_m", 0.0)
+        own = by_film(tri, film, parts.get("face_groups") or {}, panel_m)
+        films = [Membranes.from_shape(x, *part) for part in own]
         return cls(
             positions=x,
-            elements=(*films, Hinges(nodes, stiffness, rest, fold_barrier_rad), *cables),
-            caps=tuple(_indices(ring) for ring in caps),
-            closed=closed,
-            node_mass=np.array(np.broadcast_to(node_mass, (len(x),)), dtype=np.float64),
-            base=_indices(() if base is None else base),
-            tip=_indices(() if tip is None else tip),
-            rings=dict(rings or {}),
+            elements=(*films, _hinges(x, parts), *parts.get("cables", ())),
+            caps=tuple(_indices(ring) for ring in parts.get("caps", ())),
+            closed=parts.get("closed", True),
+            node_mass=np.array(np.broadcast_to(parts.get("node_mass", 0.0), (len(x),)), dtype=np.float64),
+            base=_indices(parts.get("base")),
+            tip=_indices(parts.get("tip")),
+            rings=dict(parts.get("rings") or {}),
         )
 
     @property
@@ -373,4 +391,4 @@ def _nodes(what: str, values: object, count: int) -> IntArray:
 
 def _indices(values: object) -> IntArray:
     """Return a copy that can be written to: of one that can't, kernels would be compiled a second time."""
-    return np.array(values, dtype=np.int64, order="C")
+    return np.array(() if values is None else values, dtype=np.int64, order="C")

@@ -32,6 +32,7 @@ from typing import (
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import Vector
 from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
@@ -61,6 +62,18 @@ class Acting(Protocol):
 
     def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
         """Return the sealed gas of each of so many chambers, None where the pressure is given."""
+
+
+class Remembered(NamedTuple):
+    """What kernels know of an element's memory.
+
+    Args:
+        before: (m,), of the last accepted state.
+        now: (m,), filled.
+    """
+
+    before: Vector
+    now: Vector
 
 
 class Instant(NamedTuple):

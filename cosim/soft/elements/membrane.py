@@ -116,7 +116,7 @@ class FilmRows(NamedTuple):
     forces: Matrix
 
 
-# Quantity q of a lane is at s[q * LANES + lane], as in `hinge_gradient`.
+# Quantity q of a lane is at s[q * LANES + lane], as in `hinge`.
 LANES = 64
 _D1, _D2, _ENERGY, _E, _N = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
 _WHICH, _PLATE, _HARDENING, _FIRST, _FOUND = (LANES * place for place in (13, 14, 15, 16, 17))
@@ -178,11 +178,13 @@ def _stretch(x: Matrix, film: FilmRows, first: int, lanes: int, drawn: Vector, s
 
 
 @device_function
-def _list_wrinkled(drawn: Vector, forces: Matrix, lanes: int, s: Vector) -> int:
-    """List the lanes that are not taut, and move their strains, s0 and f0 to the front; return how many.
+def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Vector) -> None:
+    """Replace forces A N and energies where a triangle is not taut.
 
-    Up to the next full run the last one is repeated.
+    Such lanes are listed, their strains, s0 and f0 moved to the front; up to the next full run the last is
+    repeated.
     """
+    n, no_tangent = small_vector(3), small_matrix(0, 0)
     count = 0
     for lane in range(lanes):
         area = drawn[4 * LANES + lane]
@@ -197,13 +199,6 @@ def _list_wrinkled(drawn: Vector, forces: Matrix, lanes: int, s: Vector) -> int:
     for spare in range(count, -(-count // _STRIDE) * _STRIDE):
         for place in (_PLATE, _HARDENING, _E, _E + LANES, _E + 2 * LANES):
             s[place + spare] = s[place + count - 1]
-    return count
-
-
-@device_function
-def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Vector) -> None:
-    """Replace forces A N and energies where a triangle is not taut."""
-    n, no_tangent, count = small_vector(3), small_matrix(0, 0), _list_wrinkled(drawn, forces, lanes, s)
     for lane in range(-(-count // _STRIDE) * _STRIDE):  # as of the wrinkled state, and N1, which tells it
         plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
         e1, e2, cosine, sine = principal(s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane])
@@ -251,19 +246,6 @@ def _scatter(
             gradient[j, r] += one
             gradient[k, r] += two
             gradient[i, r] -= one + two
-    return energy
-
-
-@device_function
-def _add_in_lanes(x: Matrix, film: FilmRows, gradient: Matrix) -> float:
-    """Add the gradient of all triangles, plain or wrinkling, to gradient; return the energy [J]."""
-    s, triangles, energy = small_vector(_SIZE), film.triangles, 0.0
-    for first in range(0, triangles.shape[0], LANES):
-        lanes, group = min(LANES, triangles.shape[0] - first), film.drawn[first // LANES]
-        _stretch(x, film, first, lanes, group, s)
-        if film.forces.shape[0] > 0:
-            _wrinkle(group, film.forces[first : first + lanes], lanes, film.stiffness, s)
-        energy += _scatter(group, triangles, first, lanes, s, gradient)
     return energy
 
 
@@ -321,7 +303,14 @@ def add_membranes(x: Matrix, film: FilmRows, slots: IndexTable, gradient: Matrix
     """
     triangles, energy = film.triangles, 0.0
     if film.law in (PLAIN, WRINKLING) and slots.shape[0] == 0:
-        return _add_in_lanes(x, film, gradient)
+        s = small_vector(_SIZE)
+        for first in range(0, triangles.shape[0], LANES):
+            lanes, group = min(LANES, triangles.shape[0] - first), film.drawn[first // LANES]
+            _stretch(x, film, first, lanes, group, s)
+            if film.forces.shape[0] > 0:
+                _wrinkle(group, film.forces[first : first + lanes], lanes, film.stiffness, s)
+            energy += _scatter(group, triangles, first, lanes, s, gradient)
+        return energy
     f, fn, n, tangent = small_matrix(2, 3), small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
     for r in range(3):
         for c in range(3):

@@ -183,21 +183,6 @@ def _beyond(excess: float, compliance: float, hardening: float) -> float:
 
 
 @device_function
-def _slack(g1: float, g2: float, ratio: float, young: float, hardening: float) -> tuple[float, float]:
-    """Return r1, r2 of (r_i - ratio r_j) / young + (r_i / hardening)^3 = g_i, by turns."""
-    compliance = 1.0 / young
-    r1 = 0.0
-    r2 = _beyond(g2, compliance, hardening)
-    for _ in range(_SWEEPS):
-        before = r1
-        r1 = _beyond(g1 + ratio * compliance * r2, compliance, hardening)
-        r2 = _beyond(g2 + ratio * compliance * r1, compliance, hardening)
-        if abs(r1 - before) <= 1e-15 * hardening:
-            break
-    return r1, r2
-
-
-@device_function
 def principal(e11: float, e22: float, e12: float) -> tuple[float, float, float, float]:
     """Return the principal strains, and cosine and sine of twice the first one's angle."""
     mean, half = 0.5 * (e11 + e22), 0.5 * (e11 - e22)
@@ -284,7 +269,15 @@ def wrinkling(
     r2, first = hide_across(e1, e2, stiffness, plate, hardening)
     if first < -plate:
         common = plate * (1.0 - ratio) / young
-        r1, r2 = _slack(-e1 - common, -e2 - common, ratio, young, hardening)
+        # (r_i - ratio r_j) / young + (r_i / hardening)^3 = -e_i - common, by turns
+        compliance = 1.0 / young
+        r2 = _beyond(-e2 - common, compliance, hardening)
+        for _ in range(_SWEEPS):
+            before = r1
+            r1 = _beyond(-e1 - common + ratio * compliance * r2, compliance, hardening)
+            r2 = _beyond(-e2 - common + ratio * compliance * r1, compliance, hardening)
+            if abs(r1 - before) <= 1e-15 * hardening:
+                break
         first = -plate - r1
     second = -plate - r2
     n[0], n[1], n[2] = turn_forces(first, second, cosine, sine)

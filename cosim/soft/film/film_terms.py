@@ -11,13 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    Matrix,
-    address_of,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import Blocks, Matrix, address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import PlainLoads, Touching
@@ -26,9 +20,9 @@ from cosim.soft.contact.self_contact_pairs import add_pairs
 from cosim.soft.elements import gas
 from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
+from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.frame_ring import add_frames
-from cosim.soft.elements.hinge import add_hinges
-from cosim.soft.elements.hinge_gradient import HingeAngles, HingeRows
+from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import FilmRows, add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
@@ -121,7 +115,12 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
         return np.inf
     own, mass = gradient[begin:end], film.mass[begin:end]
     energy += _add_gravity(film.calls[_GRAVITY], (x[begin:end], mass, acting.loads.gravity, own))
-    energy += _add_forces(acting.more.force, begin, end, x, gradient)
+    force, level = acting.more.force, 0.0
+    for i in range(begin, end if force.shape[0] > 0 else begin):
+        for r in range(3):
+            gradient[i, r] -= force[i, r]
+            level -= force[i, r] * x[i, r]
+    energy += level
     planes = acting.touching.planes
     if planes.call != 0:
         contacts = x, planes.planes, planes.widths, begin, end, gradient, blocks, planes.own, planes.pressing
@@ -155,7 +154,7 @@ def _add_bends(film: Any, slots: Any, first: int, last: int, point: Any) -> floa
         film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
         film.fold_barrier[0],
     )  # fmt: skip
-    angles = HingeAngles(point.memory[begin:end], point.tracked[begin:end])
+    angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
     added = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
     return _add_hinges(film.calls[_HINGES], added)
 
@@ -195,18 +194,6 @@ def _pull_cable(film: Any, c: int, more: FilmLoads, with_hessian: bool, point: A
 
 
 @device_function
-def _add_forces(force: Matrix, begin: int, end: int, x: Matrix, gradient: Matrix) -> float:
-    """Add forces that keep their direction; return their potential [J]."""
-    energy = 0.0
-    if force.shape[0] > 0:
-        for i in range(begin, end):
-            for r in range(3):
-                gradient[i, r] -= force[i, r]
-                energy -= force[i, r] * x[i, r]
-    return energy
-
-
-@device_function
 def _add_beams(film: Any, slots: Any, groups: tuple[int, int], moving: bool, point: Any) -> float:
     """Add some groups of rings of beams; return their energy [J]."""
     energy = 0.0
@@ -218,18 +205,13 @@ def _add_beams(film: Any, slots: Any, groups: tuple[int, int], moving: bool, poi
             film.beams.directors[9 * begin : 9 * end].reshape((rings, nodes, 3, 3)),
             film.beams.lengths[begin:end].reshape((rings, nodes)),
             film.beams.rigidities[k],
+            moving,
         )
         pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
         own = slots.beams[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
-        places = (
-            point.memory[first:last],
-            moving,
-            own,
-            point.gradient,
-            point.blocks,
-            point.tracked[first:last],
-        )
-        energy += _add_beam_rings(film.calls[_BEAMS], (point.x, beams, *places))
+        memory = Remembered(point.memory[first:last], point.tracked[first:last])
+        added = point.x, beams, memory, own, point.gradient, point.blocks
+        energy += _add_beam_rings(film.calls[_BEAMS], added)
     return energy
 
 
@@ -261,7 +243,7 @@ def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, p
             given = _seal(film, k, more, slots.diagonal.shape[0] > 0, point)
             if not given < np.inf:
                 return np.inf
-        volume = _press(film, slots, k, given, point.x, point.gradient, point.blocks)
+        volume = _press(film, slots, k, given, (point.x, point.gradient, point.blocks))
         a, b = film.chambers[k], film.chambers[k + 1]
         for cap in range(a[1], b[1]):
             if film.open[cap]:
@@ -274,8 +256,12 @@ def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, p
 
 
 @device_function
-def _press(film: Any, slots: Any, k: int, given: float, x: Matrix, gradient: Matrix, blocks: Blocks) -> float:
-    """Add -p V of chamber k at a given pressure; return V [m^3]."""
+def _press(film: Any, slots: Any, k: int, given: float, into: tuple[Matrix, Matrix, Blocks]) -> float:
+    """Add -p V of chamber k at a given pressure; return V [m^3].
+
+    into: positions, gradient and blocks.
+    """
+    x, gradient, blocks = into
     a, b = film.chambers[k], film.chambers[k + 1]
     own = slots.gas[a[0] : b[0]]
     filled = x, film.gas_triangles[a[0] : b[0]], given, own, gradient, blocks
@@ -296,9 +282,9 @@ def _seal(film: Any, k: int, more: FilmLoads, with_hessian: bool, point: Any) ->
     row = more.coefficients.shape[0] - more.gas.shape[0] + k
     if with_hessian:
         more.vectors[row, :, :] = 0.0
-        volume = _press(film, film.no_slots, k, -1.0, point.x, more.vectors[row], film.no_blocks)
+        volume = _press(film, film.no_slots, k, -1.0, (point.x, more.vectors[row], film.no_blocks))
     else:
-        volume = _press(film, film.no_slots, k, 0.0, point.x, point.gradient, film.no_blocks)
+        volume = _press(film, film.no_slots, k, 0.0, (point.x, point.gradient, film.no_blocks))
     exponent, ambient = more.gas[k, 2], more.gas[k, 3]
     absolute = absolute_pressure(more.gas[k, 0], more.gas[k, 1], exponent, volume)
     if with_hessian:

@@ -13,14 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-)
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
 from cosim.soft.linear.secant_pairs import SecantPairs
 
 NODES, FILMS, HINGES, SEGMENTS, BEAMS, FRAMES, CHAMBERS = range(7)

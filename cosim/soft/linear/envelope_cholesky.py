@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.kernels import IndexTable, Places
 from cosim.base.state_check import KnownStates, check_state
-from cosim.soft.linear.envelope_kernels import factorise, forward, substitute
+from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, forward, substitute
 from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, equations, lower_entries, numbering
 from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
@@ -74,7 +74,7 @@ class _Part:
         bandwidth: of A.
     """
 
-    entries: tuple[PlaceArray, PlaceArray, PlaceArray]
+    entries: TileEntries
     start: PlaceArray
     first: PlaceArray
     dofs: IntArray
@@ -101,11 +101,11 @@ class _Part:
             return np.asarray(at)
 
         order = np.argsort(row // _TILE, kind="stable")  # nearly in order as it is
-        entry = np.searchsorted(row[order] // _TILE, np.arange(tiles + 1))
-        found = (source + 9 * before)[order], place(row, column)[order], entry
-        sources, places, entries = (part.astype(np.uint64) for part in found)
+        firsts = np.searchsorted(row[order] // _TILE, np.arange(tiles + 1))
+        found = (source + 9 * before)[order], place(row, column)[order], firsts
+        entries = TileEntries(*(part.astype(np.uint64) for part in found))
         return cls(
-            (sources, places, entries), start.astype(np.uint64), first.astype(np.uint64), dofs,
+            entries, start.astype(np.uint64), first.astype(np.uint64), dofs,
             int(wide.sum()) * _TILE, int((row - column).max(initial=0)),
         )  # fmt: skip
 
@@ -181,14 +181,14 @@ class EnvelopeCholesky(LinearSolver):
         if self._lent:  # of the other parts it stays
             self._store, self._inverse, self._lent = self._store.copy(), self._inverse.copy(), False
         part = self._parts[number]
-        store, inverse = self._factor_of(number)
-        start, first, size = part.start, part.first, len(part.dofs)
-        return factorise(blocks.reshape(-1), *part.entries, shift, size, start, first, store, inverse)
+        size, factor = len(part.dofs), self._factor_of(number)
+        return factorise(blocks.reshape(-1), part.entries, shift, size, factor)
 
-    def _factor_of(self, number: int) -> tuple[Array, Array]:
-        """Return entries of L and the reciprocal diagonal of a part."""
+    def _factor_of(self, number: int) -> TileFactor:
+        """Return L of a part."""
         (_, stored, tiled, _), (_, stored_end, tiled_end, _) = self._table[number : number + 2]
-        return self._store[stored:stored_end], self._inverse[_TILE * tiled : _TILE * tiled_end]
+        store, inverse = self._store[stored:stored_end], self._inverse[_TILE * tiled : _TILE * tiled_end]
+        return TileFactor(self._parts[number].start, self._parts[number].first, store, inverse)
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
         if self._lent:
@@ -214,11 +214,10 @@ class EnvelopeCholesky(LinearSolver):
     def _product(self, vectors: Array) -> Array:
         loads, total = vectors.reshape(len(vectors), -1, 3), np.zeros((len(vectors), len(vectors)))
         for number, part in enumerate(self._parts):
-            store, inverse = self._factor_of(number)
             begin, end = self._table[number : number + 2, NODE]
             own = np.ascontiguousarray(loads[:, begin:end]).reshape(len(loads), -1)
             found = np.zeros((len(loads), _TILE * len(part.start)))
-            forward(store, part.start, part.first, inverse, part.dofs, own, found)
+            forward(self._factor_of(number), part.dofs, own, found)
             total += found @ found.T
         return total
 
@@ -228,10 +227,9 @@ class EnvelopeCholesky(LinearSolver):
     def _substituted(self, loads: Array, turn: Array) -> Array:
         found = []
         for number, part in enumerate(self._parts):
-            store, inverse = self._factor_of(number)
             begin, end = self._table[number : number + 2, NODE]
             own = np.array(loads[:, begin:end], order="C")
             if len(self._parts) == 1 or own.any():
-                substitute(store, part.start, part.first, inverse, part.dofs, turn, own)
+                substitute(self._factor_of(number), part.dofs, turn, own)
             found.append(own)
         return found[0] if len(found) == 1 else np.concatenate(found, axis=1)

@@ -3,33 +3,51 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Places,
-    Vector,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import Blocks, Indices, Matrix, Places, Vector, device_function, kernel
 
 # Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 
+_Four: TypeAlias = tuple[float, float, float, float]
+_Sums: TypeAlias = tuple[_Four, _Four, _Four, _Four]
+
+
+class TileEntries(NamedTuple):
+    """Entries of A.
+
+    Args:
+        source: their places in the blocks, as numbers.
+        place: their places in the store.
+        first: (tiles + 1,), the first of each tile.
+    """
+
+    source: Places
+    place: Places
+    first: Places
+
+
+class TileFactor(NamedTuple):
+    """L: rows 4 I to 4 I + 3 begin in column 4 first[I], at start[I] in the store, one after the other.
+
+    Args:
+        start: (tiles,).
+        first: (tiles,).
+        store: entries.
+        inverse: reciprocal diagonal.
+    """
+
+    start: Places
+    first: Places
+    store: Vector
+    inverse: Vector
+
 
 @device_function
-def _products(
-    store: Vector, a: Any, wide: Any, b: Any, other: Any, count: Any
-) -> tuple[
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-]:
+def _products(store: Vector, a: Any, wide: Any, b: Any, other: Any, count: Any) -> _Sums:
     """Return the sums of products of four rows at a and four at b, over `count` columns."""
     s00 = s01 = s02 = s03 = s10 = s11 = s12 = s13 = 0.0
     s20 = s21 = s22 = s23 = s30 = s31 = s32 = s33 = 0.0
@@ -59,11 +77,7 @@ def _products(
 
 @device_function
 def _finish_row(
-    store: Vector,
-    at: Any,
-    sums: tuple[float, float, float, float],
-    below: tuple[float, float, float, float, float, float],
-    scale: tuple[float, float, float, float],
+    store: Vector, at: Any, sums: _Four, below: tuple[float, float, float, float, float, float], scale: _Four
 ) -> None:
     """Turn a row of A_IJ into that of L_IJ, given L_JJ's strict lower triangle and inverse diagonal."""
     l10, l20, l21, l30, l31, l32 = below
@@ -75,45 +89,7 @@ def _finish_row(
 
 
 @device_function
-def _finish_tile(
-    store: Vector,
-    at: Any,
-    wide: Any,
-    diagonal: Any,
-    other: Any,
-    inverse: Vector,
-    c: Any,
-    sums: tuple[
-        tuple[float, float, float, float],
-        tuple[float, float, float, float],
-        tuple[float, float, float, float],
-        tuple[float, float, float, float],
-    ],
-) -> None:
-    """Turn A_IJ into L_IJ, given the sums of products and L_JJ."""
-    to1, to2, to3 = diagonal + other, diagonal + _2 * other, diagonal + _3 * other
-    below = store[to1], store[to2], store[to2 + _1], store[to3], store[to3 + _1], store[to3 + _2]
-    scale = inverse[c], inverse[c + _1], inverse[c + _2], inverse[c + _3]
-    _finish_row(store, at, sums[0], below, scale)
-    _finish_row(store, at + wide, sums[1], below, scale)
-    _finish_row(store, at + _2 * wide, sums[2], below, scale)
-    _finish_row(store, at + _3 * wide, sums[3], below, scale)
-
-
-@device_function
-def _finish_diagonal(
-    store: Vector,
-    at: Any,
-    wide: Any,
-    inverse: Vector,
-    c: Any,
-    sums: tuple[
-        tuple[float, float, float, float],
-        tuple[float, float, float, float],
-        tuple[float, float, float, float],
-        tuple[float, float, float, float],
-    ],
-) -> bool:
+def _finish_diagonal(store: Vector, at: Any, wide: Any, inverse: Vector, c: Any, sums: _Sums) -> bool:
     """Turn A_II into L_II, given the sums of products; False where it is not positive definite."""
     at1, at2, at3 = at + wide, at + _2 * wide, at + _3 * wide
     p0 = store[at] - sums[0][0]
@@ -135,58 +111,33 @@ def _finish_diagonal(
     return p0 > 0.0 and p1 > 0.0 and p2 > 0.0 and p3 > 0.0  # false where one is not a number
 
 
-@device_function
-def _fill(
-    values: Vector,
-    source: Places,
-    place: Places,
-    begin: Any,
-    end: Any,
-    shift: float,
-    size: Any,
-    row: Any,
-    store: Vector,
-    at: Any,
-    wide: Any,
-) -> None:
-    """Write four rows of A + shift 1 to the store; rows beyond `size` are those of the identity."""
-    store[at : at + _4 * wide] = 0.0
-    for e in range(begin, end):
-        store[place[e]] = values[source[e]]
-    for r in range(_4):
-        store[at + r * wide + wide - _4 + r] += shift if row + r < size else 1.0
-
-
 @kernel(reorder_sums=True)
-def factorise(
-    values: Vector,
-    source: Places,
-    place: Places,
-    entry: Places,
-    shift: float,
-    size: int,
-    start: Places,
-    first: Places,
-    store: Vector,
-    inverse: Vector,
-) -> bool:
-    """Fill the store with L of A + shift 1; return whether that is positive definite.
+def factorise(values: Vector, entries: TileEntries, shift: float, size: int, factor: TileFactor) -> bool:
+    """Fill the factor with L of A + shift 1; return whether that is positive definite.
 
-    Rows 4 I to 4 I + 3 begin in column 4 first[I], at start[I] in the store, one after the other. Their
-    entries e of A, from entry[I] on, are values[source[e]] at place[e]. The diagonal is written to `inverse`,
-    its reciprocal.
+    Entries e of A are values[source[e]] at place[e]; rows beyond `size` are those of the identity.
     """
+    start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
     for i in range(np.uint64(start.shape[0])):
         wide = _4 * (i - first[i] + _1)
-        begin, end = entry[i], entry[i + _1]
-        _fill(values, source, place, begin, end, shift, np.uint64(size), _4 * i, store, start[i], wide)
+        store[start[i] : start[i] + _4 * wide] = 0.0
+        for e in range(entries.first[i], entries.first[i + _1]):
+            store[entries.place[e]] = values[entries.source[e]]
+        for r in range(_4):
+            store[start[i] + r * wide + wide - _4 + r] += shift if _4 * i + r < np.uint64(size) else 1.0
         for j in range(first[i], i):
             begin = max(first[i], first[j])
             other = _4 * (j - first[j] + _1)
             a, b = start[i] + _4 * (begin - first[i]), start[j] + _4 * (begin - first[j])
             sums = _products(store, a, wide, b, other, _4 * (j - begin))
-            at, diagonal = start[i] + _4 * (j - first[i]), start[j] + other - _4
-            _finish_tile(store, at, wide, diagonal, other, inverse, _4 * j, sums)
+            at, to1 = start[i] + _4 * (j - first[i]), start[j] + other - _4 + other
+            to2, to3, c = to1 + other, to1 + _2 * other, _4 * j
+            below = store[to1], store[to2], store[to2 + _1], store[to3], store[to3 + _1], store[to3 + _2]
+            scale = inverse[c], inverse[c + _1], inverse[c + _2], inverse[c + _3]
+            _finish_row(store, at, sums[0], below, scale)
+            _finish_row(store, at + wide, sums[1], below, scale)
+            _finish_row(store, at + _2 * wide, sums[2], below, scale)
+            _finish_row(store, at + _3 * wide, sums[3], below, scale)
         a = start[i]
         sums = _products(store, a, wide, a, wide, wide - _4)
         if not _finish_diagonal(store, a + wide - _4, wide, inverse, _4 * i, sums):
@@ -195,9 +146,8 @@ def factorise(
 
 
 @device_function
-def _substitute_forward(
-    store: Vector, start: Places, first: Places, inverse: Vector, begin: Any, x: Vector
-) -> None:
+def _substitute_forward(factor: TileFactor, begin: Any, x: Vector) -> None:
+    start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
     for i in range(begin, np.uint64(start.shape[0])):
         wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
         a, count = start[i], wide - _4
@@ -218,7 +168,8 @@ def _substitute_forward(
 
 
 @device_function
-def _substitute_backward(store: Vector, start: Places, first: Places, inverse: Vector, x: Vector) -> None:
+def _substitute_backward(factor: TileFactor, x: Vector) -> None:
+    start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
     groups = np.uint64(start.shape[0])
     for done in range(groups):
         i = groups - _1 - done
@@ -245,19 +196,17 @@ def turned(values: Matrix, turn: Matrix) -> None:
 
 
 @kernel(reorder_sums=True, allocates=True)
-def substitute(
-    store: Vector, start: Places, first: Places, inverse: Vector, dofs: Indices, turn: Matrix, loads: Blocks
-) -> None:
+def substitute(factor: TileFactor, dofs: Indices, turn: Matrix, loads: Blocks) -> None:
     """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
-    x = np.zeros(4 * start.shape[0])
+    x = np.zeros(4 * factor.start.shape[0])
     back = turn.T.copy()
     for case in range(loads.shape[0]):
         turned(loads[case], turn)
         values = loads[case].reshape(-1)
         for e in range(dofs.shape[0]):
             x[e] = values[dofs[e]]
-        _substitute_forward(store, start, first, inverse, np.uint64(0), x)
-        _substitute_backward(store, start, first, inverse, x)
+        _substitute_forward(factor, np.uint64(0), x)
+        _substitute_backward(factor, x)
         values[:] = 0.0
         for e in range(dofs.shape[0]):
             values[dofs[e]] = x[e]
@@ -265,9 +214,7 @@ def substitute(
 
 
 @kernel(reorder_sums=True)
-def forward(
-    store: Vector, start: Places, first: Places, inverse: Vector, dofs: Indices, loads: Matrix, found: Matrix
-) -> None:
+def forward(factor: TileFactor, dofs: Indices, loads: Matrix, found: Matrix) -> None:
     """Fill found (k, 4 tiles), zero before, with L^-1 b of each of loads (k, 3 n); equation e is dofs[e]."""
     for case in range(loads.shape[0]):
         begin = dofs.shape[0]
@@ -275,4 +222,4 @@ def forward(
             found[case, e] = loads[case, dofs[e]]
             if found[case, e] != 0.0:
                 begin = e
-        _substitute_forward(store, start, first, inverse, np.uint64(begin // 4), found[case])
+        _substitute_forward(factor, np.uint64(begin // 4), found[case])

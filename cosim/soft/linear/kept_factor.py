@@ -9,25 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, NamedTuple, final
+from typing import Annotated, Final, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Masks,
-    Matrix,
-    address_of,
-    device_function,
-)
+from cosim.base.kernels import Blocks, Indices, Masks, Matrix, address_of, device_function, handing_on_views
 from cosim.base.numba_insides import caller
 from cosim.soft.linear.envelope_cholesky import NODE, SOLVED, STORED, TILED, EnvelopeEntries
-from cosim.soft.linear.envelope_kernels import factorise, substitute, turned
+from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, substitute, turned
 from cosim.soft.linear.linear_solver import EnvelopeArrays, FactorState
 from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.secant_pairs import bend_load, mend_step
+from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
 
 EXTRA_MAX: Final = 8
 """Iterations beyond one a solution that have cost as much as a new factorisation: it is made."""
@@ -155,6 +148,16 @@ def count_extra(kept: KeptEnvelope, iterations: float, begin: int, end: int) -> 
             kept.extra[k] += iterations - 1
 
 
+@handing_on_views
+def _factor_of(kept: KeptEnvelope, k: int) -> TileFactor:
+    """Return that of part k."""
+    factor, a, b = kept.factor, kept.factor.parts[k], kept.factor.parts[k + 1]
+    return TileFactor(
+        factor.start[a[TILED] : b[TILED]], factor.first[a[TILED] : b[TILED]],
+        factor.store[a[STORED] : b[STORED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
+    )  # fmt: skip
+
+
 @device_function
 def _substitute_parts(
     kept: KeptEnvelope, flange: Matrix, turn: Matrix, begin: int, end: int, solution: Blocks
@@ -168,14 +171,8 @@ def _substitute_parts(
         if flange.shape[0] > 0:
             _turn_since(kept.frame[k], flange, turn)
         own = solution[0, a[NODE] : b[NODE]].reshape((1, b[NODE] - a[NODE], 3))
-        _substitute(
-            kept.calls[_SUBSTITUTE],
-            (
-                factor.store[a[STORED] : b[STORED]], factor.start[a[TILED] : b[TILED]],
-                factor.first[a[TILED] : b[TILED]], factor.inverse[4 * a[TILED] : 4 * b[TILED]],
-                factor.dofs[a[SOLVED] : b[SOLVED]], turn, own,
-            ),
-        )  # fmt: skip
+        given = _factor_of(kept, k), factor.dofs[a[SOLVED] : b[SOLVED]], turn, own
+        _substitute(kept.calls[_SUBSTITUTE], given)
 
 
 @device_function
@@ -187,7 +184,9 @@ def _solve_dense(kept: KeptEnvelope, flange: Matrix, turn: Matrix, solution: Blo
     for i in range(load.shape[0]):
         for r in range(3):
             load[i, r] = solution[0, i, r]
-    _set_straight(turn)
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c else 0.0
     end = load.shape[0]
     _substitute_parts(kept, flange[:0], turn, 0, end, solution)
     for k in range(count):
@@ -213,21 +212,11 @@ def _solve_dense(kept: KeptEnvelope, flange: Matrix, turn: Matrix, solution: Blo
 
 
 @device_function
-def _set_straight(turn: Matrix) -> None:
-    for r in range(3):
-        for c in range(3):
-            turn[r, c] = 1.0 if r == c else 0.0
-
-
-@device_function
 def solve_kept(
     kept: KeptEnvelope,
-    flange: Matrix,
-    turn: Matrix,
-    pairs: Any,
-    count: int,
-    begin: int,
-    end: int,
+    axes: tuple[Matrix, Matrix],
+    shown: tuple[SecantPairs, int],
+    nodes: tuple[int, int],
     gradient: Matrix,
     solution: Blocks,
 ) -> float:
@@ -237,15 +226,15 @@ def solve_kept(
 
     Args:
         kept: the factorisation.
-        flange: (4, 3), see `flange_axes`.
-        turn: (3, 3), scratch.
-        pairs: see `bend_load`.
-        count: how many of them there have been.
-        begin: first of the nodes.
-        end: the node after the last.
+        axes: (4, 3), see `flange_axes`, and (3, 3), scratch.
+        shown: pairs, see `bend_load`, and how many of them there have been.
+        nodes: first of them, and the node after the last.
         gradient: (n, 3) [N], of all nodes.
         solution: (1, n, 3) [m], of all nodes; filled.
     """
+    flange, turn = axes
+    pairs, count = shown
+    begin, end = nodes
     found, longest = solution[0, begin:end], 0.0
     _bend_load(kept.calls[_BEND], (pairs, count, gradient[begin:end], found))
     if kept.inner.shape[0] > 0:
@@ -278,18 +267,15 @@ def renew(kept: KeptEnvelope, blocks: Blocks, flange: Matrix, begin: int, end: i
         if not begin <= a[NODE] < end:
             continue
         first, last = entries.parts[k], entries.parts[k + 1]
-        tiles = a[TILED], b[TILED]
         kept.made[k] += 1
         kept.extra[k] = 0
-        kept.there[k] = _factorise(
-            kept.calls[_FACTORISE],
-            (
-                values, entries.source[first[0] : last[0]], entries.place[first[0] : last[0]],
-                entries.first[first[1] : last[1]], 0.0, b[SOLVED] - a[SOLVED],
-                factor.start[tiles[0] : tiles[1]], factor.first[tiles[0] : tiles[1]],
-                factor.store[a[STORED] : b[STORED]], factor.inverse[4 * tiles[0] : 4 * tiles[1]],
-            ),
-        )  # fmt: skip
+        own = TileEntries(
+            entries.source[first[0] : last[0]],
+            entries.place[first[0] : last[0]],
+            entries.first[first[1] : last[1]],
+        )
+        given = values, own, 0.0, b[SOLVED] - a[SOLVED], _factor_of(kept, k)
+        kept.there[k] = _factorise(kept.calls[_FACTORISE], given)
         for r in range(3):
             for c in range(3):
                 kept.frame[k, r, c] = flange[1 + c, r]

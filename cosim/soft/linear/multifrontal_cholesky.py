@@ -24,7 +24,7 @@ from cosim.soft.linear import multifrontal_kernels
 from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree, dissect
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LinearSolver, equations, lower_entries, numbering
-from cosim.soft.linear.multifrontal_kernels import factorise, substitute
+from cosim.soft.linear.multifrontal_kernels import FrontLists, FrontRoom, factorise, substitute
 from cosim.soft.linear.pattern import BlockPattern
 
 # Entries of a row on average. At 137 fronts take 1.2 times as long as the envelope, at 287 half as long; a
@@ -116,17 +116,15 @@ class DissectedCholesky(LinearSolver):
         self._source, self._place = (part[order].astype(np.uint64) for part in (source, place))
         entry_first = np.searchsorted(front[order], np.arange(len(tree.first)))
         starts = (tree.first, tree.start, tree.rest_first, tree.child_first, tree.run_first, entry_first)
-        self._fronts = np.stack([*starts, np.append(tree.left, 0)], axis=1).astype(np.uint64)
-        self._children, self._runs = tree.children.astype(np.uint64), tree.runs.astype(np.uint64)
-        self._rows, self._rest = tree.rows.astype(np.uint64), tree.rest.astype(np.uint64)
+        fronts = np.stack([*starts, np.append(tree.left, 0)], axis=1)
+        lists = (part.astype(np.uint64) for part in (fronts, tree.children, tree.runs, tree.rows))
+        self._lists, self._rest = FrontLists(*lists), tree.rest.astype(np.uint64)
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
         if self._lent:
             self._store, self._lent = np.empty_like(self._store), False
-        lists = self._fronts, self._children, self._runs, self._rows
-        work = self._work, self._spare, self._stack
-        entries = blocks.reshape(-1), self._source, self._place
-        return bool(factorise(*entries, shift, *lists, *work, self._store))
+        room = FrontRoom(self._work, self._spare, self._stack, self._store)
+        return bool(factorise(blocks.reshape(-1), self._source, self._place, shift, self._lists, room))
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
@@ -144,6 +142,6 @@ class DissectedCholesky(LinearSolver):
         result = np.zeros((len(loads), 3 * self.pattern.nodes))
         for load, found in zip(loads.reshape(len(loads), -1), result, strict=True):
             x = load[self._dofs]
-            substitute(self._store, self._fronts, self._rest, self._here, self._there, x)
+            substitute(self._store, self._lists.fronts, self._rest, self._here, self._there, x)
             found[self._dofs] = x
         return result.reshape(len(loads), -1, 3)

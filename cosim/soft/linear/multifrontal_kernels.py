@@ -6,22 +6,47 @@ A front's own columns, p of them, are assembled in `work`. Its factor is kept as
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Places,
-    PlaceTable,
-    Vector,
-    allocating,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import Places, PlaceTable, Vector, allocating, device_function, kernel
 from cosim.soft.linear.elimination_tree import CHILD, COLUMNS, ENTRY, FIRST, LEFT, REST, RUN, START
 
 # Places are unsigned, as in `envelope_kernels`.
 _0, _1, _2, _3, _4, _WIDE = (np.uint64(n) for n in (0, 1, 2, 3, 4, COLUMNS))
+
+
+class FrontLists(NamedTuple):
+    """The fronts of a matrix, see `FrontTree`.
+
+    Args:
+        fronts: (k + 1, 7), where what belongs to each begins.
+        children: of each front.
+        runs: columns in one stretch, that a child leaves to its parent.
+        rows: where the rest of each front is in its parent.
+    """
+
+    fronts: PlaceTable
+    children: Places
+    runs: PlaceTable
+    rows: Places
+
+
+class FrontRoom(NamedTuple):
+    """Room for a factorisation.
+
+    Args:
+        work: a front's own columns.
+        spare: the same, and twice its components.
+        stack: what fronts leave to their parents.
+        store: the factor, filled.
+    """
+
+    work: Vector
+    spare: Vector
+    stack: Vector
+    store: Vector
 
 
 @device_function
@@ -55,19 +80,13 @@ def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) ->
 
 
 @device_function
-def _take(
-    fronts: PlaceTable,
-    children: Places,
-    runs: PlaceTable,
-    rows: Places,
-    k: Any,
-    owned: Any,
-    stack: Vector,
-    to: Vector,
-    wide: Any,
-    back: Any,
-) -> None:
-    """Add what the children of front k leave: to the columns it owns, of rows of `wide`, or to its rest."""
+def _take(lists: FrontLists, k: Any, owned: Any, stack: Vector, to: Vector, grid: tuple[Any, Any]) -> None:
+    """Add what the children of front k leave: to the columns it owns, or to its rest.
+
+    grid: width of the rows there, and rows before the first of them.
+    """
+    fronts, children, runs, rows = lists.fronts, lists.children, lists.runs, lists.rows
+    wide, back = grid
     for place in range(fronts[k, CHILD], fronts[k + _1, CHILD]):
         child = children[place]
         begin, left = fronts[child, REST], fronts[child, LEFT]
@@ -100,23 +119,13 @@ def _leave(below: Vector, q: Any, p: Any, factor: Vector, left: Vector) -> None:
 
 @kernel(reorder_sums=True, allocates=True)
 def factorise(
-    values: Vector,
-    source: Places,
-    place: Places,
-    shift: float,
-    fronts: PlaceTable,
-    children: Places,
-    runs: PlaceTable,
-    rows: Places,
-    work: Vector,
-    spare: Vector,
-    stack: Vector,
-    store: Vector,
+    values: Vector, source: Places, place: Places, shift: float, lists: FrontLists, room: FrontRoom
 ) -> bool:
     """Fill the store; return whether the matrix is positive definite.
 
-    Entry place[e] of a front's own columns is values[source[e]]; for the lists see `FrontTree`.
+    Entry place[e] of a front's own columns is values[source[e]].
     """
+    fronts, work, spare, stack, store = lists.fronts, room.work, room.spare, room.stack, room.store
     for k in range(np.uint64(fronts.shape[0]) - _1):
         p, q = fronts[k + _1, FIRST] - fronts[k, FIRST], fronts[k + _1, REST] - fronts[k, REST]
         at, square = fronts[k, START], p * p
@@ -125,7 +134,7 @@ def factorise(
             work[place[e]] = values[source[e]]
         for i in range(p):
             work[i * (p + _1)] += shift
-        _take(fronts, children, runs, rows, k, _1, stack, work, p, _0)
+        _take(lists, k, _1, stack, work, (p, _0))
         if not _invert(work, p, store[at : at + square], spare[:p], spare[p : p + p]):
             return False
         if q == _0:
@@ -139,7 +148,7 @@ def factorise(
         np.dot(work[square : p * (p + q)].reshape(shape), turned, below.reshape(shape))
         left = stack[fronts[k, LEFT] :]
         _leave(below, q, p, store[at + square :], left)
-        _take(fronts, children, runs, rows, k, _0, stack, left, _WIDE, p)
+        _take(lists, k, _0, stack, left, (_WIDE, p))
     return True
 
 

@@ -347,7 +347,8 @@ def _direct(side: FilmSide, motion: Any, turn: Matrix, part: int) -> int:
         state[ASKS] = SOLUTION
         return _STOP
     pairs, known, load = _own(work, begin, end), int(state[PAIRS_KNOWN]), work.served[1]
-    largest = solve_kept(kept, motion.flange, turn, pairs, known, begin, end, load, work.solution)
+    axes, nodes = (motion.flange, turn), (begin, end)
+    largest = solve_kept(kept, axes, (pairs, known), nodes, load, work.solution)
     return _follow(side, motion, part, largest)
 
 
@@ -370,8 +371,8 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
         _go_back(side, motion, part)
         return _STOP
     state[ASKS], state[SEARCHES] = NOTHING, 1.0
-    ends = begin, end, work.gradient, work.solution
-    return _follow(side, motion, part, solve_kept(kept, motion.flange, turn, work.pairs, 0, *ends))
+    axes, given = (motion.flange, turn), ((work.pairs, 0), (begin, end), work.gradient, work.solution)
+    return _follow(side, motion, part, solve_kept(kept, axes, *given))
 
 
 @device_function
