@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, final
+from typing import Final, Protocol, final
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
@@ -21,10 +21,8 @@ from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
 from cosim.soft.solve.branching import UNDECIDED, Branching
 from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
-
-if TYPE_CHECKING:
-    from cosim.soft.solve.equilibrium import EquilibriumSolver
 
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-3, 1e9  # of a weight of 1
 _TOLERANCE = 1e-8  # of the eigenvalue
@@ -99,16 +97,45 @@ def softest(
     return Softest(float(1.0 / values[0] - shift), mode, place)
 
 
-_PUSH, _PUSH_GROWTH, _PUSHES_MAX = 1e-3, 3.0, 6  # off an unstable equilibrium; of the body's size
+_PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
+_SADDLES_MAX = 3  # one after the other, until a stable one is found
+_STEPS_MAX, _STEP_ITERATIONS, _LARGEST_BED_N_m = 60, 12, 1e6
+_GROWTH_LEAST, _GROWTH_MOST = 1.3, 2.0  # of the distance from it in a step
+_FIRST_BED, _LAST_BED = 4.0, 0.02  # of the bath: of the negative curvature
+_SOFTER, _STIFFER = 0.4, 3.0  # from step to step
+_NO_SHIFT = 1e-30  # a step with an indefinite tangent may end anywhere: it is not taken [N/m]
+_DRIVE, _LEAST_TOLERANCE_N = 0.05, 1e-9  # out of balance, of what drives it
 _FAR = 0.05  # root mean square of the nodes' motion, of the body's size
-_WITHIN = 0.01  # of the loads
+_WITHIN = 0.005  # of the loads
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
 _EQUAL = 1e-6  # energies, of the fall from an unstable equilibrium
 ON_PURPOSE: Final = "it is followed on purpose (solver.follow_unstable)"
 NOWHERE: Final = "no stable equilibrium was found beside it"
 
 
-def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+class BranchFollower(Protocol):
+    """Follows equilibria of a body; see `EquilibriumSolver`."""
+
+    solver: NewtonSolver
+    options: NewtonOptions
+    effort: SearchEffort
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go."""
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads."""
+
+    def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the equilibrium that a damped body slides to."""
+
+    def touched(self, positions: Array, loads: Loads) -> Loads:
+        """Return the loads with what is touched near given positions."""
+
+
+def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
     """Return a stable equilibrium in place of one that is not; one that is stable as it is.
 
     Where stable equilibria end is looked for between `begin` and `found`; also where Newton's method met an
@@ -118,7 +145,7 @@ def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibri
     is positive, and followed to the loads of `found`. A branch that is unstable at `begin` is followed.
 
     Args:
-        solver: follows equilibria of the body; its options say whether unstable ones are left.
+        follower: of equilibria of the body; its options say whether unstable ones are left.
         begin: equilibrium before, from where it was followed; None for a first one.
         found: what was found.
 
@@ -127,33 +154,25 @@ def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibri
     """
     if begin is not None and begin.negative_pivots:
         return found
-    leaves = solver.options.leaves_saddles
+    leaves = follower.options.leaves_saddles
     if not found.negative_pivots and not (leaves and begin is not None and _jumped(begin, found)):
         return found
-    with solver.effort.search("a stable equilibrium beside an unstable one"):
-        fork = _Fork(1.0, found, 0) if begin is None else _fork(solver, begin, found)
+    with follower.effort.search("a stable equilibrium beside an unstable one"):
+        fork = _Fork(1.0, found, 0) if begin is None else _fork(follower, begin, found)
         saddle, spent = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:  # there is one way to snap
-            return replace(found, iterations=spent)
-        lowest = _softest_of(solver, saddle)
-        ends = [_descended(solver, saddle, side * lowest.mode) for side in (1.0, -1.0)] if leaves else []
-        stable = [end for end in ends if end is not None]
-        stable.sort(key=lambda end: -_along(lowest.mode, saddle, end))
-        why, *taken = _choice(saddle, stable) if leaves else (ON_PURPOSE,)
-        tips = [_tip(solver, end) for end in (*taken, None, None)]
-        named = _named(solver.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
+            return replace(_again(follower, found), iterations=spent)
+        lowest = _softest_of(follower, saddle)
+        ends = _sides(follower, saddle, lowest) if leaves else []
+        why, *taken = _choice(saddle, ends) if leaves else (ON_PURPOSE,)
+        tips = [_tip(follower, end) for end in (*taken, None, None)]
+        named = _named(follower.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
         branching = replace(named, load_factor=fork.share, tip_m=tips[0], other_tip_m=tips[1], chosen=why)
-        here = found
-        if taken:
-            spent += sum(end.iterations for end in stable)
-            here = solver.follow(taken[0], found.world_from_flange, found.loads)
-            spent += here.iterations
-    return replace(
-        here,
-        iterations=spent,
-        slides=found.slides,
-        branchings=(*found.branchings, branching, *here.branchings),
-    )
+        if not taken:
+            return replace(_again(follower, found), iterations=spent, branchings=(branching,))
+        here = follower.follow(taken[0], found.world_from_flange, found.loads)
+        spent += here.iterations + sum(end.iterations for end in ends)
+        return replace(here, iterations=spent, branchings=(branching, *here.branchings))
 
 
 def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
@@ -180,8 +199,8 @@ def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest
     )  # fmt: skip
 
 
-def _softest_of(solver: EquilibriumSolver, here: Equilibrium) -> Softest:
-    return softest(solver.solver, here.state, here.loads, here.world_from_flange.rotation)
+def _softest_of(follower: BranchFollower, here: Equilibrium) -> Softest:
+    return softest(follower.solver, here.state, here.loads, here.world_from_flange.rotation)
 
 
 @final
@@ -200,7 +219,7 @@ class _Fork:
     iterations: int
 
 
-def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _Fork:
+def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fork:
     """Return where stable equilibria end between a stable one and another, bisected."""
     low, high, spent = 0.0, 1.0, 0
     first, last, width = begin, end, _load_change(begin, end)
@@ -211,7 +230,7 @@ def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _F
         ends = [here.state.carried(pose @ here.world_from_flange.inverse()) for here in (first, last)]
         start = 0.5 * (ends[0].positions + ends[1].positions) if last.negative_pivots else ends[0].positions
         try:
-            found = solver.solve(ends[0], pose, loads, start)
+            found = follower.solve(ends[0], pose, loads, start)
         except ConvergenceError:
             break
         spent += found.iterations
@@ -223,27 +242,91 @@ def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _F
     return _Fork(high, last, spent)
 
 
-def _descended(solver: EquilibriumSolver, saddle: Equilibrium, push: Array) -> Equilibrium | None:
-    """Return the stable equilibrium that the body slides to when it is pushed off; None if none is found.
+def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> list[Equilibrium]:
+    """Return the stable equilibria on both sides of an unstable one, that along its mode first; at most two.
+
+    What is pushed off to one side may come to rest on the other: wrinkles that snap on the way throw it
+    across. So further pushes follow until there is one on either side.
+    """
+    ends = dict[bool, Equilibrium]()
+    for push in _PUSHES:
+        for side in (1.0, -1.0):
+            if len(ends) < 2:
+                end = _descended(follower, saddle, replace(lowest, mode=side * lowest.mode), push)
+                if end is not None:
+                    ends.setdefault(math.copysign(1.0, _along(lowest.mode, saddle, end)), end)
+    return [ends[side] for side in (1.0, -1.0) if side in ends]
+
+
+def _descended(
+    follower: BranchFollower, saddle: Equilibrium, way: Softest, push: float
+) -> Equilibrium | None:
+    """Return a stable equilibrium to which a body moves off an unstable one; None if none is found.
 
     Args:
-        solver: of the body.
+        follower: of equilibria of the body.
         saddle: where it starts.
-        push: (n, 3), direction; its largest component is 1 or -1.
+        way: on which it is left.
+        push: along it, of the body's size; rolls off slowly with the least one.
     """
-    here, size, spent = saddle, _PUSH * _size(saddle), 0
-    for _ in range(_PUSHES_MAX):
-        pushed = SoftState.at_rest(here.state.positions + size * push, here.state.memory)
+    here, onwards, spent = saddle, way, 0
+    for _ in range(_SADDLES_MAX):
         try:
-            here = solver.slide(pushed, saddle.world_from_flange, saddle.loads)
+            if push == _PUSHES[0]:
+                moved = _rolled(follower, here, onwards)
+            else:
+                start = here.state.positions + push * _size(saddle) * onwards.mode
+                moved = replace(here, state=SoftState.at_rest(start, here.state.memory), iterations=0)
+            here = follower.slide(moved.state, saddle.world_from_flange, saddle.loads)
         except ConvergenceError:
             return None
-        spent += here.iterations
+        spent += moved.iterations + here.iterations
         if not here.negative_pivots:
             return replace(here, iterations=spent)
-        mode = _softest_of(solver, here).mode
-        push, size = math.copysign(1.0, _along(mode, saddle, here)) * mode, _PUSH_GROWTH * size
+        onwards = _softest_of(follower, here)
+        onwards = replace(onwards, mode=math.copysign(1.0, _along(onwards.mode, saddle, here)) * onwards.mode)
     return None
+
+
+def _rolled(follower: BranchFollower, saddle: Equilibrium, way: Softest) -> Equilibrium:
+    """Return where a body rolls off an unstable equilibrium, up to near a stable one.
+
+    Implicit steps of a body without mass in a viscous bath, see `equilibrium.slide`; the distance from
+    `saddle` at most doubles in a step, as longer steps would end on any side.
+
+    Args:
+        follower: of equilibria of the body.
+        saddle: where it starts.
+        way: on which it is left.
+    """
+    solver, x0, frame = follower.solver, saddle.state.positions, saddle.world_from_flange.rotation
+    start = x0 + _PUSHES[0] * _size(saddle) * way.mode
+    state, bed, spent = SoftState.at_rest(start, saddle.state.memory), _FIRST_BED * abs(way.value), 0
+    for _ in range(_STEPS_MAX):
+        x, loads = state.positions, follower.touched(state.positions, saddle.loads)
+        before = float(np.abs(x - x0).max())
+        tolerance = min(
+            follower.options.tolerance_N, max(_DRIVE * abs(way.value) * before, _LEAST_TOLERANCE_N)
+        )
+        options = replace(
+            follower.options, tolerance_N=tolerance, start_tolerance_N=tolerance, reuse_max=0,
+            iterations_max=_STEP_ITERATIONS, shift_start_N_m=_NO_SHIFT, shift_max_N_m=_NO_SHIFT,
+        )  # fmt: skip
+        inertia = Inertia(np.full(len(x), bed), x)
+        tried = solver.solve(x, state.memory, loads, follower.effort.bounded(options), inertia, frame)
+        follower.effort.spend(tried)
+        spent += tried.iterations
+        after = float(np.abs(tried.positions - x0).max())
+        if not tried.converged or after > _GROWTH_MOST * before:
+            bed *= _STIFFER
+            if bed > _LARGEST_BED_N_m:
+                break
+            continue
+        state = SoftState.at_rest(tried.positions, tried.memory)
+        if bed < _LAST_BED * abs(way.value):  # the bath hardly holds it: an equilibrium is near
+            break
+        bed *= _SOFTER if after < _GROWTH_LEAST * before else 1.0
+    return replace(saddle, state=state, iterations=spent)
 
 
 def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[Equilibrium, ...]]:
@@ -264,10 +347,17 @@ def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[E
     return "it has the lower energy", *sorted(ends, key=lambda end: end.potential_J)
 
 
-def _tip(solver: EquilibriumSolver, end: Equilibrium | None) -> tuple[float, float, float] | None:
-    if end is None:
+def _again(follower: BranchFollower, found: Equilibrium) -> Equilibrium:
+    """Return what was found, as the last one that was solved: solvers keep its forces."""
+    again = follower.solve(found.state, found.world_from_flange, found.loads)
+    return replace(again, slides=found.slides)
+
+
+def _tip(follower: BranchFollower, end: Equilibrium | None) -> tuple[float, float, float] | None:
+    body = follower.solver.system.body
+    if end is None or not len(body.tip):
         return None
-    x, y, z = solver.solver.system.body.tip_position(end.state.positions).tolist()
+    x, y, z = body.tip_position(end.state.positions).tolist()
     return x, y, z
 
 
@@ -295,10 +385,11 @@ def _load_change(begin: Equilibrium, end: Equilibrium) -> float:
     a, b = begin.loads, end.loads
     plain = (a.pressure_Pa, b.pressure_Pa), (a.cable_tension_N, b.cable_tension_N), (a.gravity, b.gravity)
     shares = [_relative(np.array(before), np.array(after)) for before, after in plain]
+    forces = [np.zeros(0) if each.nodal_force is None else each.nodal_force.ravel() for each in (a, b)]
     moved = end.world_from_flange @ begin.world_from_flange.inverse()
     still = np.abs(moved.rotation - np.eye(3)).max() < _STILL > np.abs(moved.translation).max()
-    same = a.nodal_force is b.nodal_force and a.gas == b.gas and a.cable_length_m == b.cable_length_m
-    return min(1.0, max(shares)) if same and still else 1.0
+    same = a.gas == b.gas and a.cable_length_m == b.cable_length_m
+    return min(1.0, max(*shares, _relative(forces[0], forces[1]))) if same and still else 1.0
 
 
 def _relative(before: Array, after: Array) -> float:
