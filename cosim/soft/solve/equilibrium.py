@@ -295,7 +295,7 @@ class EquilibriumSolver:
         start = self.clamp.place(state.positions, world_from_flange)
         self.effort.trying = "sliding to where it comes to rest"
         slid = slide(
-            self.solver, start, state.memory, lambda x: self.touched(x, loads), self.options, self.effort
+            self.solver, start, state.memory, lambda x: self._touched(x, loads), self.options, self.effort
         )
         try:
             rest = self.solve(SoftState.at_rest(slid.positions, slid.memory), world_from_flange, loads)
@@ -304,7 +304,7 @@ class EquilibriumSolver:
             raise
         return replace(rest, iterations=slid.iterations + rest.iterations, slides=1)
 
-    def touched(self, positions: Array, loads: Loads) -> Loads:
+    def _touched(self, positions: Array, loads: Loads) -> Loads:
         """Return the loads with what is touched near given positions."""
         films, obstacles = self.self_contact, self.obstacles
         planes = loads.contact if obstacles is None else obstacles(positions)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final, Protocol, final
 
 import numpy as np
@@ -98,13 +99,8 @@ def softest(
 
 
 _PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
+_ALIKE = 0.2  # how far two sides are apart from it
 _SADDLES_MAX = 3  # one after the other, until a stable one is found
-_STEPS_MAX, _STEP_ITERATIONS, _LARGEST_BED_N_m = 60, 12, 1e6
-_GROWTH_LEAST, _GROWTH_MOST = 1.3, 2.0  # of the distance from it in a step
-_FIRST_BED, _LAST_BED = 4.0, 0.02  # of the bath: of the negative curvature
-_SOFTER, _STIFFER = 0.4, 3.0  # from step to step
-_NO_SHIFT = 1e-30  # a step with an indefinite tangent may end anywhere: it is not taken [N/m]
-_DRIVE, _LEAST_TOLERANCE_N = 0.05, 1e-9  # out of balance, of what drives it
 _FAR = 0.05  # root mean square of the nodes' motion, of the body's size
 _WITHIN = 0.005  # of the loads
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
@@ -130,9 +126,6 @@ class BranchFollower(Protocol):
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Find the equilibrium that a damped body slides to."""
-
-    def touched(self, positions: Array, loads: Loads) -> Loads:
-        """Return the loads with what is touched near given positions."""
 
 
 def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
@@ -245,88 +238,42 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
 def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> list[Equilibrium]:
     """Return the stable equilibria on both sides of an unstable one, that along its mode first; at most two.
 
-    What is pushed off to one side may come to rest on the other: wrinkles that snap on the way throw it
-    across. So further pushes follow until there is one on either side.
+    What is pushed off to one side may come to rest on the other, or nearby: wrinkles that snap on the way
+    throw it there. So further pushes follow until there is one on either side, about as far away.
     """
-    ends = dict[bool, Equilibrium]()
-    for push in _PUSHES:
-        for side in (1.0, -1.0):
-            if len(ends) < 2:
-                end = _descended(follower, saddle, replace(lowest, mode=side * lowest.mode), push)
-                if end is not None:
-                    ends.setdefault(math.copysign(1.0, _along(lowest.mode, saddle, end)), end)
-    return [ends[side] for side in (1.0, -1.0) if side in ends]
+    ends = dict[float, Equilibrium]()
+    for push, side in product(_PUSHES, (1.0, -1.0)):
+        away = [_motion(saddle, end) for end in ends.values()]
+        if len(away) == 2 and min(away) > _ALIKE * max(away):
+            break
+        end = _descended(follower, saddle, side * push * _size(saddle) * lowest.mode)
+        if end is not None:
+            where = math.copysign(1.0, _along(lowest.mode, saddle, end))
+            ends[where] = max(ends.get(where, end), end, key=lambda each: _motion(saddle, each))
+    return [ends[where] for where in (1.0, -1.0) if where in ends]
 
 
-def _descended(
-    follower: BranchFollower, saddle: Equilibrium, way: Softest, push: float
-) -> Equilibrium | None:
-    """Return a stable equilibrium to which a body moves off an unstable one; None if none is found.
+def _descended(follower: BranchFollower, saddle: Equilibrium, push: Array) -> Equilibrium | None:
+    """Return a stable equilibrium to which a body slides that is pushed off; None if none is found.
 
     Args:
         follower: of equilibria of the body.
         saddle: where it starts.
-        way: on which it is left.
-        push: along it, of the body's size; rolls off slowly with the least one.
+        push: (n, 3) [m].
     """
-    here, onwards, spent = saddle, way, 0
+    here, spent = saddle, 0
     for _ in range(_SADDLES_MAX):
+        pushed = SoftState.at_rest(here.state.positions + push, here.state.memory)
         try:
-            if push == _PUSHES[0]:
-                moved = _rolled(follower, here, onwards)
-            else:
-                start = here.state.positions + push * _size(saddle) * onwards.mode
-                moved = replace(here, state=SoftState.at_rest(start, here.state.memory), iterations=0)
-            here = follower.slide(moved.state, saddle.world_from_flange, saddle.loads)
+            here = follower.slide(pushed, saddle.world_from_flange, saddle.loads)
         except ConvergenceError:
             return None
-        spent += moved.iterations + here.iterations
+        spent += here.iterations
         if not here.negative_pivots:
             return replace(here, iterations=spent)
-        onwards = _softest_of(follower, here)
-        onwards = replace(onwards, mode=math.copysign(1.0, _along(onwards.mode, saddle, here)) * onwards.mode)
+        mode = _softest_of(follower, here).mode
+        push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, here)) * mode
     return None
-
-
-def _rolled(follower: BranchFollower, saddle: Equilibrium, way: Softest) -> Equilibrium:
-    """Return where a body rolls off an unstable equilibrium, up to near a stable one.
-
-    Implicit steps of a body without mass in a viscous bath, see `equilibrium.slide`; the distance from
-    `saddle` at most doubles in a step, as longer steps would end on any side.
-
-    Args:
-        follower: of equilibria of the body.
-        saddle: where it starts.
-        way: on which it is left.
-    """
-    solver, x0, frame = follower.solver, saddle.state.positions, saddle.world_from_flange.rotation
-    start = x0 + _PUSHES[0] * _size(saddle) * way.mode
-    state, bed, spent = SoftState.at_rest(start, saddle.state.memory), _FIRST_BED * abs(way.value), 0
-    for _ in range(_STEPS_MAX):
-        x, loads = state.positions, follower.touched(state.positions, saddle.loads)
-        before = float(np.abs(x - x0).max())
-        tolerance = min(
-            follower.options.tolerance_N, max(_DRIVE * abs(way.value) * before, _LEAST_TOLERANCE_N)
-        )
-        options = replace(
-            follower.options, tolerance_N=tolerance, start_tolerance_N=tolerance, reuse_max=0,
-            iterations_max=_STEP_ITERATIONS, shift_start_N_m=_NO_SHIFT, shift_max_N_m=_NO_SHIFT,
-        )  # fmt: skip
-        inertia = Inertia(np.full(len(x), bed), x)
-        tried = solver.solve(x, state.memory, loads, follower.effort.bounded(options), inertia, frame)
-        follower.effort.spend(tried)
-        spent += tried.iterations
-        after = float(np.abs(tried.positions - x0).max())
-        if not tried.converged or after > _GROWTH_MOST * before:
-            bed *= _STIFFER
-            if bed > _LARGEST_BED_N_m:
-                break
-            continue
-        state = SoftState.at_rest(tried.positions, tried.memory)
-        if bed < _LAST_BED * abs(way.value):  # the bath hardly holds it: an equilibrium is near
-            break
-        bed *= _SOFTER if after < _GROWTH_LEAST * before else 1.0
-    return replace(saddle, state=state, iterations=spent)
 
 
 def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[Equilibrium, ...]]:
