@@ -16,7 +16,7 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import Branching
+from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
@@ -152,7 +152,7 @@ class DynamicSimulation(SteppedRun):
         for row in rows:
             flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
             branching = soft.undecided(taken.shapes[row], flange, asked.loads[row])
-            if branching is not None:
+            if branching is not None and branching.extent >= WHOLE:  # wrinkles come and go in motion
                 found[row] = (replace(branching, load_factor=(to.done + row) / count),)
         return found
 

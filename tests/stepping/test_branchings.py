@@ -13,8 +13,10 @@ from typing import Any
 import pytest
 
 import cosim
+from cosim.cli.main import main
 
 CASE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
+STATICS = ("--set", "mode=quasistatic", "--set", "robot=none")
 BRANCHES_Pa, ASIDE_m = 7860.0, 0.085
 
 
@@ -75,7 +77,7 @@ def test_what_stays_below_its_branching_is_stable() -> None:
 
 @pytest.mark.parametrize("tick_s", [0.002, 0.004])
 def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> None:
-    summary = pouch(clock__tick_s=tick_s, robot="none").summary
+    summary = pouch(clock__tick_s=tick_s).summary
     (found,) = large(summary)
     assert BRANCHES_Pa < found["pressure_Pa"][0] <= 10e3
     assert found["place"].endswith("of tip")
@@ -88,12 +90,9 @@ def test_a_run_in_time_below_its_branching_warns_of_nothing() -> None:
     assert pouch(clock__tick_s=0.004, phase__inflate__pressure_Pa=6e3).summary["branchings"] == []
 
 
-def test_it_is_on_screen_and_in_a_resumed_run(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    from cosim.cli.main import main
-
+def test_it_is_on_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run"
-    command = ["run", str(CASE), "--out", str(out), "--no-recording", "--set", "mode=quasistatic"]
-    assert main([*command, "--set", "robot=none"]) == 0
+    assert main(["run", str(CASE), "--out", str(out), "--no-recording", *STATICS]) == 0
     assert "stability: phase 'inflate' branches at 7.8" in capfd.readouterr().err
     (found,) = large(json.loads((out / "summary.json").read_text("utf-8")))
     assert found["other_tip_m"] is not None
