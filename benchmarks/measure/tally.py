@@ -47,6 +47,7 @@ class Tally:
 
         solver: Any = NewtonSolver
         factor, with_tangent, take_over = solver._factor, solver._with_tangent, solver.take_over
+        factorise = solver.factorise
         film_step: Any = vars(newton)["film_step"]
         row: Any = vars(staggered._FilmHalves)["_row"]
 
@@ -57,6 +58,10 @@ class Tally:
         def counted_tangents(solver: Any, kept: Any, kind: float) -> None:
             self.now.tangents += kept.made.sum() / max(len(kept.made), 1)
             take_over(solver, kept, kind)
+
+        def counted_test(solver: NewtonSolver, *given: Any) -> bool:
+            self.now.tangents += 1.0
+            return bool(factorise(solver, *given))
 
         def counted_factor(solver: NewtonSolver, *given: Any) -> Any:
             attempts = factor(solver, *given)
@@ -79,6 +84,7 @@ class Tally:
             (NewtonSolver, "take_over", counted_tangents),
             (NewtonSolver, "_with_tangent", counted_tangent),
             (NewtonSolver, "_factor", counted_factor),
+            (NewtonSolver, "factorise", counted_test),
             (newton, "film_step", counted_step),
             (staggered._FilmHalves, "_row", counted_row),
         ):

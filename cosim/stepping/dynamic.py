@@ -16,7 +16,7 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import Branching
+from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
 
 
-_LOOKS: Final = 8  # in a phase, the last one at its end: whether the soft robot is at an unstable equilibrium
+_LOOKS: Final = 8
+"""Looks in a phase, at most, at whether the soft robot is in an unstable state; the last one at its end."""
+_LOOK_TICKS: Final = 16
+"""At least between two looks, each of which costs about as much as a tick with a new tangent."""
 
 
 @final
@@ -142,13 +145,14 @@ class DynamicSimulation(SteppedRun):
     def _undecided(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, tuple[Branching, ...]]:
         """Return in which directions the soft robot would give way, if it was at rest, after some ticks."""
         count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
-        places = {-(-count * k // _LOOKS) - to.done for k in range(1, _LOOKS + 1)}
+        looks = max(1, min(_LOOKS, count // _LOOK_TICKS))
+        places = {-(-count * k // looks) - to.done for k in range(1, looks + 1)}
         rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
         found = dict[int, tuple[Branching, ...]]()
         for row in rows:
             flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
             branching = soft.undecided(taken.shapes[row], flange, asked.loads[row])
-            if branching is not None:
+            if branching is not None and branching.extent >= WHOLE:  # wrinkles come and go in motion
                 found[row] = (replace(branching, load_factor=(to.done + row) / count),)
         return found
 

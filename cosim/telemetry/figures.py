@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
-from cosim.soft.solve.branching import UNDECIDED, Branching
+from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -437,9 +437,6 @@ def control_figures(time_s: Array, measured: Array, setpoint: float) -> dict[str
     }
 
 
-_WHOLE: Final = 0.2  # extent of a mode in which more than a wrinkle moves
-
-
 def joined_branchings(
     found: list[dict[str, Any]], phase: str, time_s: float, more: Sequence[Branching]
 ) -> list[dict[str, Any]]:
@@ -469,7 +466,7 @@ def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:
         f"{_whereabouts(row)}; the run was there from {row['time_s']:.4g} to {row['until_s']:.4g} s, and "
         f"{row['chosen']}"
         for row in branchings
-        if row["chosen"] == UNDECIDED and row["extent"] >= _WHOLE
+        if row["chosen"] == UNDECIDED and row["extent"] >= WHOLE
     ]
 
 
@@ -480,9 +477,9 @@ def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
         branchings: of the summary.
     """
     lines = [
-        _branching_line(row) for row in branchings if row["chosen"] != UNDECIDED and row["extent"] >= _WHOLE
+        _branching_line(row) for row in branchings if row["chosen"] != UNDECIDED and row["extent"] >= WHOLE
     ]
-    small = sum(row["extent"] < _WHOLE for row in branchings)
+    small = sum(row["extent"] < WHOLE for row in branchings)
     wrinkles = f"{small} branchings of wrinkles: see branchings in summary.json"
     return [*lines, wrinkles] if small else lines
 

@@ -44,8 +44,9 @@ def test_tangents_of_the_plan_are_not_those_of_the_loop(tmp_path: Path) -> None:
     found = {Path(key).stem: figures for key, figures in json.loads(kept.read_text("utf-8")).items()}
     for mode in ("dynamic", "quasistatic"):
         still, moved = found[f"{mode}_still"], found[f"{mode}_moved"]
-        # a tick at rest looks at the balance once and finds it
-        assert (still["tangents"], still["gradients"]) == (0.0, 1.0)
+        # a tick at rest looks at the balance once and finds it; stability is seen at each phase's end
+        assert still["gradients"] == 1.0
+        assert still["tangents"] <= 0.1
         assert still["tangents_before"] == moved["tangents_before"] > 5.0
         assert moved["tangents"] > 0.0
         assert moved["gradients"] > 1.0

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, final
 
+WHOLE: Final = 0.2
+"""Extent of a motion from which on more than a wrinkle moves."""
 UNDECIDED: Final = "nothing decides on the side: rounding does"
 
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, final
+from itertools import product
+from typing import Final, Protocol, final
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
@@ -21,10 +22,8 @@ from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
 from cosim.soft.solve.branching import UNDECIDED, Branching
 from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
-
-if TYPE_CHECKING:
-    from cosim.soft.solve.equilibrium import EquilibriumSolver
 
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-3, 1e9  # of a weight of 1
 _TOLERANCE = 1e-8  # of the eigenvalue
@@ -99,16 +98,37 @@ def softest(
     return Softest(float(1.0 / values[0] - shift), mode, place)
 
 
-_PUSH, _PUSH_GROWTH, _PUSHES_MAX = 1e-3, 3.0, 6  # off an unstable equilibrium; of the body's size
+_PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
+_ALIKE = 0.2  # how far two sides are apart from it
+_SADDLES_MAX = 3  # one after the other, until a stable one is found
 _FAR = 0.05  # root mean square of the nodes' motion, of the body's size
-_WITHIN = 0.01  # of the loads
+_WITHIN = 0.005  # of the loads
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
 _EQUAL = 1e-6  # energies, of the fall from an unstable equilibrium
 ON_PURPOSE: Final = "it is followed on purpose (solver.follow_unstable)"
 NOWHERE: Final = "no stable equilibrium was found beside it"
 
 
-def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+class BranchFollower(Protocol):
+    """Follows equilibria of a body; see `EquilibriumSolver`."""
+
+    solver: NewtonSolver
+    options: NewtonOptions
+    effort: SearchEffort
+
+    def solve(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
+    ) -> Equilibrium:
+        """Find the equilibrium near a state in one go."""
+
+    def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Follow an equilibrium to another flange pose and other loads."""
+
+    def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the equilibrium that a damped body slides to."""
+
+
+def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
     """Return a stable equilibrium in place of one that is not; one that is stable as it is.
 
     Where stable equilibria end is looked for between `begin` and `found`; also where Newton's method met an
@@ -118,7 +138,7 @@ def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibri
     is positive, and followed to the loads of `found`. A branch that is unstable at `begin` is followed.
 
     Args:
-        solver: follows equilibria of the body; its options say whether unstable ones are left.
+        follower: of equilibria of the body; its options say whether unstable ones are left.
         begin: equilibrium before, from where it was followed; None for a first one.
         found: what was found.
 
@@ -127,33 +147,25 @@ def leave(solver: EquilibriumSolver, begin: Equilibrium | None, found: Equilibri
     """
     if begin is not None and begin.negative_pivots:
         return found
-    leaves = solver.options.leaves_saddles
+    leaves = follower.options.leaves_saddles
     if not found.negative_pivots and not (leaves and begin is not None and _jumped(begin, found)):
         return found
-    with solver.effort.search("a stable equilibrium beside an unstable one"):
-        fork = _Fork(1.0, found, 0) if begin is None else _fork(solver, begin, found)
+    with follower.effort.search("a stable equilibrium beside an unstable one"):
+        fork = _Fork(1.0, found, 0) if begin is None else _fork(follower, begin, found)
         saddle, spent = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:  # there is one way to snap
-            return replace(found, iterations=spent)
-        lowest = _softest_of(solver, saddle)
-        ends = [_descended(solver, saddle, side * lowest.mode) for side in (1.0, -1.0)] if leaves else []
-        stable = [end for end in ends if end is not None]
-        stable.sort(key=lambda end: -_along(lowest.mode, saddle, end))
-        why, *taken = _choice(saddle, stable) if leaves else (ON_PURPOSE,)
-        tips = [_tip(solver, end) for end in (*taken, None, None)]
-        named = _named(solver.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
+            return replace(_again(follower, found), iterations=spent)
+        lowest = _softest_of(follower, saddle)
+        ends = _sides(follower, saddle, lowest) if leaves else []
+        why, *taken = _choice(saddle, ends) if leaves else (ON_PURPOSE,)
+        tips = [_tip(follower, end) for end in (*taken, None, None)]
+        named = _named(follower.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
         branching = replace(named, load_factor=fork.share, tip_m=tips[0], other_tip_m=tips[1], chosen=why)
-        here = found
-        if taken:
-            spent += sum(end.iterations for end in stable)
-            here = solver.follow(taken[0], found.world_from_flange, found.loads)
-            spent += here.iterations
-    return replace(
-        here,
-        iterations=spent,
-        slides=found.slides,
-        branchings=(*found.branchings, branching, *here.branchings),
-    )
+        if not taken:
+            return replace(_again(follower, found), iterations=spent, branchings=(branching,))
+        here = follower.follow(taken[0], found.world_from_flange, found.loads)
+        spent += here.iterations + sum(end.iterations for end in ends)
+        return replace(here, iterations=spent, branchings=(branching, *here.branchings))
 
 
 def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
@@ -180,8 +192,8 @@ def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest
     )  # fmt: skip
 
 
-def _softest_of(solver: EquilibriumSolver, here: Equilibrium) -> Softest:
-    return softest(solver.solver, here.state, here.loads, here.world_from_flange.rotation)
+def _softest_of(follower: BranchFollower, here: Equilibrium) -> Softest:
+    return softest(follower.solver, here.state, here.loads, here.world_from_flange.rotation)
 
 
 @final
@@ -200,7 +212,7 @@ class _Fork:
     iterations: int
 
 
-def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _Fork:
+def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fork:
     """Return where stable equilibria end between a stable one and another, bisected."""
     low, high, spent = 0.0, 1.0, 0
     first, last, width = begin, end, _load_change(begin, end)
@@ -211,7 +223,7 @@ def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _F
         ends = [here.state.carried(pose @ here.world_from_flange.inverse()) for here in (first, last)]
         start = 0.5 * (ends[0].positions + ends[1].positions) if last.negative_pivots else ends[0].positions
         try:
-            found = solver.solve(ends[0], pose, loads, start)
+            found = follower.solve(ends[0], pose, loads, start)
         except ConvergenceError:
             break
         spent += found.iterations
@@ -223,26 +235,44 @@ def _fork(solver: EquilibriumSolver, begin: Equilibrium, end: Equilibrium) -> _F
     return _Fork(high, last, spent)
 
 
-def _descended(solver: EquilibriumSolver, saddle: Equilibrium, push: Array) -> Equilibrium | None:
-    """Return the stable equilibrium that the body slides to when it is pushed off; None if none is found.
+def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> list[Equilibrium]:
+    """Return the stable equilibria on both sides of an unstable one, that along its mode first; at most two.
+
+    What is pushed off to one side may come to rest on the other, or nearby: wrinkles that snap on the way
+    throw it there. So further pushes follow until there is one on either side, about as far away.
+    """
+    ends = dict[float, Equilibrium]()
+    for push, side in product(_PUSHES, (1.0, -1.0)):
+        away = [_motion(saddle, end) for end in ends.values()]
+        if len(away) == 2 and min(away) > _ALIKE * max(away):
+            break
+        end = _descended(follower, saddle, side * push * _size(saddle) * lowest.mode)
+        if end is not None:
+            where = math.copysign(1.0, _along(lowest.mode, saddle, end))
+            ends[where] = max(ends.get(where, end), end, key=lambda each: _motion(saddle, each))
+    return [ends[where] for where in (1.0, -1.0) if where in ends]
+
+
+def _descended(follower: BranchFollower, saddle: Equilibrium, push: Array) -> Equilibrium | None:
+    """Return a stable equilibrium to which a body slides that is pushed off; None if none is found.
 
     Args:
-        solver: of the body.
+        follower: of equilibria of the body.
         saddle: where it starts.
-        push: (n, 3), direction; its largest component is 1 or -1.
+        push: (n, 3) [m].
     """
-    here, size, spent = saddle, _PUSH * _size(saddle), 0
-    for _ in range(_PUSHES_MAX):
-        pushed = SoftState.at_rest(here.state.positions + size * push, here.state.memory)
+    here, spent = saddle, 0
+    for _ in range(_SADDLES_MAX):
+        pushed = SoftState.at_rest(here.state.positions + push, here.state.memory)
         try:
-            here = solver.slide(pushed, saddle.world_from_flange, saddle.loads)
+            here = follower.slide(pushed, saddle.world_from_flange, saddle.loads)
         except ConvergenceError:
             return None
         spent += here.iterations
         if not here.negative_pivots:
             return replace(here, iterations=spent)
-        mode = _softest_of(solver, here).mode
-        push, size = math.copysign(1.0, _along(mode, saddle, here)) * mode, _PUSH_GROWTH * size
+        mode = _softest_of(follower, here).mode
+        push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, here)) * mode
     return None
 
 
@@ -264,10 +294,17 @@ def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[E
     return "it has the lower energy", *sorted(ends, key=lambda end: end.potential_J)
 
 
-def _tip(solver: EquilibriumSolver, end: Equilibrium | None) -> tuple[float, float, float] | None:
-    if end is None:
+def _again(follower: BranchFollower, found: Equilibrium) -> Equilibrium:
+    """Return what was found, as the last one that was solved: solvers keep its forces."""
+    again = follower.solve(found.state, found.world_from_flange, found.loads)
+    return replace(again, slides=found.slides)
+
+
+def _tip(follower: BranchFollower, end: Equilibrium | None) -> tuple[float, float, float] | None:
+    body = follower.solver.system.body
+    if end is None or not len(body.tip):
         return None
-    x, y, z = solver.solver.system.body.tip_position(end.state.positions).tolist()
+    x, y, z = body.tip_position(end.state.positions).tolist()
     return x, y, z
 
 
@@ -295,10 +332,11 @@ def _load_change(begin: Equilibrium, end: Equilibrium) -> float:
     a, b = begin.loads, end.loads
     plain = (a.pressure_Pa, b.pressure_Pa), (a.cable_tension_N, b.cable_tension_N), (a.gravity, b.gravity)
     shares = [_relative(np.array(before), np.array(after)) for before, after in plain]
+    forces = [np.zeros(0) if each.nodal_force is None else each.nodal_force.ravel() for each in (a, b)]
     moved = end.world_from_flange @ begin.world_from_flange.inverse()
     still = np.abs(moved.rotation - np.eye(3)).max() < _STILL > np.abs(moved.translation).max()
-    same = a.nodal_force is b.nodal_force and a.gas == b.gas and a.cable_length_m == b.cable_length_m
-    return min(1.0, max(shares)) if same and still else 1.0
+    same = a.gas == b.gas and a.cable_length_m == b.cable_length_m
+    return min(1.0, max(*shares, _relative(forces[0], forces[1]))) if same and still else 1.0
 
 
 def _relative(before: Array, after: Array) -> float:
