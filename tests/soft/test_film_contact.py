@@ -40,7 +40,7 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
 def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
     pattern = BlockPattern.from_elements(len(x), [pairs.rows.nodes])
     force, blocks = np.zeros_like(x), np.zeros((pattern.blocks, 3, 3))
-    sums = Sums(force, widened=lambda nodes: (blocks, pattern.slots(nodes)))
+    sums = Sums(force, widened=lambda nodes: (blocks, pattern))
     energy = pairs.add(np.ascontiguousarray(x), sums, hessian=True)
     return energy, force, dense(pattern, blocks)
 

@@ -355,6 +355,7 @@ class FilmLists(NamedTuple):
         long: made of the film.
         short: made of the long one.
         sides: (t, 13), see `_measure_sides`; scratch.
+        lowest: (t, 2), see `_fill_lowest`; scratch.
         moved: (u,) [m]; scratch.
     """
 
@@ -362,6 +363,7 @@ class FilmLists(NamedTuple):
     long: NearList
     short: NearList
     sides: Matrix
+    lowest: Matrix
     moved: Vector
 
     @classmethod
@@ -375,7 +377,8 @@ class FilmLists(NamedTuple):
             )
             for _ in range(2)
         )  # fmt: skip
-        return cls(rows, long, short, np.empty((len(rows.triangles), 13)), np.empty(units))
+        sides, lowest = (np.empty((len(rows.triangles), columns)) for columns in (13, 2))
+        return cls(rows, long, short, sides, lowest, np.empty(units))
 
     def made(self, positions: Array, meet: Mask, room_m: float) -> FilmLists:
         """Return the lists with a new long one.
@@ -414,7 +417,7 @@ _FURTHER_M: Final = 0.2e-3  # for which the short list looks ahead beyond what i
 
 @device_function
 def _measure_sides(x: Matrix, triangles: IndexTable, sides: Matrix) -> None:
-    """Fill sides (t, 13): a corner of each triangle, normal, slopes of the others' weights, twice the area."""
+    """Fill sides (t, 13): a corner of each triangle, normal, slopes of others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
     for t in range(triangles.shape[0]):
         shrink = plane_of(x, triangles[t], n)
@@ -451,22 +454,27 @@ def _steepest_slope(side: Vector) -> float:
 
 
 @device_function
-def _may_come_over(side: Vector, x: float, y: float, z: float, distance: float) -> bool:
-    """Return whether the foot of a point at a distance may come into its triangle in a small motion."""
-    steepest = _steepest_slope(side)
-    sine = 2.0 * _MOTION_M * steepest / (1.0 - 2.0 * _MOTION_M * steepest)
-    if not 0.0 <= sine < 1.0:
-        return True  # a narrow triangle may turn anywhere
+def _fill_lowest(sides: Matrix, lowest: Matrix) -> None:
+    """Fill by what weight a foot may be outside of each triangle (t, 2) and come into it in a small motion.
+
+    First of a point at no distance, then what is added over distance [1/m]. A narrow triangle may turn far.
+    """
     across = FEET_FOLLOW * _MOTION_M
-    along = across + (abs(distance) + across) * sine / np.sqrt(1.0 - sine * sine)
-    return least_weight(side, x, y, z) >= -BEYOND_EDGES - along * steepest
+    for t in range(sides.shape[0]):
+        steepest = _steepest_slope(sides[t])
+        sine = 2.0 * _MOTION_M * steepest / (1.0 - 2.0 * _MOTION_M * steepest)
+        lowest[t, 0], lowest[t, 1] = -np.inf, 0.0
+        if 0.0 <= sine < 1.0:
+            lowest[t, 1] = -steepest * sine / np.sqrt(1.0 - sine * sine)
+            lowest[t, 0] = -BEYOND_EDGES - across * steepest + across * lowest[t, 1]
 
 
 @device_function
 def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
     """Fill the short list with what may come within reach in front of a triangle, or behind it."""
     rows, long, short, sides, count = lists.rows, lists.long, lists.short, lists.sides, 0
-    across, place = FEET_FOLLOW * _MOTION_M, small_vector(3)
+    across, place, lowest = FEET_FOLLOW * _MOTION_M, small_vector(3), lists.lowest
+    _fill_lowest(sides, lowest)
     for p in range(rows.nodes.shape[0]):
         short.first[p] = count
         if long.first[p] == long.first[p + 1]:
@@ -479,7 +487,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
             valley = rows.relation[rows.homes[p, 0], rows.films[t, 0]] == _VALLEY
             if not -behind - across <= d <= (reach if valley else max(reach, behind)) + across:
                 continue
-            if _may_come_over(sides[t], px, py, pz, d):
+            if least_weight(sides[t], px, py, pz) >= lowest[t, 0] + lowest[t, 1] * abs(d):
                 short.listed[count] = t
                 count += 1
     short.first[rows.nodes.shape[0]] = count

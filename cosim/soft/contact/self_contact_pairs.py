@@ -22,6 +22,7 @@ one line: a moment of the friction times the distance of y from the point that i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import final
 
 import numpy as np
@@ -29,7 +30,6 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import (
     Blocks,
-    IndexTable,
     Indices,
     Matrix,
     Vector,
@@ -52,10 +52,7 @@ from cosim.soft.contact.point_kernels import (
 )
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.elements.element import Sums
-from cosim.soft.linear.pattern import add_block
-
-_NO_TABLE = np.zeros((0, 0), np.int64)
-_NO_BLOCKS = np.zeros((0, 3, 3))
+from cosim.soft.linear.pattern import PatternRows, add_block, find_block
 
 
 @device_function
@@ -105,48 +102,94 @@ def _add_normal_part(
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
+@device_function
+def _look_at(
+    x: Matrix, pairs: PairRows, e: int, n: Vector, weight: Vector, slope: Matrix, y: Vector
+) -> tuple[float, float, float, float]:
+    """Fill normal, c and G of a pair that presses or rubs; return its distance, energy, E' and E''."""
+    nodes, width, stiffness = pairs.nodes[e], pairs.widths[0], pairs.stiffness[e]
+    fill_point(x, nodes, pairs.weights[e], y)
+    shrink = plane_of(x, nodes[3:], n)
+    d = distance_of(x, nodes[3], n, y)
+    level, push, rate = pressing_law(0.5 * width - d, width)
+    if push != 0.0 or pairs.friction[e] != 0.0:
+        fill_slopes(x, nodes[3:], n, shrink, slope[3:])
+        fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
+        for a in range(3):
+            weight[a], weight[3 + a] = pairs.weights[e, a], -weight[3 + a]
+    return d, stiffness * level, stiffness * push, stiffness * rate
+
+
+@device_function
+def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matrix) -> float:
+    """Fill what the stick spring of a pair holds of each node, its force and stiffness; return its energy."""
+    rub[:], drag[:] = 0.0, 0.0
+    for a in range(3):
+        w[a], w[3 + a] = pairs.weights[e, a], -pairs.foot[e, a]
+    limit, stick = pairs.friction[e], pairs.widths[1]
+    if not limit > 0.0:
+        return 0.0
+    return _rub(x, pairs.nodes[e], w, stick, limit, pairs.normal[e], pairs.stretch[e], rub, drag)
+
+
 @kernel
-def add_pairs(x: Matrix, pairs: PairRows, slots: IndexTable, gradient: Matrix, blocks: Blocks) -> float:
-    """Add gradient (and Hessian, if slots is not empty) of all pairs; return the energy [J]."""
-    nodes, weights, stiffness, friction = pairs.nodes, pairs.weights, pairs.stiffness, pairs.friction
-    held, normal, stretch, out = pairs.foot, pairs.normal, pairs.stretch, pairs.out
-    width, stick = pairs.widths[0], pairs.widths[1]
-    y, n, weight, slope = small_vector(3), small_vector(3), zero_vector(6), zero_matrix(6, 3)
-    w, rub, k, drag = zero_vector(6), small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
-    energy = 0.0
+def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
+    """Add the gradient of all pairs, and fill what each presses with; return the energy [J]."""
+    nodes, out, y, n = pairs.nodes, pairs.out, small_vector(3), small_vector(3)
+    weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
+    rub, drag, energy = small_vector(3), small_matrix(3, 3), 0.0
     for e in range(nodes.shape[0]):
-        fill_point(x, nodes[e], weights[e], y)
-        shrink = plane_of(x, nodes[e, 3:], n)
-        d = distance_of(x, nodes[e, 3], n, y)
-        level, push, rate = pressing_law(0.5 * width - d, width)
-        energy += stiffness[e] * level
-        push, rate = stiffness[e] * push, stiffness[e] * rate
-        if push == 0.0 and friction[e] == 0.0:
+        d, level, push, _ = _look_at(x, pairs, e, n, weight, slope, y)
+        energy += level
+        if push == 0.0 and pairs.friction[e] == 0.0:
             out[e, 0], out[e, 1], out[e, 2], out[e, 3], out[e, 4] = 0.0, d, 0.0, 0.0, 0.0
             continue
-        fill_slopes(x, nodes[e, 3:], n, shrink, slope[3:])
-        fill_weights(x, nodes[e, 3:], slope[3:], y, weight[3:])
-        rub[:], drag[:] = 0.0, 0.0
-        for a in range(3):
-            weight[a], weight[3 + a] = weights[e, a], -weight[3 + a]
-            w[a], w[3 + a] = weights[e, a], -held[e, a]
-        if friction[e] > 0.0:
-            energy += _rub(x, nodes[e], w, stick, friction[e], normal[e], stretch[e], rub, drag)
+        energy += _tie(x, pairs, e, w, rub, drag)
         out[e, 0], out[e, 1] = push, d
         for r in range(3):
             out[e, 2 + r] = push * n[r] - rub[r]
         for a in range(6):
             for r in range(3):
                 gradient[nodes[e, a], r] += w[a] * rub[r] - push * weight[a] * n[r]
-            for b in range(a + 1 if slots.shape[0] > 0 and (a > 2 or w[a] != 0.0) else 0):
-                if b < 3 and w[b] == 0.0:
+    return energy
+
+
+@kernel
+def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices, blocks: Blocks) -> int:
+    """Add the Hessian of all pairs that press or rub; return how many blocks the pattern lacks for it.
+
+    Of thousands of pairs that are near a few do: the others would only fill the factor.
+
+    Args:
+        x: (n, 3) [m].
+        pairs: see `PairRows`.
+        wide: pattern of the blocks.
+        used: (b,), filled with 1 for each block of pairs that press or rub.
+        blocks: (b, 3, 3) [N/m], added to.
+    """
+    nodes, y, n, missing = pairs.nodes, small_vector(3), small_vector(3), 0
+    weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
+    rub, k, drag = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
+    for e in range(nodes.shape[0]):
+        d, _, push, rate = _look_at(x, pairs, e, n, weight, slope, y)
+        if push == 0.0 and pairs.friction[e] == 0.0:
+            continue
+        _tie(x, pairs, e, w, rub, drag)
+        for a in range(6):
+            for b in range(a + 1):
+                slot = find_block(wide, nodes[e, a], nodes[e, b])
+                if slot == wide.column.shape[0]:
+                    missing += 1
+                    continue
+                used[slot] = 1
+                if (a < 3 and w[a] == 0.0) or (b < 3 and w[b] == 0.0):
                     continue
                 _add_normal_part(push, rate, d, n, weight, slope, a, b, k)
                 for r in range(3):
                     for c in range(3):
                         k[r, c] += w[a] * w[b] * drag[r, c]
-                add_block(blocks, slots[e, a * (a + 1) // 2 + b], k)
-    return energy
+                add_block(blocks, slot if nodes[e, a] >= nodes[e, b] else -1 - slot, k)
+    return missing
 
 
 @kernel
@@ -179,6 +222,12 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
             shorten(stretch, pairs.normal[e], pairs.widths[1])
         count += 1
     return count
+
+
+@cache
+def pairs_call() -> int:
+    """Return the address of the kernel that adds pairs."""
+    return address_of(add_pairs)
 
 
 @final
@@ -222,20 +271,22 @@ class FilmPairs:
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        rows = self.rows
-        energy: float = add_pairs(positions, rows, _NO_TABLE, sums.gradient, _NO_BLOCKS)
-        # of thousands of pairs that are near a few press: the others would only fill the factor
-        acting = np.flatnonzero((rows.out[:, 0] > 0.0) | (rows.friction > 0.0))
+        energy: float = add_pairs(positions, self.rows, sums.gradient)
+        acting = self.acting
         if hessian and len(acting):
-            few = rows.of(acting)
-            blocks, slots = sums.widened(few.nodes)
-            add_pairs(positions, few, slots, np.zeros_like(positions), blocks)
+            blocks, wide = sums.widened(acting)
+            add_pair_blocks(positions, self.rows, wide.rows, np.zeros(wide.blocks, np.int64), blocks)
         return energy
+
+    @property
+    def acting(self) -> IntArray:
+        """Nodes (j, 6) of the pairs that press or rub, where they were added last."""
+        return self.rows.nodes[(self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)]
 
     @property
     def call(self) -> int:
         """Address of the kernel that adds them."""
-        return address_of(add_pairs)
+        return pairs_call()
 
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
         """Return what the next step knows of the contacts that press at the end of this one; None for none.

@@ -129,8 +129,7 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
         inertia = x[begin:end], bed.coefficient[begin:end], bed.target[begin:end], slots.diagonal[begin:end]
         energy += _add_inertia(film.calls[_INERTIA], (*inertia, own, blocks))
     if acting.touching.call != 0:
-        pairs = x, acting.touching.pairs, film.no_slots.triangles, gradient, blocks
-        energy += _add_pairs(acting.touching.call, pairs)
+        energy += _add_pairs(acting.touching.call, (x, acting.touching.pairs, gradient))
     return energy
 
 

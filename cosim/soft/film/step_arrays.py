@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
+from cosim.soft.linear.pattern import PatternRows
 from cosim.soft.linear.secant_pairs import SecantPairs
 
 NODES, FILMS, HINGES, SEGMENTS, BEAMS, FRAMES, CHAMBERS = range(7)
@@ -217,9 +218,10 @@ class FilmPoint(NamedTuple):
     MOVED, SWEEPS, RUN,
 ) = range(16)  # fmt: skip
 """What columns of `StepWork.parts` are."""
-NOTHING, EVALUATION, TANGENT, SOLUTION, EVALUATED, SOLVED, STUCK = range(7)
+NOTHING, EVALUATION, TANGENT, SOLUTION, EVALUATED, SOLVED, STUCK, PATTERN = range(8)
 """What a part asks for: the potential where kernels do not know all terms, a step with a new tangent, one
-with a kept factorisation of a kind that they do not know; what it is given; that no share of it serves."""
+with a kept factorisation of a kind that they do not know; what it is given; that no share of it serves; a
+factorisation of another pattern, as other films touch one another."""
 GOES_ON, BEGINS_STEP, BEGINS = range(3)
 """How a call begins: where the last one ended; a step in time; a solution where the end of the motion is."""
 
@@ -299,6 +301,24 @@ class StepPlace(NamedTuple):
     tangents_max: int
 
 
+class WideTangent(NamedTuple):
+    """The tangent of films that touch one another.
+
+    Args:
+        call: address of the kernel that adds what pairs have in it.
+        rows: its pattern.
+        of_body: (b,), which of the body's own blocks each is, -1 for none.
+        blocks: (b, 3, 3) [N/m].
+        used: (b,), scratch.
+    """
+
+    call: int
+    rows: PatternRows
+    of_body: Indices
+    blocks: Blocks
+    used: Indices
+
+
 class NewTangents(NamedTuple):
     """Where a kernel assembles new tangents.
 
@@ -306,11 +326,13 @@ class NewTangents(NamedTuple):
         slots: of the film's terms, see `FilmSlots`; empty where it makes none.
         blocks: (b, 3, 3) [N/m].
         first: (parts + 1,), where the blocks of each part begin.
+        wide: where films touch one another; empty for a factorisation in the body's own pattern.
     """
 
     slots: FilmSlots
     blocks: Blocks
     first: Indices
+    wide: WideTangent
 
 
 class StepWork(NamedTuple):

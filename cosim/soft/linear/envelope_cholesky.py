@@ -21,8 +21,16 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.kernels import IndexTable, Places
 from cosim.base.state_check import KnownStates, check_state
-from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, forward, substitute
-from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, equations, lower_entries, numbering
+from cosim.soft.linear.envelope_kernels import (
+    TileEntries,
+    TileFactor,
+    TileLists,
+    factorise,
+    forward,
+    list_entries,
+    substitute,
+)
+from cosim.soft.linear.linear_solver import EnvelopeArrays, LinearSolver, equations, numbering
 from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
 NODE, STORED, TILED, SOLVED = range(4)
@@ -39,17 +47,25 @@ def _first_entries(row: IntArray, column: IntArray, size: int) -> IntArray:
     return first
 
 
-def _best_order(pattern: BlockPattern, movable: Mask) -> IntArray:
-    """Return the movable nodes in the order of least work: as numbered, backwards, or Cuthill-McKee's."""
+def _best_order(pattern: BlockPattern, movable: Mask, like: IntArray | None) -> IntArray:
+    """Return the movable nodes in the order of least work: as numbered, backwards, or Cuthill-McKee's.
+
+    Where another order has been found best for fewer ties, that or the reverse.
+    """
     nodes = np.flatnonzero(movable)
     if not len(nodes):
         return nodes
     local = np.cumsum(movable) - 1
     kept = movable[pattern.row] & movable[pattern.column]
     rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes),) * 2)
-    levels = np.asarray(reverse_cuthill_mckee((graph + graph.T).tocsr(), True), dtype=np.int64)
     as_numbered = np.arange(len(nodes))
+    if like is None:
+        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes),) * 2)
+        levels = np.asarray(reverse_cuthill_mckee((graph + graph.T).tocsr(), True), dtype=np.int64)
+        orders: tuple[IntArray, ...] = as_numbered, as_numbered[::-1], levels, levels[::-1]
+    else:
+        own = local[like]
+        orders = own, own[::-1]
 
     def work(order: IntArray) -> int:
         rank = np.argsort(order)
@@ -57,7 +73,7 @@ def _best_order(pattern: BlockPattern, movable: Mask) -> IntArray:
         width = as_numbered - _first_entries(np.maximum(a, b), np.minimum(a, b), len(nodes))
         return int((width**2).sum())
 
-    return np.asarray(nodes[min((as_numbered, as_numbered[::-1], levels, levels[::-1]), key=work)])
+    return np.asarray(nodes[min(orders, key=work)])
 
 
 @final
@@ -82,32 +98,27 @@ class _Part:
     bandwidth: int
 
     @classmethod
-    def of(cls, pattern: BlockPattern, free: Mask, begin: int, end: int) -> _Part:
-        """Return that of nodes begin to end."""
+    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> _Part:
+        """Return that of a range of nodes.
+
+        Args:
+            pattern: of the whole body.
+            free: (n, 3) bool, components that can move.
+            nodes: the first one, and the one after the last.
+            like: order of the nodes of the whole body in an envelope with fewer ties, if there is one.
+        """
+        begin, end = nodes
         own, before = part_of(pattern, begin, end)
-        movable = free[begin:end]
-        number = numbering(movable, _best_order(own, np.asarray(movable.any(axis=1))))
-        row, column, source = lower_entries(own, number)
+        movable, room = free[begin:end], 9 * own.blocks
+        order = None if like is None else like[(begin <= like) & (like < end)] - begin
+        number = numbering(movable, _best_order(own, np.asarray(movable.any(axis=1)), order))
         dofs = equations(number)
         tiles = -(-len(dofs) // _TILE)
-        first = _first_entries(row // _TILE, column // _TILE, tiles)
-        wide = _TILE * (np.arange(tiles) - first + 1)
-        ends = np.cumsum(_TILE * wide)
-        start = ends - _TILE * wide
-
-        def place(row: IntArray, column: IntArray) -> IntArray:
-            tile = row // _TILE
-            at = start[tile] + row % _TILE * wide[tile] + column - _TILE * first[tile]
-            return np.asarray(at)
-
-        order = np.argsort(row // _TILE, kind="stable")  # nearly in order as it is
-        firsts = np.searchsorted(row[order] // _TILE, np.arange(tiles + 1))
-        found = (source + 9 * before)[order], place(row, column)[order], firsts
-        entries = TileEntries(*(part.astype(np.uint64) for part in found))
-        return cls(
-            entries, start.astype(np.uint64), first.astype(np.uint64), dofs,
-            int(wide.sum()) * _TILE, int((row - column).max(initial=0)),
-        )  # fmt: skip
+        lists = TileLists(*(np.empty(size, np.uint64) for size in (tiles + 1, tiles, tiles + 1, room, room)))
+        bandwidth = list_entries(own.row, own.column, number, before, lists)
+        count = int(lists.entry[-1])
+        entries = TileEntries(lists.source[:count].copy(), lists.place[:count].copy(), lists.entry)
+        return cls(entries, lists.start[:-1].copy(), lists.first, dofs, int(lists.start[-1]), bandwidth)
 
 
 class EnvelopeEntries(NamedTuple):
@@ -133,12 +144,14 @@ class EnvelopeCholesky(LinearSolver):
     Args:
         pattern: of the whole body.
         free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
+        like: of the same components with fewer ties, whose order is taken over.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Mask) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask, like: EnvelopeCholesky | None = None) -> None:
         super().__init__(pattern, free)
-        apart = ranges_apart(pattern)
-        parts = self._parts = [_Part.of(pattern, self.free, a, b) for a, b in pairwise(apart.tolist())]
+        apart, order = ranges_apart(pattern), None if like is None else like.order
+        parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(apart.tolist())]
+        self._parts = parts
         sizes = [(part.stored, len(part.start), len(part.dofs)) for part in parts]
         ends = np.cumsum([(0, 0, 0), *sizes], axis=0, dtype=np.int64)
         self._table = np.column_stack([apart, ends])
@@ -149,6 +162,15 @@ class EnvelopeCholesky(LinearSolver):
         self._store, self._inverse = np.empty(ends[-1, 0]), np.empty(_TILE * ends[-1, 1])
         self._lent = False  # whether a saved state holds the factor
         self._known = KnownStates()
+
+    @cached_property
+    def order(self) -> IntArray:
+        """The nodes that can move, in the order of elimination, part after part."""
+        found = []
+        for part, begin in zip(self._parts, self.apart[:-1].tolist(), strict=True):
+            nodes, first = np.unique(part.dofs // 3, return_index=True)
+            found.append(begin + nodes[np.argsort(first)])
+        return np.concatenate(found)
 
     @property
     def mean_width(self) -> float:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.base.kernels import Blocks, Indices, Matrix, Places, Vector, device_function, kernel
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Places, Vector, device_function, kernel
 
 # Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
@@ -44,6 +44,74 @@ class TileFactor(NamedTuple):
     first: Places
     store: Vector
     inverse: Vector
+
+
+class TileLists(NamedTuple):
+    """Where the entries of a matrix go, tile by tile.
+
+    Args:
+        entry: (tiles + 1,), the first entry of each tile, and how many there are.
+        first: (tiles,), first tile of the rows of each.
+        start: (tiles + 1,), where the rows of each begin in the store, and where the last ones end.
+        source: of each entry, its place in the blocks, as numbers; with room for 9 of each block.
+        place: of each entry, in the store; with the same room.
+    """
+
+    entry: Places
+    first: Places
+    start: Places
+    source: Places
+    place: Places
+
+
+@device_function
+def _equations(number: IndexTable, row: int, column: int, k: int) -> tuple[int, int]:
+    """Return row and column of entry k of a block in the lower triangle, -1 where it is not to be there."""
+    r, c = k // 3, k % 3
+    i, j = number[row, r], number[column, c]
+    # diagonal blocks hold both triangles of a symmetric block: the lower one is kept
+    if i < 0 or j < 0 or (row == column and r < c):
+        return -1, -1
+    return max(i, j), min(i, j)
+
+
+@kernel
+def list_entries(row: Indices, column: Indices, number: IndexTable, before: int, lists: TileLists) -> int:
+    """Fill where the lower triangle's entries go; return the bandwidth.
+
+    Args:
+        row: (blocks,) node of each block's rows.
+        column: (blocks,) of its columns, none beyond the row.
+        number: (n, 3), equation of each component, -1 where it is clamped.
+        before: blocks of other parts that come first.
+        lists: filled.
+    """
+    entry, first, start, widest, tiles = lists.entry, lists.first, lists.start, 0, lists.first.shape[0]
+    entry[:], start[0] = 0, 0
+    for t in range(tiles):
+        first[t] = t
+    for s in range(row.shape[0]):
+        for k in range(9):
+            i, j = _equations(number, row[s], column[s], k)
+            if i >= 0:
+                entry[i // 4 + 1] += _1
+                first[i // 4], widest = min(first[i // 4], np.uint64(j // 4)), max(widest, i - j)
+    for t in range(tiles):
+        entry[t + 1] += entry[t]
+        start[t + 1] = start[t] + _4 * _4 * (np.uint64(t) - first[t] + _1)
+    for s in range(row.shape[0]):
+        for k in range(9):
+            i, j = _equations(number, row[s], column[s], k)
+            if i >= 0:
+                tile, at = i // 4, entry[i // 4]
+                wide = 4 * (tile - np.int64(first[tile]) + 1)
+                lists.source[at] = 9 * (before + s) + k
+                lists.place[at] = np.int64(start[tile]) + i % 4 * wide + j - 4 * np.int64(first[tile])
+                entry[tile] += _1
+    for t in range(tiles, 0, -1):  # from where each ends to where it begins
+        entry[t] = entry[t - 1]
+    entry[0] = 0
+    return widest
 
 
 @device_function

@@ -45,7 +45,7 @@ def cholesky(
         like: solver of the same components with fewer ties, whose order of elimination is taken over.
     """
     if not isinstance(like, DissectedCholesky):
-        envelope = EnvelopeCholesky(pattern, free)
+        envelope = EnvelopeCholesky(pattern, free, like if isinstance(like, EnvelopeCholesky) else None)
         if envelope.mean_width <= _WIDEST_ENVELOPE:
             return envelope
     if like is not None and like.groups is None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, final
+from typing import Annotated, Any, Final, NamedTuple, final
 
 import numpy as np
 
@@ -19,28 +19,46 @@ from cosim.base.kernels import IndexTable, Indices, device_function, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 
-_SPARE = 1.1  # blocks of a wider pattern that is kept, over those that are needed
+SPARE: Final = 1.1  # blocks of a wider pattern that is kept, over those that are needed
+
+
+class PatternRows(NamedTuple):
+    """A pattern row by row.
+
+    Args:
+        first: (nodes + 1,), where the blocks of each row begin.
+        column: (blocks,), ascending in each row.
+    """
+
+    first: Indices
+    column: Indices
+
+
+@device_function
+def find_block(rows: PatternRows, one: int, two: int) -> int:
+    """Return the block that couples two nodes, as many as there are for none."""
+    row, wanted = max(one, two), min(one, two)
+    low, high, end = rows.first[row], rows.first[row + 1], rows.first[row + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if rows.column[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < end and rows.column[low] == wanted else rows.column.shape[0]
 
 
 @kernel
-def _find_slots(first: Indices, column: Indices, elements: IndexTable, slots: IndexTable) -> int:
+def _find_slots(rows: PatternRows, elements: IndexTable, slots: IndexTable) -> int:
     """Fill where each element's node pairs are stored; return how many are not."""
     missing = 0
     for e in range(elements.shape[0]):
         pair = 0
         for a in range(elements.shape[1]):
             for b in range(a + 1):
-                one, two = elements[e, a], elements[e, b]
-                row, wanted = max(one, two), min(one, two)
-                low, high = first[row], first[row + 1]
-                while low < high:
-                    middle = (low + high) // 2
-                    if column[middle] < wanted:
-                        low = middle + 1
-                    else:
-                        high = middle
-                missing += low == first[row + 1] or column[low] != wanted
-                slots[e, pair] = low if one >= two else -1 - low
+                found = find_block(rows, elements[e, a], elements[e, b])
+                missing += found == rows.column.shape[0]
+                slots[e, pair] = found if elements[e, a] >= elements[e, b] else -1 - found
                 pair += 1
     return missing
 
@@ -76,7 +94,8 @@ class BlockPattern:
                 for b in range(a):
                     high = np.maximum(element[:, a], element[:, b])
                     keys.append(high * nodes + np.minimum(element[:, a], element[:, b]))
-        key = np.unique(np.concatenate(keys))
+        key = np.sort(np.concatenate(keys), kind="stable")  # mostly in order as it is
+        key = key[np.append(True, np.diff(key) > 0)]
         return cls(nodes, key // nodes, key % nodes)
 
     @property
@@ -100,13 +119,14 @@ class BlockPattern:
         count, k = elements.shape
         result = np.empty((count, k * (k + 1) // 2), dtype=np.int64)
         elements = np.ascontiguousarray(elements, dtype=np.int64)
-        column = np.require(self.column, requirements="W")  # a copy where it is of a saved state
-        return result, _find_slots(self._first, column, elements, result)
+        return result, _find_slots(self.rows, elements, result)
 
     @cached_property
-    def _first(self) -> IntArray:
-        """Where each row's blocks begin (nodes + 1,)."""
-        return np.searchsorted(self.row, np.arange(self.nodes + 1))
+    def rows(self) -> PatternRows:
+        """The same row by row, for kernels."""
+        first = np.searchsorted(self.row, np.arange(self.nodes + 1))
+        # a copy where it is of a saved state
+        return PatternRows(first, np.require(self.column, requirements="W"))
 
     @cached_property
     def _key(self) -> IntArray:
@@ -156,7 +176,14 @@ class CoupledPattern:
         """Return whether many of its blocks serve neither the body nor the elements of given slots."""
         used = np.zeros(self.pattern.blocks, dtype=bool)
         used[self.from_body] = used[np.where(slots < 0, -1 - slots, slots)] = True
-        return self.pattern.blocks > _SPARE * int(np.count_nonzero(used))
+        return self.pattern.blocks > SPARE * int(np.count_nonzero(used))
+
+    @cached_property
+    def of_body(self) -> IntArray:
+        """Which of the body's own blocks each is (pattern.blocks,), -1 for none."""
+        found = np.full(self.pattern.blocks, -1)
+        found[self.from_body] = np.arange(len(self.from_body))
+        return found
 
     def blocks(self, body_blocks: Array) -> Array:
         """Return the body's blocks in the wider pattern, zero elsewhere: (pattern.blocks, 3, 3)."""
@@ -175,21 +202,17 @@ class PatternWidening:
 
     def __init__(self, body: BlockPattern) -> None:
         self._body = body
-        self._last: tuple[IntArray, CoupledPattern, IntArray] | None = None
+        self._last = CoupledPattern.around(body, body)
 
-    def places(self, elements: IntArray, serving: BlockPattern) -> tuple[CoupledPattern, IntArray]:
-        """Return a wider pattern for elements (k, nodes per element), and where their node pairs are.
+    def around(self, elements: IntArray, serving: BlockPattern) -> CoupledPattern:
+        """Return a wider pattern for elements (k, nodes per element).
 
         Args:
             elements: that touch.
             serving: the pattern for which tangents were factorised last: kept where it holds all pairs,
                 otherwise widened, unless most of what is wide about it is not needed any more.
         """
-        last = self._last
-        if last is not None and last[0] is elements and last[1].pattern is serving:
-            return last[1:]
-        known = last[1] if last is not None and last[1].pattern is serving else None
-        coupled = known or CoupledPattern.around(self._body, serving)
+        coupled = self.known(serving)
         slots, missing = serving.find(elements)
         if missing or coupled.wasteful(slots):
             coupled = CoupledPattern.around(self._body, CoupledPattern.of(serving, elements).pattern)
@@ -197,8 +220,14 @@ class PatternWidening:
             if coupled.wasteful(slots):
                 coupled = CoupledPattern.of(self._body, elements)
                 slots = coupled.pattern.slots(elements)
-        self._last = elements, coupled, slots
-        return coupled, slots
+        self._last = coupled
+        return coupled
+
+    def known(self, serving: BlockPattern) -> CoupledPattern:
+        """Return a pattern that serves as one around the body's own."""
+        if self._last.pattern is not serving:
+            self._last = CoupledPattern.around(self._body, serving)
+        return self._last
 
 
 def ranges_apart(pattern: BlockPattern) -> IntArray:

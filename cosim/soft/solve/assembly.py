@@ -63,7 +63,7 @@ class SoftSystem:
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.tangent_pattern, self.tangent_blocks = self.pattern, self.blocks
-        self.serving, self._widening = self.pattern, PatternWidening(self.pattern)
+        self.serving, self.widening = self.pattern, PatternWidening(self.pattern)
         self.memory = body.first_memory()
         diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self._sums = Sums(self.gradient, self.blocks, diagonal, self.pattern.slots, self._widened)
@@ -229,10 +229,10 @@ class SoftSystem:
         self.blocks[first:last] = 0.0
         self.tangent_pattern, self.tangent_blocks, self.low_rank = self.pattern, self.blocks, None
 
-    def _widened(self, nodes: IntArray) -> tuple[Array, IntArray]:
-        coupled, slots = self._widening.places(nodes, self.serving)
+    def _widened(self, nodes: IntArray) -> tuple[Array, BlockPattern]:
+        coupled = self.widening.around(nodes, self.serving)
         self.tangent_pattern, self.tangent_blocks = coupled.pattern, coupled.blocks(self.blocks)
-        return self.tangent_blocks, slots
+        return self.tangent_blocks, coupled.pattern
 
 
 _TAKEN: Final[tuple[type, ...]] = (Membranes, Hinges, Cable, FrameRings)

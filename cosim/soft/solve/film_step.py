@@ -34,6 +34,7 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import PlainLoads, Touching
+from cosim.soft.contact.self_contact_pairs import add_pair_blocks
 from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
     AGAIN,
@@ -50,6 +51,7 @@ from cosim.soft.film.step_arrays import (
     NODES,
     NOTHING,
     PAIRS_KNOWN,
+    PATTERN,
     RESIDUAL,
     RUN,
     SEARCHES,
@@ -84,6 +86,7 @@ from cosim.soft.linear.kept_factor import (
     renew,
     solve_kept,
 )
+from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
 from cosim.soft.solve.state import HeldNodes, place_flight, place_held
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
@@ -130,6 +133,7 @@ _BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS = range(len(_CALLE
     _fill_bed, _fill_flight, _place_flight, _largest_residual, _keep_pair, _keep_folds_open, _place_held,
     _film_terms,
 ) = map(caller, _CALLED)  # fmt: skip
+_add_pair_blocks = caller(add_pair_blocks)
 
 
 def step_calls() -> IntArray:
@@ -353,6 +357,32 @@ def _direct(side: FilmSide, motion: Any, turn: Matrix, part: int) -> int:
 
 
 @device_function
+def _fill_wide(new: NewTangents, acting: FilmActing, x: Matrix) -> bool:
+    """Fill the tangent where films may touch one another; return whether the pattern serves it.
+
+    Not where it lacks a block, or has many that serve neither the body nor pairs that press or rub.
+    """
+    wide, pairs, acts = new.wide, acting.touching.pairs, False
+    if acting.touching.call != 0:
+        for e in range(pairs.friction.shape[0]):
+            acts = acts or pairs.out[e, 0] > 0.0 or pairs.friction[e] > 0.0
+    if not acts or wide.call == 0:
+        return not acts and wide.call == 0
+    for s in range(wide.of_body.shape[0]):
+        own = wide.of_body[s]
+        wide.used[s] = own >= 0
+        for r in range(3):
+            for c in range(3):
+                wide.blocks[s, r, c] = new.blocks[own, r, c] if own >= 0 else 0.0
+    if _add_pair_blocks(wide.call, (x, pairs, wide.rows, wide.used, wide.blocks)) > 0:
+        return False
+    used = 0
+    for s in range(wide.used.shape[0]):
+        used += wide.used[s]
+    return not wide.used.shape[0] > SPARE * used
+
+
+@device_function
 def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place: Any, part: int) -> int:
     """Take a step with a new tangent where the last point serves; return what is next."""
     kept, new, work, state = side.kept, side.tangents, side.work, side.work.parts[part]
@@ -363,11 +393,14 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
     if state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
         return _STOP
     state[ASKS] = TANGENT
-    if new.first.shape[0] == 0 or not side.numbers.complete or acting.touching.call != 0:
+    if new.first.shape[0] == 0 or not side.numbers.complete:
         return _STOP
     new.blocks[new.first[part] : new.first[part + 1]] = 0.0
     _terms(side, acting, motion, new.slots, new.blocks, part)
-    if not renew(kept, new.blocks, motion.flange, begin, end):
+    fits = _fill_wide(new, acting, motion.new_x)
+    state[ASKS] = TANGENT if fits else PATTERN
+    blocks = new.wide.blocks if new.wide.call != 0 else new.blocks
+    if not fits or not renew(kept, blocks, motion.flange, begin, end):
         _go_back(side, motion, part)
         return _STOP
     state[ASKS], state[SEARCHES] = NOTHING, 1.0
@@ -400,7 +433,7 @@ def _solve_part(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, p
             for r in range(3):
                 longest = max(longest, abs(work.solution[0, i, r]))
         following = _follow(side, motion, part, longest)
-    elif state[ASKS] == TANGENT:
+    elif state[ASKS] == TANGENT or state[ASKS] == PATTERN:
         state[ASKS], following = NOTHING, _RENEW
     elif state[ASKS] != EVALUATED and place.begins == GOES_ON:
         return

@@ -15,9 +15,11 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import nothing_of
+from cosim.base.kernels import address_of, nothing_of
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.self_contact_pairs import add_pair_blocks
+from cosim.soft.elements.element import Sums
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
@@ -28,6 +30,7 @@ from cosim.soft.film.step_arrays import (
     GOES_ON,
     NODES,
     PAIRS_KNOWN,
+    PATTERN,
     SEARCHES,
     SOLUTION,
     SOLVED,
@@ -42,6 +45,7 @@ from cosim.soft.film.step_arrays import (
     StepNumbers,
     StepPlace,
     StepWork,
+    WideTangent,
     room_for_parts,
 )
 from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
@@ -156,6 +160,7 @@ class NewtonSolver:
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
+        self._last_wide: tuple[BlockPattern, WideTangent] | None = None
         self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
 
     def solve(
@@ -284,9 +289,20 @@ class NewtonSolver:
             step = np.ascontiguousarray(self.linear.solve(load, solution.frame @ kept.frame.T))
             mend_step(pairs, known, step)
             work.solution[0], state[ASKS] = step, SOLVED
-        elif state[ASKS] == TANGENT:
+        elif state[ASKS] == TANGENT or (state[ASKS] == PATTERN and not self._changes_pattern(solution)):
             return self._with_tangent(solution, side, part)
         return 0
+
+    def _changes_pattern(self, solution: NewtonProgress) -> bool:
+        """Take the pattern for the films that touch at present; return whether it is another one."""
+        system, before, films = self.system, self.linear.pattern, solution.task.loads.self_contact
+        wanted = system.pattern
+        if films is not None:
+            films.add(solution.motion.new_x, Sums(np.zeros_like(system.gradient)), hessian=False)
+            if len(films.acting):
+                wanted = system.widening.around(films.acting, before).pattern
+        self._fit(wanted)
+        return wanted is not before
 
     def _with_tangent(self, solution: NewtonProgress, side: FilmSide, part: int) -> int:
         """Make a new tangent of a part, and the step with it; return the attempts, negative if all failed."""
@@ -448,11 +464,24 @@ class NewtonSolver:
         linear, system = self.linear, self.system
         if not isinstance(linear, EnvelopeCholesky) or linear.lent or linear.correction is not None:
             return self._no_tangents
-        if linear.pattern is not system.pattern or not system.conservative or not system.complete:
+        if not system.conservative or not system.complete:
             return self._no_tangents
-        return NewTangents(
-            system.slots, system.blocks, np.searchsorted(system.pattern.row, film.parts[:, NODES])
-        )
+        first = np.searchsorted(system.pattern.row, film.parts[:, NODES])
+        return NewTangents(system.slots, system.blocks, first, self._wide)
+
+    @property
+    def _wide(self) -> WideTangent:
+        """Where the kernel assembles a tangent that is not in the body's own pattern."""
+        pattern, last = self.linear.pattern, self._last_wide
+        if pattern is self.system.pattern:
+            return self._no_tangents.wide
+        if last is None or last[0] is not pattern:
+            coupled = self.system.widening.known(pattern)
+            last = self._last_wide = pattern, WideTangent(
+                address_of(add_pair_blocks), pattern.rows, coupled.of_body, np.empty((pattern.blocks, 3, 3)),
+                np.empty(pattern.blocks, np.int64),
+            )  # fmt: skip
+        return last[1]
 
     @cached_property
     def _no_tangents(self) -> NewTangents:
