@@ -90,50 +90,97 @@ class Yielding(Protocol):
         """Undo the last step."""
 
 
-def body_stiffness(
-    soft: Yielding | None,
-    planes: ContactPlanes,
-    tangents: Array,
-    touched: tuple[IntArray, Array],
-    positions: Array,
-    tick_s: float,
-) -> Array:
-    """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
-
-    G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
-    nodes, H is the tangent of the film's time step.
+@final
+@dataclass(frozen=True)
+class Levers:
+    """How the contacts with some bodies go with them; the arms stay what they are in a tick.
 
     Args:
-        soft: soft side, after its step; None for one that stays where it is.
-        planes: contacts.
-        tangents: K (k, 3, 3) [N/m], of all contacts.
-        touched: bodies (b,), ascending, and points (b, 3) [m] that motions and loads are about; world axes.
-        positions: (n, 3) [m], of the nodes.
-        tick_s: length of the step [s].
+        mine: (k,) those contacts.
+        place: (k,) of each contact's body among the b bodies.
+        arm: (k, 3) [m], from the centre of mass, world axes.
+        count: b.
     """
-    bodies, points = touched
-    mine = np.flatnonzero(np.isin(planes.body, bodies) & (np.abs(tangents).max(axis=(1, 2)) > 0.0))
-    place = np.searchsorted(bodies, planes.body[mine])
-    nodes, weights = planes.nodes[mine], planes.weights[mine]
-    pressed = np.unique(place)
-    moved = np.zeros((len(mine), 3, len(pressed), 6))  # the points with their body
-    arms = rigid_motions(np.einsum("ka,kar->kr", weights, positions[nodes]), points[place])
-    moved[np.arange(len(mine)), :, np.searchsorted(pressed, place)] = arms
-    motion = moved.reshape(len(mine), 3, 6 * len(pressed))
-    push = np.einsum("krs,ksj->krj", tangents[mine], motion)
-    own = np.einsum("kri,krj->ij", motion, push)
-    if soft is not None and len(mine):
-        forces = np.zeros((len(positions), motion.shape[2], 3))
-        for a in range(nodes.shape[1]):
-            np.add.at(forces, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
-        forces = np.ascontiguousarray(forces.transpose(1, 0, 2))
-        following = soft.response(forces, planes, tick_s)
-        if following is not None:
-            own -= np.einsum("inr,jnr->ij", forces, following)
-    stiffness = np.zeros((6 * len(bodies), 6 * len(bodies)))
-    columns = (6 * pressed[:, None] + np.arange(6)).ravel()
-    stiffness[np.ix_(columns, columns)] = own
-    return stiffness
+
+    mine: IntArray
+    place: IntArray
+    arm: Array
+    count: int
+
+    @classmethod
+    def of(cls, planes: ContactPlanes, bodies: IntArray, centers: Array, positions: Array) -> Levers:
+        """Return those of contacts with bodies (b,), ascending.
+
+        Args:
+            planes: contacts.
+            bodies: (b,).
+            centers: (b, 3) [m], of their masses.
+            positions: (n, 3) [m], of the nodes.
+        """
+        mine = np.flatnonzero(np.isin(planes.body, bodies))
+        place = np.searchsorted(bodies, planes.body[mine])
+        points = np.einsum("ka,kar->kr", planes.weights[mine], positions[planes.nodes[mine]])
+        return cls(mine, place, points - centers[place], len(bodies))
+
+    def loads(self, force: Array) -> Array:
+        """Return the loads (6 b,) of forces (k, 3) [N] at the contacts, about the centres of mass."""
+        loads = np.zeros((self.count, 6))
+        np.add.at(loads, self.place, np.concatenate([force, cross(self.arm, force)], axis=1))
+        return loads.ravel()
+
+    def shift(self, motion: Array) -> Array:
+        """Return by how much the contacts go (k, 3) [m] with a motion (b, 6) of the bodies."""
+        return np.asarray(motion[self.place, :3] + cross(motion[self.place, 3:], self.arm))
+
+    def stiffness(
+        self, planes: ContactPlanes, tangents: Array, soft: Yielding | None, tick_s: float
+    ) -> Array:
+        """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
+
+        G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
+        nodes, H is the tangent of the film's time step.
+
+        Args:
+            planes: contacts.
+            tangents: K (k, 3, 3) [N/m], of all contacts.
+            soft: soft side, after its step; None for one that stays where it is.
+            tick_s: length of the step [s].
+        """
+        pressed = np.flatnonzero(np.abs(tangents[self.mine]).max(axis=(1, 2)) > 0.0)
+        stiffness = np.zeros((6 * self.count, 6 * self.count))
+        if not len(pressed):
+            return stiffness
+        mine, place = self.mine[pressed], self.place[pressed]
+        touched = np.unique(place)
+        moved = np.zeros((len(mine), 3, len(touched), 6))  # the points with their body
+        arms = rigid_motions(self.arm[pressed], np.zeros(3))
+        moved[np.arange(len(mine)), :, np.searchsorted(touched, place)] = arms
+        motion = moved.reshape(len(mine), 3, 6 * len(touched))
+        push = np.einsum("krs,ksj->krj", tangents[mine], motion)
+        own = np.einsum("kri,krj->ij", motion, push)
+        if soft is not None:
+            forces = spread(planes.nodes[mine], planes.weights[mine], push, len(soft.state.positions))
+            following = soft.response(forces, planes, tick_s)
+            if following is not None:
+                own -= np.einsum("inr,jnr->ij", forces, following)
+        columns = (6 * touched[:, None] + np.arange(6)).ravel()
+        stiffness[np.ix_(columns, columns)] = own
+        return stiffness
+
+
+def spread(nodes: IntArray, weights: Array, push: Array, count: int) -> Array:
+    """Return forces (j, n, 3) [N] on nodes from forces at contact points.
+
+    Args:
+        nodes: (k, 3) that each point combines.
+        weights: (k, 3).
+        push: (k, 3, j) [N], j cases.
+        count: n.
+    """
+    total = np.zeros((count, push.shape[2], 3))
+    for a in range(nodes.shape[1]):
+        np.add.at(total, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
+    return np.ascontiguousarray(total.transpose(1, 0, 2))
 
 
 @final
@@ -195,11 +242,9 @@ class _Step:
             near = np.unique(self._planes.body)
             self.bodies = near[exchange.arrays.bodies.leads.ahead[near] != 0]
         if self._planes is not None and len(self.bodies):
-            self._mine = np.flatnonzero(np.isin(self._planes.body, self.bodies))
-            self._place = np.searchsorted(self.bodies, self._planes.body[self._mine])
             self._centers = exchange.arrays.bodies.centers[self.bodies]
-            self._arm = self._planes.anchor[self._mine] - self._centers[self._place]
-            self._shift = np.zeros_like(self._arm)
+            self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
+            self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
             self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
@@ -276,12 +321,12 @@ class _Step:
     def presses(self) -> bool:
         """Return whether the film presses on bodies where the last trial has ended."""
         assert self._planes is not None, "there are bodies"
-        return bool(self._planes.at(self._soft.state.positions).normal_force[self._mine].any())
+        return bool(self._planes.at(self._soft.state.positions).normal_force[self._levers.mine].any())
 
     def held_N_m(self) -> float:
         """Return the trace of the stiffness of the contacts where the last trial has ended."""
         assert self._planes is not None, "there are bodies"
-        tangents = self._planes.stiffnesses(self._soft.state.positions)[self._mine]
+        tangents = self._planes.stiffnesses(self._soft.state.positions)[self._levers.mine]
         return float(np.einsum("kii->", tangents))
 
     def mismatch_m(self, residual: Array) -> float:
@@ -292,26 +337,20 @@ class _Step:
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
         """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of the contacts alone."""
         assert self._planes is not None, "there are bodies"
-        points = self._exchange.arrays.bodies.centers[self.bodies]
-        soft = None if alone else self._soft
-        return body_stiffness(soft, self._planes, self._planes.stiffnesses(x), (self.bodies, points), x, self.tick_s)
+        tangents, soft = self._planes.stiffnesses(x), None if alone else self._soft
+        return self._levers.stiffness(self._planes, tangents, soft, self.tick_s)
 
     def answered(self, x: Array) -> Array:
         """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres of mass."""
         assert self._planes is not None, "there are bodies"
-        found = self._planes.at(x)
-        force = -found.force[self._mine]
-        arm = found.point[self._mine] - self._exchange.arrays.bodies.centers[self.bodies][self._place]
-        loads = np.zeros((len(self.bodies), 6))
-        np.add.at(loads, self._place, np.concatenate([force, cross(arm, force)], axis=1))
-        return loads.ravel()
+        return self._levers.loads(-self._planes.at(x).force[self._levers.mine])
 
     def _meet(self, motion: Array) -> float:
         """Let the film meet bodies where a motion (6 b,) has brought them; return how far that is from before."""
         moved = motion.reshape(-1, 6)
-        shift = moved[self._place, :3] + cross(moved[self._place, 3:], self._arm)
+        shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
-        self._exchange.move(self._mine, further)
+        self._exchange.move(self._levers.mine, further)
         self._exchange.arrays.bodies.centers[self.bodies] = self._centers + moved[:, :3]
         self._planes = self._exchange.planes
         return float(np.abs(further).max(initial=0.0))
@@ -385,8 +424,8 @@ class LightBodies:
         touched = self._movable[self._heavy != 0]
         if planes is not None and len(touched):
             x = self._soft.state.positions
-            rows = touched, exchange.arrays.bodies.centers[touched]
-            stiffness = body_stiffness(self._soft, planes, planes.tangents(x), rows, x, self._tick_s)
+            levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
+            stiffness = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
             self.ratio = _ratio(stiffness, self._tick_s**2 * exchange.bodies.mobility(touched))
             if self.ratio > RATIO_BOUND:
                 self._heavy[:] = 0
