@@ -45,6 +45,7 @@ _TOLERANCE_N = 1e-4  # of the film's step, unless light bodies ask for less
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
 _VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
+_SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
 _UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
 _OTHER = 1.3  # the stiffness of contacts over that with which S was found, beyond which it is found anew
@@ -334,6 +335,14 @@ class _Step:
         away = np.abs(self.mobility @ residual).reshape(-1, 6)
         return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
 
+    def disagreement(self, residual: Array) -> float:
+        """Return how far film and bodies are from agreeing, over what is good enough."""
+        most = self.mismatch_m(residual) / AGREED_M
+        if self._aim is not None:
+            forces = np.abs(residual.reshape(-1, 6) / _UNIT).max()
+            most = max(most, float(forces) / (_SHARE * self._aim.tolerance_N))
+        return most
+
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
         """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of the contacts alone."""
         assert self._planes is not None, "there are bodies"
@@ -454,14 +463,14 @@ class LightBodies:
 
     def _agree(self, step: _Step, trial: _Trial) -> _Trial:
         """Let bodies give way until they go where the film has met them."""
-        away, fresh = step.mismatch_m(trial.residual), False
-        while away > AGREED_M:
+        left, fresh = step.disagreement(trial.residual), False
+        while left > 1.0:
             if step.trials >= _TRIALS_MAX:
-                raise self._error(step, away)
+                raise self._error(step, step.mismatch_m(trial.residual))
             held = step.held_N_m()
             if not step.presses():  # they have come off: back to where the film is now
                 trial = step.take(step.rest_on(self._soft.state.positions, trial.change))
-                away = step.mismatch_m(trial.residual)
+                left = step.disagreement(trial.residual)
                 continue
             if not self._held / _OTHER < held < self._held * _OTHER:
                 self._learn(step)
@@ -469,11 +478,11 @@ class LightBodies:
             stiffness = self._known_stiffness(step.bodies)
             change = step.newton_step(stiffness, trial.residual)
             trial = _search(step, step.take, trial, change)
-            before, away = away, step.mismatch_m(trial.residual)
-            if fresh and away > 0.5 * before and away < 10.0 * AGREED_M:
+            before, left = left, step.disagreement(trial.residual)
+            if fresh and left > 0.5 * before and step.mismatch_m(trial.residual) < 10.0 * AGREED_M:
                 break  # what the film's own residual leaves
             fresh = False
-            if away > _FALLS_FAST * before:
+            if left > _FALLS_FAST * before:
                 self._held = 0.0
         return trial
 
@@ -508,7 +517,7 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
     for _ in range(_CUTS):
         found = take(trial.change + here * change)
         now = float(found.residual @ motion)
-        if abs(now) <= _LEFT * work or step.mismatch_m(found.residual) < AGREED_M:
+        if abs(now) <= _LEFT * work or step.disagreement(found.residual) < 1.0:
             break
         if now < 0.0:
             high, high_work, low_work = here, now, low_work if high == 0.0 or here > high else 0.5 * low_work
