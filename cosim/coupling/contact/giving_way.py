@@ -38,10 +38,9 @@ from cosim.soft.solve.state import SoftState, StepAim
 
 RATIO_BOUND: Final = 1.0
 """Contact ratio from which on bodies give way within the film's step."""
-AGREED_M: Final = 2e-6
+AGREED_M: Final = 2e-5
 """How far bodies may go from where the film has met them; the next tick knows of it."""
 _LEVER_M: Final = 0.02  # angles count as ways at it
-_TOLERANCE_N = 1e-4  # of the film's step, unless light bodies ask for less
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
 _VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
@@ -249,7 +248,9 @@ class _Step:
             self._applied = exchange.bodies.applied[self.bodies].ravel()
             self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
-            self._tolerance_N = min(_TOLERANCE_N if aim is None else aim.tolerance_N, 0.25 * AGREED_M / most)
+            self._tolerance_N = 0.25 * AGREED_M / most
+            if aim is not None:
+                self._tolerance_N = min(self._tolerance_N, aim.tolerance_N)
 
     def take(self, change: Array | None = None) -> _Trial:
         """Take the step with bodies that give way to a change of their loads; to none unless given."""
@@ -259,13 +260,12 @@ class _Step:
         moved = 0.0
         if len(self.bodies):
             moved = self._meet(self.mobility @ change)
-            if self._tolerance_N < _TOLERANCE_N:
-                aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
+            aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
         if self.trials:
             # from where the film was pressed hard it may not come back
             reached = self._soft.state.positions if moved < _NEAR_M else None
             self._soft.restore(self.before)
-            aim = StepAim(_TOLERANCE_N if aim is None else aim.tolerance_N, reached)
+            aim = StepAim(self._tolerance_N, reached)
         loads = self._loads if self._planes is None else replace(self._loads, contact=self._planes)
         self.trials += 1
         if aim is None:
@@ -283,9 +283,11 @@ class _Step:
 
         A body of next to no mass hardly changes that; where none is, or none is pressed deep: zero.
         """
-        x = self.before.positions + self.tick_s * self.before.velocities
         change = np.zeros(6 * len(self.bodies))
-        if self._planes is None or not len(self.bodies) or self._planes.at(x).depth_m < _NEAR_M:
+        if self._planes is None or not len(self.bodies):
+            return change
+        x = self.before.positions + self.tick_s * self.before.velocities
+        if self._planes.at(x).depth_m < _NEAR_M:
             return change
         if _ratio(self.stiffness(x, alone=True), self.mobility) < _VERY_LIGHT:
             return change
