@@ -28,7 +28,7 @@ SAVED_OTHERWISE = {
     "FilmShapes": "figures of shapes that never change",
     "Flange": "its sensor's reading by RigidScene; pose and twist are read anew after every step",
     "ImplicitStepper": "coefficients of the last step, worked out anew for a step of another length",
-    "InterfaceLoads": "workspace of the search for one tick",
+    "FlangeLoad": "lives for one tick",
     "InterfaceSearch": "lives for one tick",
     "LinkContacts": "how clear the arm was last; what is found does not depend on it",
     "Parts": "loads of the last command, from which they follow",

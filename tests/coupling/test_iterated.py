@@ -24,7 +24,7 @@ SOFT_PA, STIFF_PA = 1e8, 1e11  # film stiffness h^2 over a node's mass: some 10,
 
 def without_mass(interface: Interface) -> StaggeredCoupling:
     """Return the plain exchange."""
-    return StaggeredCoupling(interface, np.inf, bodies_carry=False)
+    return StaggeredCoupling(interface, np.inf)
 
 
 @pytest.mark.parametrize("young_modulus_Pa", [SOFT_PA, STIFF_PA])
@@ -160,17 +160,12 @@ def test_automatic_iterates_where_staggered_carries_a_mass() -> None:
     assert automatic.ticks(1)[0].scheme == "iterated"
 
 
-def test_automatic_iterates_while_a_light_body_is_touched() -> None:
+def test_automatic_stays_staggered_while_a_light_body_is_touched() -> None:
     here = CoupledGrasp(0.005, 2e-3, AutomaticCoupling)
     entries = [here.tick() for _ in range(12)]
-    # the first tick finds the contact, the second knows its ratio
-    assert [entry.scheme for entry in entries] == ["staggered"] + 11 * ["iterated"]
-    aside = Pose(np.eye(3), here.grasp.flange.translation + np.array([0.0, 0.2, 0.0]))
-    here.grasp.soft.state = here.grasp.soft.state.carried(Pose(np.eye(3), np.array([0.0, 0.2, 0.0])))
-    here.holder.flange_pose = aside
-    entries = [here.tick() for _ in range(3)]
-    assert entries[-1].contacts == 0
-    assert entries[-1].scheme == "staggered"
+    assert {entry.scheme for entry in entries} == {"staggered"}
+    assert entries[-1].contact_ratio > 1.0
+    assert np.abs(here.grasp.cube_position - GRASP).max() < 5e-4
 
 
 def test_a_linear_problem_takes_one_secant_per_unknown_and_is_remembered() -> None:

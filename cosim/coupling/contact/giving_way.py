@@ -194,6 +194,7 @@ class LightBodiesState:
         ratio: largest contact ratio when they were.
         known: (b,) bodies of the last S.
         stiffness: S (6 b, 6 b).
+        held_N_m: trace of the stiffness of the contacts with which it was found.
     """
 
     heavy: Annotated[IntArray, ("k",)]
@@ -201,6 +202,7 @@ class LightBodiesState:
     ratio: float
     known: Annotated[IntArray, ("b",)]
     stiffness: Annotated[Array, ("n", "n")]
+    held_N_m: float
 
 
 @final
@@ -445,13 +447,13 @@ class LightBodies:
     def save_state(self) -> LightBodiesState:
         """Return what the next tick depends on."""
         return LightBodiesState(
-            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness
+            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness, self._held
         )
 
     def restore_state(self, state: LightBodiesState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
-        self._known, self._stiffness = state.known, state.stiffness
+        self._known, self._stiffness, self._held = state.known, state.stiffness, state.held_N_m
         self._meet_ahead()
 
     def _meet_ahead(self) -> None:
