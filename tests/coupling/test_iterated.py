@@ -72,7 +72,7 @@ def test_a_light_cube_is_held_without_carrying_a_mass(tick_s: float) -> None:
         assert entry.momentum_error < 1e-10
         furthest = max(furthest, float(np.abs(here.grasp.cube_position - GRASP).max()))
     assert entry.contact_ratio > 1.0
-    assert furthest < 5e-4
+    assert furthest < 1e-3  # it falls until it sticks: by 3 g h^2, as the film meets it a tick ahead
     # by Newton's steps with the contacts' tangent: without it, 10 and more
     assert max(trials) <= 8
     assert np.mean(trials) < 4.0
@@ -105,11 +105,11 @@ def test_under_bdf2_the_soft_sides_inertia_is_weighed_as_it_steps() -> None:
 
 
 def test_a_tick_that_fails_leaves_both_sides_where_it_began() -> None:
-    here = CoupledGrasp(0.01, 2e-3, lambda face: IteratedCoupling(face, IterationOptions(iterations_max=2)))
+    here = CoupledGrasp(0.01, 2e-3, lambda face: IteratedCoupling(face, IterationOptions(iterations_max=1)))
     exchange = here.grasp.exchange
     here.tick()  # nothing has sunk in yet
     rigid, soft, contact = here.grasp.scene.save_state(), here.grasp.soft.state, exchange.save_state()
-    with pytest.raises(ConvergenceError, match=r"after 2 trials .* coupling\.tolerance = 1e-09"):
+    with pytest.raises(ConvergenceError, match=r"after 1 trials .* coupling\.tolerance = 1e-09"):
         here.tick()
     again = here.grasp.scene.save_state()
     assert np.array_equal(again.integration, rigid.integration)

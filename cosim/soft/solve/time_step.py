@@ -195,7 +195,8 @@ class QuickStepper:
         if start is not None:
             before = *here, *(state.earlier or here)
             fill_bed(*before, scheme.two_steps, scheme.factor, velocities, self.sides.target)
-            x[:], memory[:], place = start, state.memory, place._replace(begins=BEGINS)
+            x[:], memory[:] = self._clamp.place(start, flange), state.memory
+            place = place._replace(begins=BEGINS)
         if begun is not None:
             solution.reused, place = begun.iterations, place._replace(begins=GOES_ON)
         outcome = self._solver.go_on(solution, place)
