@@ -105,9 +105,10 @@ def test_under_bdf2_the_soft_sides_inertia_is_weighed_as_it_steps() -> None:
 
 
 def test_a_tick_that_fails_leaves_both_sides_where_it_began() -> None:
-    here = CoupledGrasp(0.01, 2e-3, lambda face: IteratedCoupling(face, IterationOptions(iterations_max=1)))
+    here = CoupledGrasp(0.01, 2e-3, IteratedCoupling)
     exchange = here.grasp.exchange
-    here.tick()  # nothing has sunk in yet
+    here.tick()
+    here.coupling = IteratedCoupling(here.interface, IterationOptions(iterations_max=1))
     rigid, soft, contact = here.grasp.scene.save_state(), here.grasp.soft.state, exchange.save_state()
     with pytest.raises(ConvergenceError, match=r"after 1 trials .* coupling\.tolerance = 1e-09"):
         here.tick()
