@@ -47,7 +47,7 @@ TICKS_S = (5e-4, 1e-3, 2e-3, 5e-3)
 SHAKEN_KG, SHAKE_M, SHAKE_HZ = 0.05, 0.02, 2.0
 
 SCHEMES: dict[str, Callable[[Interface], Coupling]] = {
-    "plain": lambda interface: StaggeredCoupling(interface, np.inf, bodies_carry=False),
+    "plain": lambda interface: StaggeredCoupling(interface, np.inf),
     "staggered": StaggeredCoupling,
     "iterated": IteratedCoupling,
 }

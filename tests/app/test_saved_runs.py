@@ -59,13 +59,12 @@ def through_a_file(state: Any, tmp_path: Path) -> Any:
 
 
 def test_a_grasp_goes_on_bit_for_bit(tmp_path: Path) -> None:
-    """Branched in the middle of it: with friction at work, and the film's mass carried on the roll."""
+    """Branched in the middle of it: with friction at work."""
     plain = simulation("gripper_lifts_roll", **GRASP)
     steps = plain.steps()
     held = list(islice(steps, GRASPED + 1))[-1]
     state = plain.save_state()
     assert held.ledger.contacts >= 3
-    assert state.carrier.coupling.interface.body_mass.added.any()
     assert state.carrier.coupling.interface.contact.planes.friction.max() > 0.1
     rest = list(steps)
     assert rest[-1].body_position[-1, 2] > held.body_position[-1, 2] + 5e-3  # the roll is lifted on

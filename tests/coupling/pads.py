@@ -10,11 +10,11 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.build.arms import find_arm
-from cosim.coupling.contact.added_mass import BodyMass
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
 from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject, Wire
 from cosim.rigid.scene.native import NativeScene
@@ -52,7 +52,7 @@ class Grasp:
     Args:
         mass_kg: of the cube.
         tick_s: of the clock.
-        carried: whether the film's algorithmic mass rides on the cube.
+        light: whether the cube may give way within the film's step; it bears the load a tick late otherwise.
         law: of contact.
         gravity: (3,) [m/s^2].
         objects: held instead of the free cube; one is called "cube" unless there is a wire.
@@ -65,7 +65,7 @@ class Grasp:
         mass_kg: float,
         tick_s: float,
         *,
-        carried: bool = True,
+        light: bool = True,
         law: ContactLaw | None = None,
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
         objects: tuple[SceneObject, ...] | None = None,
@@ -88,20 +88,30 @@ class Grasp:
         self.exchange = ContactExchange(
             self.scene.contact_query(), self.scene.bodies, self.soft.contact_surface(), law
         )
-        self.mass = BodyMass(self.exchange, self.soft, tick_s) if carried else None
         self.loads = Loads((PRESSURE_PA,), (), gravity)
+        holder: Any = FixedFlange(self.scene, self.flange)
+        self.coupling: StaggeredCoupling | None = None
+        if light:
+            interface = Interface(holder, self.soft, Wrench(), self.exchange)
+            self.coupling = StaggeredCoupling(interface, np.inf)
+        self._joints = self.scene.joint_position
         self._cube = self.scene.body_names.index(f"{wires[0].name}/2" if wires else "cube")
 
     def tick(self) -> ContactReport:
         """Advance by one tick."""
+        if self.coupling is not None:
+            one_tick(self.coupling, self._joints, np.zeros(6), self.loads)
+            return self.exchange.report
         self.scene.finish_step()
         self.scene.begin_step()
         planes = self.exchange.find(self.soft.state, self.scene.tick_s)
         self.soft.advance(self.flange, replace(self.loads, contact=planes), self.scene.tick_s)
-        report = self.exchange.settle(self.soft.state.positions)
-        if self.mass is not None:
-            self.mass.update()
-        return report
+        return self.exchange.settle(self.soft.state.positions)
+
+    @property
+    def ratio(self) -> float:
+        """Contact ratio."""
+        return 0.0 if self.coupling is None else self.coupling.interface.contact_ratio
 
     @property
     def cube_position(self) -> Array:
@@ -157,7 +167,7 @@ class FixedFlange:
 
 
 class CoupledGrasp:
-    """The same grasp, exchanged by a coupling that carries no mass.
+    """The same grasp, exchanged by a coupling.
 
     Args:
         mass_kg: of the cube.
@@ -176,7 +186,7 @@ class CoupledGrasp:
         edge_m: float = EDGE_M,
     ) -> None:
         cube = SceneObject("cube", "box", (edge_m,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg)
-        self.grasp = Grasp(mass_kg, tick_s, carried=False, objects=(cube,), integrator=integrator)
+        self.grasp = Grasp(mass_kg, tick_s, light=False, objects=(cube,), integrator=integrator)
         self.holder = FixedFlange(self.grasp.scene, self.grasp.flange)
         scene: Any = self.holder
         self.interface = Interface(scene, self.grasp.soft, Wrench(), self.grasp.exchange)

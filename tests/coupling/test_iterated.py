@@ -24,7 +24,7 @@ SOFT_PA, STIFF_PA = 1e8, 1e11  # film stiffness h^2 over a node's mass: some 10,
 
 def without_mass(interface: Interface) -> StaggeredCoupling:
     """Return the plain exchange."""
-    return StaggeredCoupling(interface, np.inf, bodies_carry=False)
+    return StaggeredCoupling(interface, np.inf)
 
 
 @pytest.mark.parametrize("young_modulus_Pa", [SOFT_PA, STIFF_PA])
@@ -72,7 +72,7 @@ def test_a_light_cube_is_held_without_carrying_a_mass(tick_s: float) -> None:
         assert entry.momentum_error < 1e-10
         furthest = max(furthest, float(np.abs(here.grasp.cube_position - GRASP).max()))
     assert entry.contact_ratio > 1.0
-    assert furthest < 5e-4
+    assert furthest < 1e-3  # it falls until it sticks: by 3 g h^2, as the film meets it a tick ahead
     # by Newton's steps with the contacts' tangent: without it, 10 and more
     assert max(trials) <= 8
     assert np.mean(trials) < 4.0
@@ -105,11 +105,12 @@ def test_under_bdf2_the_soft_sides_inertia_is_weighed_as_it_steps() -> None:
 
 
 def test_a_tick_that_fails_leaves_both_sides_where_it_began() -> None:
-    here = CoupledGrasp(0.01, 2e-3, lambda face: IteratedCoupling(face, IterationOptions(iterations_max=2)))
+    here = CoupledGrasp(0.01, 2e-3, IteratedCoupling)
     exchange = here.grasp.exchange
-    here.tick()  # nothing has sunk in yet
+    here.tick()
+    here.coupling = IteratedCoupling(here.interface, IterationOptions(iterations_max=1))
     rigid, soft, contact = here.grasp.scene.save_state(), here.grasp.soft.state, exchange.save_state()
-    with pytest.raises(ConvergenceError, match=r"after 2 trials .* coupling\.tolerance = 1e-09"):
+    with pytest.raises(ConvergenceError, match=r"after 1 trials .* coupling\.tolerance = 1e-09"):
         here.tick()
     again = here.grasp.scene.save_state()
     assert np.array_equal(again.integration, rigid.integration)
@@ -160,17 +161,12 @@ def test_automatic_iterates_where_staggered_carries_a_mass() -> None:
     assert automatic.ticks(1)[0].scheme == "iterated"
 
 
-def test_automatic_iterates_while_a_light_body_is_touched() -> None:
+def test_automatic_stays_staggered_while_a_light_body_is_touched() -> None:
     here = CoupledGrasp(0.005, 2e-3, AutomaticCoupling)
     entries = [here.tick() for _ in range(12)]
-    # the first tick finds the contact, the second knows its ratio
-    assert [entry.scheme for entry in entries] == ["staggered"] + 11 * ["iterated"]
-    aside = Pose(np.eye(3), here.grasp.flange.translation + np.array([0.0, 0.2, 0.0]))
-    here.grasp.soft.state = here.grasp.soft.state.carried(Pose(np.eye(3), np.array([0.0, 0.2, 0.0])))
-    here.holder.flange_pose = aside
-    entries = [here.tick() for _ in range(3)]
-    assert entries[-1].contacts == 0
-    assert entries[-1].scheme == "staggered"
+    assert {entry.scheme for entry in entries} == {"staggered"}
+    assert entries[-1].contact_ratio > 1.0
+    assert np.abs(here.grasp.cube_position - GRASP).max() < 5e-4
 
 
 def test_a_linear_problem_takes_one_secant_per_unknown_and_is_remembered() -> None:

@@ -1,14 +1,14 @@
-"""Light bodies on joints between two pads: stable with the film's algorithmic mass, thrown out without."""
+"""Light bodies on joints between two pads: stable where they give way, thrown out where they do not."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.coupling.contact.added_mass import bounding_blocks
 from cosim.errors import SolverError
 from cosim.rigid.build.description import Joint, SceneObject, Wire
 from tests.coupling.pads import EDGE_M, Grasp
@@ -26,14 +26,14 @@ POST = SceneObject("post", "box", (0.01,) * 3, (0.0, 0.0, 1.62))
 WIRE = Wire("wire", ((0.0, 0.0, 1.58), (0.0, 0.0, 1.37)), 0.5 * EDGE_M, 4, 8e-3, 1e-4, 1e-6, first="post")
 
 
-def travel(tick_s: float, kind: str, carried: bool = True) -> Array:
+def travel(tick_s: float, kind: str, light: bool = True) -> Array:
     """Return the path (n, 3) [m] of what is held, from where it was."""
     objects, wires = {
         "hinge": ((TURNED,), ()),
         "slide": ((SHIFTED,), ()),
         "wire": ((POST,), (WIRE,)),
     }[kind]
-    grasp = Grasp(1.0, tick_s, carried=carried, objects=objects, wires=wires)
+    grasp = Grasp(1.0, tick_s, light=light, objects=objects, wires=wires)
     begin, path = grasp.cube_position, []
     for _ in range(round(0.2 / tick_s)):
         try:
@@ -41,7 +41,7 @@ def travel(tick_s: float, kind: str, carried: bool = True) -> Array:
         except SolverError:
             return np.full((1, 3), np.inf)
         path.append(grasp.cube_position - begin)
-    assert report.count > 5 or not carried
+    assert report.count > 5 or not light
     return np.array(path)
 
 
@@ -54,41 +54,17 @@ def test_light_bodies_on_joints_are_stable(kind: str, tick_s: float) -> None:
 
 
 @pytest.mark.parametrize("kind", ["hinge", "slide", "wire"])
-def test_without_the_carried_mass_they_are_thrown_about(kind: str) -> None:
-    assert np.abs(travel(5e-3, kind, carried=False)).max() > 5e-3
-
-
-def test_the_body_s_own_axes_do_not_matter() -> None:
-    # a third of a turn about its diagonal leaves a cube as it is, but not the axes of what it carries
-    ends = []
-    for quaternion in ((1.0, 0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.5)):
-        grasp = Grasp(1.0, 2e-3, objects=(replace(TURNED, quaternion=quaternion),))
-        for _ in range(25):
-            grasp.tick()
-        assert grasp.mass is not None
-        assert grasp.mass.ratio > 1.0
-        ends.append(np.array([*grasp.cube_position, 1e-3 * grasp.mass.ratio]))
-    assert ends[0] == pytest.approx(ends[1], abs=1e-8)
-
-
-def test_the_bounding_blocks_bound() -> None:
-    root = np.random.default_rng(0).normal(size=(12, 9))
-    whole = root @ root.T
-    blocks = bounding_blocks(whole)
-    bound = np.zeros((12, 12))
-    bound[:6, :6], bound[6:, 6:] = blocks
-    assert np.linalg.eigvalsh(bound - whole).min() > -1e-9
-    assert np.linalg.eigvalsh(0.999 * bound - whole).min() < 0.0
-    np.testing.assert_allclose(bounding_blocks(whole[:6, :6])[0], whole[:6, :6], atol=1e-9)
+def test_a_tick_late_they_are_thrown_about(kind: str) -> None:
+    assert np.abs(travel(5e-3, kind, light=False)).max() > 5e-3
 
 
 def test_a_wire_between_pads_repeats_from_a_saved_state() -> None:
     grasp = Grasp(1.0, 2e-3, objects=(POST,), wires=(WIRE,))
     for _ in range(25):
         grasp.tick()
-    assert grasp.mass is not None
-    assert grasp.mass.ratio > 1.0
-    parts = (grasp.scene, grasp.soft, grasp.exchange, grasp.mass)
+    assert grasp.coupling is not None
+    assert grasp.ratio > 1.0
+    parts: tuple[Any, ...] = (grasp.scene, grasp.soft, grasp.coupling)
     saved = [part.save_state() for part in parts]
     ends = []
     for _ in range(2):

@@ -1,16 +1,19 @@
-"""A ball dropped on an inflated cushion bounces no higher than it was, however light it is."""
+"""A ball dropped on an inflated cushion takes the impulse that the film gives it, however light it is."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, Wrench
 from cosim.build.arms import find_arm
-from cosim.coupling.contact.added_mass import BodyMass
 from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.iterated import IteratedCoupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
@@ -19,15 +22,39 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
-from tests.coupling.pads import EDGE_M, Grasp
+from tests.coupling.one_tick import one_tick
+from tests.coupling.pads import FixedFlange
 from tests.soft.bodies import icosphere
 
 GRAVITY, RADIUS_M, BALL_M, DROP_M = 9.81, 0.025, 0.01, 0.02
 HERE = np.array([0.0, 0.0, 1.5])  # above everything else in the scene
 
 
-def energy_heights(mass_kg: float, tick_s: float, seconds: float) -> Array:
-    """Return how far above its start the energy of a dropped ball could lift it, after each tick (n,) [m]."""
+class Bounce(NamedTuple):
+    """What a ball does, tick by tick.
+
+    Args:
+        height: (n,) [m], above where it began.
+        velocity: (n, 3) [m/s].
+        force: (n, 3) [N], of the film on it, which acts in the next tick.
+        ratio: (n,), contact ratio.
+    """
+
+    height: Array
+    velocity: Array
+    force: Array
+    ratio: Array
+
+    @property
+    def energy_height(self) -> Array:
+        """(n,) [m], how far above its start the ball's energy could lift it."""
+        return np.asarray(self.height + (self.velocity**2).sum(axis=1) / (2.0 * GRAVITY))
+
+
+def bounce(
+    mass_kg: float, tick_s: float, seconds: float, scheme: Callable[[Interface], Coupling] = StaggeredCoupling
+) -> Bounce:
+    """Drop a ball on a cushion."""
     x, triangles = icosphere(2, RADIUS_M)
     turn = np.array([[np.cos(0.3), 0.0, np.sin(0.3)], [0.0, 1.0, 0.0], [-np.sin(0.3), 0.0, np.cos(0.3)]])
     x = x @ turn.T
@@ -38,41 +65,57 @@ def energy_heights(mass_kg: float, tick_s: float, seconds: float) -> Array:
     a, b, c = start.tolist()
     ball = SceneObject("ball", "sphere", (BALL_M,), (a, b, c), mass_kg=mass_kg)
     scene = RigidScene(SceneDescription(find_arm("ur5e"), tick_s=tick_s, objects=(ball,)))
-    scene.set_control(scene.joint_position)
     flange = Pose(np.eye(3), HERE)
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
     soft = SoftArm(body, flange, NewtonOptions(), options)
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
-    mass, loads = BodyMass(exchange, soft, tick_s), Loads((5e3,), (), (0.0, 0.0, -GRAVITY))
-    index, found = scene.body_names.index("ball"), []
+    holder: Any = FixedFlange(scene, flange)
+    coupling = scheme(Interface(holder, soft, Wrench(), exchange))
+    loads, joints = Loads((5e3,), (), (0.0, 0.0, -GRAVITY)), scene.joint_position
+    index, places, forces, ratios = scene.body_names.index("ball"), [start], [], []
     for _ in range(round(seconds / tick_s)):
-        scene.finish_step()
-        scene.begin_step()
-        soft.advance(flange, replace(loads, contact=exchange.find(soft.state, tick_s)), tick_s)
-        exchange.settle(soft.state.positions)
-        mass.update()
-        height = scene.body_poses()[0][index, 2] - start[2]
-        found.append(height + scene.bodies.free_speeds()[0] ** 2 / (2.0 * GRAVITY))
-    return np.array(found)
+        entry = one_tick(coupling, joints, np.zeros(6), loads)
+        places.append(scene.body_poses()[0][index])
+        forces.append(exchange.report.on_each(len(scene.body_names))[index])
+        ratios.append(entry.contact_ratio)
+        assert entry.momentum_error < 1e-10
+    velocity = np.diff(np.array(places), axis=0) / tick_s
+    return Bounce(np.array(places)[1:, 2] - start[2], velocity, np.array(forces), np.array(ratios))
 
 
-@pytest.mark.parametrize("tick_s", [1e-3, 2e-3, 5e-3])
-@pytest.mark.parametrize("mass_kg", [1e-6, 1e-4, 1e-3, 1e-2, 1.0])
+CASES = [(1e-6, 2e-3), (1e-4, 1e-3), (1e-4, 8e-3), (1e-3, 4e-3), (1e-2, 2e-3), (0.1, 4e-3), (1.0, 1e-3)]
+
+
+@pytest.mark.parametrize(("mass_kg", "tick_s"), CASES)
+def test_the_films_impulse_is_the_balls_change_of_momentum(mass_kg: float, tick_s: float) -> None:
+    # 1 g at 4 ms took up 700 times its momentum while it carried an algorithmic mass
+    found = bounce(mass_kg, tick_s, 0.16)
+    gained = mass_kg * (found.velocity[-1] - found.velocity[0])
+    weight = mass_kg * np.array([0.0, 0.0, -GRAVITY]) * tick_s * (len(found.force) - 1)
+    given = tick_s * found.force[:-1].sum(axis=0) + weight
+    assert found.force.any()
+    # positions of 1.5 m are rounded to 2e-16 m: their second differences to some 1e-12 m/s
+    assert given == pytest.approx(gained, abs=1e-9 * mass_kg)
+
+
+@pytest.mark.parametrize(("mass_kg", "tick_s"), CASES)
 def test_a_ball_bounces_no_higher_than_it_was(mass_kg: float, tick_s: float) -> None:
-    # 0.1 g left with 23 m/s, 1 mg with 2.3 km/s, 1 g came 0.36 m high
-    bounced = energy_heights(mass_kg, tick_s, 0.16)
-    assert bounced.max() < 1e-9  # [m], rounding of a height of 1.5 m
+    bounced = bounce(mass_kg, tick_s, 0.16).energy_height
+    # rounding of a height of 1.5 m; a ball that is met a tick ahead of where it is may seem to keep its speed
+    assert bounced.max() < 1e-9
     assert bounced[-1] < -5e-4  # and it has touched: a bounce costs at least that much of 20 mm
 
 
-def test_a_body_carries_what_it_lacks() -> None:
-    # with all of the film's answer on top of its own inertia, a body that lacks a little is twice as heavy
-    grasp = Grasp(0.04, 2e-3)
-    own = grasp.scene.save_state().armature
-    for _ in range(40):
-        grasp.tick()
-    assert grasp.mass is not None
-    carried = (grasp.scene.save_state().armature - own)[-6:]
-    inertia = np.array([1.0, 1.0, 1.0, *[EDGE_M**2 / 6.0] * 3]) * 0.04
-    assert 1.1 < grasp.mass.ratio < 4.0
-    assert ((inertia + carried) / inertia).max() == pytest.approx(grasp.mass.ratio, rel=1e-9)
+def test_both_schemes_agree_on_a_light_ball() -> None:
+    # where the flange is held, nothing is left to iterate
+    plain, iterated = (bounce(1e-3, 4e-3, 0.12, scheme) for scheme in (StaggeredCoupling, IteratedCoupling))
+    assert iterated.height == pytest.approx(plain.height, abs=1e-5)
+    assert plain.ratio.max() > 10.0
+
+
+def test_what_a_light_ball_does_hangs_on_its_mass_no_longer() -> None:
+    # the film hardly feels either: both are thrown back alike
+    gram, milligram = (bounce(mass, 2e-3, 0.1) for mass in (1e-4, 1e-6))
+    assert milligram.height == pytest.approx(gram.height, abs=1e-3)
+    strongest = [float(np.linalg.norm(found.force, axis=1).max()) for found in (gram, milligram)]
+    assert strongest[0] / strongest[1] == pytest.approx(100.0, rel=0.1)

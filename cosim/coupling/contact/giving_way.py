@@ -38,13 +38,13 @@ from cosim.soft.solve.state import SoftState, StepAim
 
 RATIO_BOUND: Final = 1.0
 """Contact ratio from which on bodies give way within the film's step."""
-AGREED_M: Final = 2e-6
+AGREED_M: Final = 2e-5
 """How far bodies may go from where the film has met them; the next tick knows of it."""
 _LEVER_M: Final = 0.02  # angles count as ways at it
-_TOLERANCE_N = 1e-4  # of the film's step, unless light bodies ask for less
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
 _VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
+_SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
 _UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
 _OTHER = 1.3  # the stiffness of contacts over that with which S was found, beyond which it is found anew
@@ -90,50 +90,97 @@ class Yielding(Protocol):
         """Undo the last step."""
 
 
-def body_stiffness(
-    soft: Yielding | None,
-    planes: ContactPlanes,
-    tangents: Array,
-    touched: tuple[IntArray, Array],
-    positions: Array,
-    tick_s: float,
-) -> Array:
-    """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
-
-    G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
-    nodes, H is the tangent of the film's time step.
+@final
+@dataclass(frozen=True)
+class Levers:
+    """How the contacts with some bodies go with them; the arms stay what they are in a tick.
 
     Args:
-        soft: soft side, after its step; None for one that stays where it is.
-        planes: contacts.
-        tangents: K (k, 3, 3) [N/m], of all contacts.
-        touched: bodies (b,), ascending, and points (b, 3) [m] that motions and loads are about; world axes.
-        positions: (n, 3) [m], of the nodes.
-        tick_s: length of the step [s].
+        mine: (k,) those contacts.
+        place: (k,) of each contact's body among the b bodies.
+        arm: (k, 3) [m], from the centre of mass, world axes.
+        count: b.
     """
-    bodies, points = touched
-    mine = np.flatnonzero(np.isin(planes.body, bodies) & (np.abs(tangents).max(axis=(1, 2)) > 0.0))
-    place = np.searchsorted(bodies, planes.body[mine])
-    nodes, weights = planes.nodes[mine], planes.weights[mine]
-    pressed = np.unique(place)
-    moved = np.zeros((len(mine), 3, len(pressed), 6))  # the points with their body
-    arms = rigid_motions(np.einsum("ka,kar->kr", weights, positions[nodes]), points[place])
-    moved[np.arange(len(mine)), :, np.searchsorted(pressed, place)] = arms
-    motion = moved.reshape(len(mine), 3, 6 * len(pressed))
-    push = np.einsum("krs,ksj->krj", tangents[mine], motion)
-    own = np.einsum("kri,krj->ij", motion, push)
-    if soft is not None and len(mine):
-        forces = np.zeros((len(positions), motion.shape[2], 3))
-        for a in range(nodes.shape[1]):
-            np.add.at(forces, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
-        forces = np.ascontiguousarray(forces.transpose(1, 0, 2))
-        following = soft.response(forces, planes, tick_s)
-        if following is not None:
-            own -= np.einsum("inr,jnr->ij", forces, following)
-    stiffness = np.zeros((6 * len(bodies), 6 * len(bodies)))
-    columns = (6 * pressed[:, None] + np.arange(6)).ravel()
-    stiffness[np.ix_(columns, columns)] = own
-    return stiffness
+
+    mine: IntArray
+    place: IntArray
+    arm: Array
+    count: int
+
+    @classmethod
+    def of(cls, planes: ContactPlanes, bodies: IntArray, centers: Array, positions: Array) -> Levers:
+        """Return those of contacts with bodies (b,), ascending.
+
+        Args:
+            planes: contacts.
+            bodies: (b,).
+            centers: (b, 3) [m], of their masses.
+            positions: (n, 3) [m], of the nodes.
+        """
+        mine = np.flatnonzero(np.isin(planes.body, bodies))
+        place = np.searchsorted(bodies, planes.body[mine])
+        points = np.einsum("ka,kar->kr", planes.weights[mine], positions[planes.nodes[mine]])
+        return cls(mine, place, points - centers[place], len(bodies))
+
+    def loads(self, force: Array) -> Array:
+        """Return the loads (6 b,) of forces (k, 3) [N] at the contacts, about the centres of mass."""
+        loads = np.zeros((self.count, 6))
+        np.add.at(loads, self.place, np.concatenate([force, cross(self.arm, force)], axis=1))
+        return loads.ravel()
+
+    def shift(self, motion: Array) -> Array:
+        """Return by how much the contacts go (k, 3) [m] with a motion (b, 6) of the bodies."""
+        return np.asarray(motion[self.place, :3] + cross(motion[self.place, 3:], self.arm))
+
+    def stiffness(
+        self, planes: ContactPlanes, tangents: Array, soft: Yielding | None, tick_s: float
+    ) -> Array:
+        """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
+
+        G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
+        nodes, H is the tangent of the film's time step.
+
+        Args:
+            planes: contacts.
+            tangents: K (k, 3, 3) [N/m], of all contacts.
+            soft: soft side, after its step; None for one that stays where it is.
+            tick_s: length of the step [s].
+        """
+        pressed = np.flatnonzero(np.abs(tangents[self.mine]).max(axis=(1, 2)) > 0.0)
+        stiffness = np.zeros((6 * self.count, 6 * self.count))
+        if not len(pressed):
+            return stiffness
+        mine, place = self.mine[pressed], self.place[pressed]
+        touched = np.unique(place)
+        moved = np.zeros((len(mine), 3, len(touched), 6))  # the points with their body
+        arms = rigid_motions(self.arm[pressed], np.zeros(3))
+        moved[np.arange(len(mine)), :, np.searchsorted(touched, place)] = arms
+        motion = moved.reshape(len(mine), 3, 6 * len(touched))
+        push = np.einsum("krs,ksj->krj", tangents[mine], motion)
+        own = np.einsum("kri,krj->ij", motion, push)
+        if soft is not None:
+            forces = spread(planes.nodes[mine], planes.weights[mine], push, len(soft.state.positions))
+            following = soft.response(forces, planes, tick_s)
+            if following is not None:
+                own -= np.einsum("inr,jnr->ij", forces, following)
+        columns = (6 * touched[:, None] + np.arange(6)).ravel()
+        stiffness[np.ix_(columns, columns)] = own
+        return stiffness
+
+
+def spread(nodes: IntArray, weights: Array, push: Array, count: int) -> Array:
+    """Return forces (j, n, 3) [N] on nodes from forces at contact points.
+
+    Args:
+        nodes: (k, 3) that each point combines.
+        weights: (k, 3).
+        push: (k, 3, j) [N], j cases.
+        count: n.
+    """
+    total = np.zeros((count, push.shape[2], 3))
+    for a in range(nodes.shape[1]):
+        np.add.at(total, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
+    return np.ascontiguousarray(total.transpose(1, 0, 2))
 
 
 @final
@@ -147,6 +194,7 @@ class LightBodiesState:
         ratio: largest contact ratio when they were.
         known: (b,) bodies of the last S.
         stiffness: S (6 b, 6 b).
+        held_N_m: trace of the stiffness of the contacts with which it was found.
     """
 
     heavy: Annotated[IntArray, ("k",)]
@@ -154,6 +202,7 @@ class LightBodiesState:
     ratio: float
     known: Annotated[IntArray, ("b",)]
     stiffness: Annotated[Array, ("n", "n")]
+    held_N_m: float
 
 
 @final
@@ -195,15 +244,15 @@ class _Step:
             near = np.unique(self._planes.body)
             self.bodies = near[exchange.arrays.bodies.leads.ahead[near] != 0]
         if self._planes is not None and len(self.bodies):
-            self._mine = np.flatnonzero(np.isin(self._planes.body, self.bodies))
-            self._place = np.searchsorted(self.bodies, self._planes.body[self._mine])
             self._centers = exchange.arrays.bodies.centers[self.bodies]
-            self._arm = self._planes.anchor[self._mine] - self._centers[self._place]
-            self._shift = np.zeros_like(self._arm)
+            self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
+            self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
             self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
-            self._tolerance_N = min(_TOLERANCE_N if aim is None else aim.tolerance_N, 0.25 * AGREED_M / most)
+            self._tolerance_N = 0.25 * AGREED_M / most
+            if aim is not None:
+                self._tolerance_N = min(self._tolerance_N, aim.tolerance_N)
 
     def take(self, change: Array | None = None) -> _Trial:
         """Take the step with bodies that give way to a change of their loads; to none unless given."""
@@ -213,13 +262,12 @@ class _Step:
         moved = 0.0
         if len(self.bodies):
             moved = self._meet(self.mobility @ change)
-            if self._tolerance_N < _TOLERANCE_N:
-                aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
+            aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
         if self.trials:
             # from where the film was pressed hard it may not come back
             reached = self._soft.state.positions if moved < _NEAR_M else None
             self._soft.restore(self.before)
-            aim = StepAim(_TOLERANCE_N if aim is None else aim.tolerance_N, reached)
+            aim = StepAim(self._tolerance_N, reached)
         loads = self._loads if self._planes is None else replace(self._loads, contact=self._planes)
         self.trials += 1
         if aim is None:
@@ -237,9 +285,11 @@ class _Step:
 
         A body of next to no mass hardly changes that; where none is, or none is pressed deep: zero.
         """
-        x = self.before.positions + self.tick_s * self.before.velocities
         change = np.zeros(6 * len(self.bodies))
-        if self._planes is None or not len(self.bodies) or self._planes.at(x).depth_m < _NEAR_M:
+        if self._planes is None or not len(self.bodies):
+            return change
+        x = self.before.positions + self.tick_s * self.before.velocities
+        if self._planes.at(x).depth_m < _NEAR_M:
             return change
         if _ratio(self.stiffness(x, alone=True), self.mobility) < _VERY_LIGHT:
             return change
@@ -276,12 +326,12 @@ class _Step:
     def presses(self) -> bool:
         """Return whether the film presses on bodies where the last trial has ended."""
         assert self._planes is not None, "there are bodies"
-        return bool(self._planes.at(self._soft.state.positions).normal_force[self._mine].any())
+        return bool(self._planes.at(self._soft.state.positions).normal_force[self._levers.mine].any())
 
     def held_N_m(self) -> float:
         """Return the trace of the stiffness of the contacts where the last trial has ended."""
         assert self._planes is not None, "there are bodies"
-        tangents = self._planes.stiffnesses(self._soft.state.positions)[self._mine]
+        tangents = self._planes.stiffnesses(self._soft.state.positions)[self._levers.mine]
         return float(np.einsum("kii->", tangents))
 
     def mismatch_m(self, residual: Array) -> float:
@@ -289,29 +339,31 @@ class _Step:
         away = np.abs(self.mobility @ residual).reshape(-1, 6)
         return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
 
+    def disagreement(self, residual: Array) -> float:
+        """Return how far film and bodies are from agreeing, over what is good enough."""
+        most = self.mismatch_m(residual) / AGREED_M
+        if self._aim is not None:
+            forces = np.abs(residual.reshape(-1, 6) / _UNIT).max()
+            most = max(most, float(forces) / (_SHARE * self._aim.tolerance_N))
+        return most
+
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
         """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of the contacts alone."""
         assert self._planes is not None, "there are bodies"
-        points = self._exchange.arrays.bodies.centers[self.bodies]
-        soft = None if alone else self._soft
-        return body_stiffness(soft, self._planes, self._planes.stiffnesses(x), (self.bodies, points), x, self.tick_s)
+        tangents, soft = self._planes.stiffnesses(x), None if alone else self._soft
+        return self._levers.stiffness(self._planes, tangents, soft, self.tick_s)
 
     def answered(self, x: Array) -> Array:
         """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres of mass."""
         assert self._planes is not None, "there are bodies"
-        found = self._planes.at(x)
-        force = -found.force[self._mine]
-        arm = found.point[self._mine] - self._exchange.arrays.bodies.centers[self.bodies][self._place]
-        loads = np.zeros((len(self.bodies), 6))
-        np.add.at(loads, self._place, np.concatenate([force, cross(arm, force)], axis=1))
-        return loads.ravel()
+        return self._levers.loads(-self._planes.at(x).force[self._levers.mine])
 
     def _meet(self, motion: Array) -> float:
         """Let the film meet bodies where a motion (6 b,) has brought them; return how far that is from before."""
         moved = motion.reshape(-1, 6)
-        shift = moved[self._place, :3] + cross(moved[self._place, 3:], self._arm)
+        shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
-        self._exchange.move(self._mine, further)
+        self._exchange.move(self._levers.mine, further)
         self._exchange.arrays.bodies.centers[self.bodies] = self._centers + moved[:, :3]
         self._planes = self._exchange.planes
         return float(np.abs(further).max(initial=0.0))
@@ -385,8 +437,8 @@ class LightBodies:
         touched = self._movable[self._heavy != 0]
         if planes is not None and len(touched):
             x = self._soft.state.positions
-            rows = touched, exchange.arrays.bodies.centers[touched]
-            stiffness = body_stiffness(self._soft, planes, planes.tangents(x), rows, x, self._tick_s)
+            levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
+            stiffness = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
             self.ratio = _ratio(stiffness, self._tick_s**2 * exchange.bodies.mobility(touched))
             if self.ratio > RATIO_BOUND:
                 self._heavy[:] = 0
@@ -395,13 +447,13 @@ class LightBodies:
     def save_state(self) -> LightBodiesState:
         """Return what the next tick depends on."""
         return LightBodiesState(
-            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness
+            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness, self._held
         )
 
     def restore_state(self, state: LightBodiesState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
-        self._known, self._stiffness = state.known, state.stiffness
+        self._known, self._stiffness, self._held = state.known, state.stiffness, state.held_N_m
         self._meet_ahead()
 
     def _meet_ahead(self) -> None:
@@ -415,14 +467,14 @@ class LightBodies:
 
     def _agree(self, step: _Step, trial: _Trial) -> _Trial:
         """Let bodies give way until they go where the film has met them."""
-        away, fresh = step.mismatch_m(trial.residual), False
-        while away > AGREED_M:
+        left, fresh = step.disagreement(trial.residual), False
+        while left > 1.0:
             if step.trials >= _TRIALS_MAX:
-                raise self._error(step, away)
+                raise self._error(step, step.mismatch_m(trial.residual))
             held = step.held_N_m()
             if not step.presses():  # they have come off: back to where the film is now
                 trial = step.take(step.rest_on(self._soft.state.positions, trial.change))
-                away = step.mismatch_m(trial.residual)
+                left = step.disagreement(trial.residual)
                 continue
             if not self._held / _OTHER < held < self._held * _OTHER:
                 self._learn(step)
@@ -430,11 +482,11 @@ class LightBodies:
             stiffness = self._known_stiffness(step.bodies)
             change = step.newton_step(stiffness, trial.residual)
             trial = _search(step, step.take, trial, change)
-            before, away = away, step.mismatch_m(trial.residual)
-            if fresh and away > 0.5 * before and away < 10.0 * AGREED_M:
+            before, left = left, step.disagreement(trial.residual)
+            if fresh and left > 0.5 * before and step.mismatch_m(trial.residual) < 10.0 * AGREED_M:
                 break  # what the film's own residual leaves
             fresh = False
-            if away > _FALLS_FAST * before:
+            if left > _FALLS_FAST * before:
                 self._held = 0.0
         return trial
 
@@ -469,7 +521,7 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
     for _ in range(_CUTS):
         found = take(trial.change + here * change)
         now = float(found.residual @ motion)
-        if abs(now) <= _LEFT * work or step.mismatch_m(found.residual) < AGREED_M:
+        if abs(now) <= _LEFT * work or step.disagreement(found.residual) < 1.0:
             break
         if now < 0.0:
             high, high_work, low_work = here, now, low_work if high == 0.0 or here > high else 0.5 * low_work

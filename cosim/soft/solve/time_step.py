@@ -20,6 +20,7 @@ from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.step_arrays import (
     ASKS,
+    BEGINS,
     BEGINS_STEP,
     GOES_ON,
     LEFT,
@@ -70,7 +71,7 @@ class FilmSides:
 
     def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
         self._solver, self._clamp, self._options, self._apart = solver, clamp, options, apart
-        self._target = np.empty_like(solver.system.gradient)
+        self.target = np.empty_like(solver.system.gradient)
         self._plain = Loads((), (0.0,) * len(solver.system.body.cables))
 
     @cached_property
@@ -102,7 +103,7 @@ class FilmSides:
         options = self._options
         step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
-        inertia = Inertia(scheme.inertia, self._target, step_s, options.closely)
+        inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
         coupled = any(loads.gas) or any(loads.cable_length_m)
         apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
@@ -159,17 +160,23 @@ class QuickStepper:
         return self.begun is not None and self.begun.state is state
 
     def take(
-        self, state: SoftState, flange: Pose, loads: Loads, scheme: StepScheme, step_s: float
+        self,
+        state: SoftState,
+        drive: tuple[Pose, Loads],
+        scheme: StepScheme,
+        step_s: float,
+        start: Array | None = None,
     ) -> tuple[SoftState, NewtonResult] | None:
         """Return where a step ends, or None where its start or a tangent does not serve.
 
         Args:
             state: at the beginning; it stays as it is.
-            flange: its pose at the end.
-            loads: at the end; it `knows` them.
+            drive: pose of the flange and loads at the end; it `knows` these.
             scheme: of the step.
             step_s: h [s].
+            start: (n, 3) [m], where an earlier try has ended; free flight unless given.
         """
+        flange, loads = drive
         here, options, system = (state.positions, state.velocities), self._options, self._solver.system
         begun, self.begun = self.begun if self.has_begun(state) else None, None
         x, velocities, memory = _new_end(state) if begun is None else (begun.x, begun.base, begun.memory)
@@ -181,6 +188,11 @@ class QuickStepper:
         # a contact that is half solved would push with a force of its own making
         films, lenient = loads.self_contact, loads.contact is None and loads.self_contact is None
         place = self.begins(lenient=lenient)
+        if start is not None:
+            before = *here, *(state.earlier or here)
+            fill_bed(*before, scheme.two_steps, scheme.factor, velocities, self.sides.target)
+            x[:], memory[:] = self._clamp.place(start, flange), state.memory
+            place = place._replace(begins=BEGINS)
         if begun is not None:
             solution.reused, place = begun.iterations, place._replace(begins=GOES_ON)
         outcome = self._solver.go_on(solution, place)
@@ -275,8 +287,11 @@ class ImplicitStepper:
         scheme, loads = self.scheme_of(state, step_s), self._with_films(state, loads, step_s)
         begun = self.quick.has_begun(state)  # where the flange turns far, no step is
         turns = before is not None and not begun and _turn(before, world_from_flange) > LARGE_TURN_RAD
+        drive, start = (world_from_flange, loads), None if aim is None else aim.start
+        if aim is not None and aim.tolerance_N >= self.options.tolerance_N:
+            aim = None
         quick = aim is None and not turns and self.quick.knows(loads)
-        taken = self.quick.take(state, world_from_flange, loads, scheme, step_s) if quick else None
+        taken = self.quick.take(state, drive, scheme, step_s, start) if quick else None
         if taken is not None:
             return taken
         inertia, base = self._inertia(state, scheme, step_s, aim)
@@ -285,11 +300,11 @@ class ImplicitStepper:
         if turns and before is not None:
             starts = self._ranked(starts, state, before, world_from_flange, loads, inertia)
         # flight is the better start, unless it takes films too far; then the step begins where it is
-        if aim is not None and aim.start is not None:
-            starts = [aim.start, *starts]
+        if start is not None:
+            starts = [start, *starts]
         for free in starts:
-            start = self.clamp.place(free, world_from_flange)
-            result = self._solve(start, state, world_from_flange, loads, inertia, aim, whole=jumps)
+            placed = self.clamp.place(free, world_from_flange)
+            result = self._solve(placed, state, world_from_flange, loads, inertia, aim, whole=jumps)
             result = self._with_losses(result, world_from_flange, loads, inertia, aim)
             if result.converged or self._acceptable(result, aim):
                 break
