@@ -19,13 +19,16 @@ def _has_beams(robot: AnySoftRobot) -> bool:
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
+    if scenario.fidelity not in ("section", "rigid"):
+        from cosim.soft.contact import self_contact_candidates, self_contact_search  # overlap is looked for
+
+        modules = self_contact_candidates, self_contact_search
     if scenario.contact.self_contact:
-        from cosim.soft.contact import self_contact_candidates, self_contact_pairs, self_contact_search
+        from cosim.soft.contact import self_contact_pairs
         from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
         from cosim.soft.solve import self_contact
 
-        modules = self_contact_candidates, self_contact_pairs, self_contact_search, self_contact
-        modules += (multifrontal_kernels,)
+        modules += (self_contact_pairs, self_contact, multifrontal_kernels)
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 

@@ -34,7 +34,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.plan.arm_limits import PLANNED
 from cosim.plan.decision import SECTION_RANGE
-from cosim.telemetry.figures import branching_lines
+from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -233,6 +233,7 @@ def _closing_lines(summary: dict[str, Any], directory: Path) -> str:
         # those of the plan have been shown before the run
         *(f"warning: {line}" for line in warnings if not line.startswith(PLANNED)),
         *(f"stability: {line}" for line in branching_lines(summary["branchings"])),
+        *(f"overlap:   {line}" for line in overlap_lines(summary["overlaps"])),
         f"figures:   {directory / SUMMARY}",
     ]
     written = recordings(directory)

@@ -18,7 +18,7 @@ from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.results.curves import drawn
-from cosim.telemetry.figures import branching_lines
+from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import SummaryBuilder, reason_of
 from cosim.telemetry.tick_batch import RigidColumns, TickBatch
@@ -35,6 +35,7 @@ def as_html(text: str, summary: Mapping[str, Any]) -> str:
     lines += [f"warning: {text}" for text in summary.get("warnings", ())]
     heads = ("phase", "end [s]", "pressure [kPa]", "tip [mm]", "sag [mm]")
     lines += [f"stability: {text}" for text in branching_lines(summary.get("branchings", []))]
+    lines += [f"overlap: {text}" for text in overlap_lines(summary.get("overlaps", []))]
     rows = [
         (
             phase["name"] + ("" if phase["complete"] else " (incomplete)"),

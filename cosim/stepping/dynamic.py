@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.self_contact_search import FilmOverlap
 from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
@@ -24,12 +25,6 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
-
-
-_LOOKS: Final = 8
-"""Looks in a phase, at most, at whether the soft robot is in an unstable state; the last one at its end."""
-_LOOK_TICKS: Final = 16
-"""At least between two looks, each of which costs about as much as a tick with a new tangent."""
 
 
 @final
@@ -145,16 +140,20 @@ class DynamicSimulation(SteppedRun):
     def _undecided(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, tuple[Branching, ...]]:
         """Return in which directions the soft robot would give way, if it was at rest, after some ticks."""
         count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
-        looks = max(1, min(_LOOKS, count // _LOOK_TICKS))
-        places = {-(-count * k // looks) - to.done for k in range(1, looks + 1)}
-        rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
         found = dict[int, tuple[Branching, ...]]()
-        for row in rows:
+        for row in self._looked_at(to, taken.done):
+            if ticks.contacts[row]:
+                continue
             flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
             branching = soft.undecided(taken.shapes[row], flange, asked.loads[row])
             if branching is not None and branching.extent >= WHOLE:  # wrinkles come and go in motion
                 found[row] = (replace(branching, load_factor=(to.done + row) / count),)
         return found
+
+    def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, FilmOverlap]:
+        """Return where films have passed through one another after some ticks."""
+        soft, rows = self._parts.soft, self._looked_at(to, taken.done)
+        return {row: found for row in rows if (found := soft.overlap(taken.shapes[row])) is not None}
 
     def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
         """Return what ticks show, the first of which ends at `to`."""
@@ -180,6 +179,7 @@ class DynamicSimulation(SteppedRun):
             devices=(report,) * n,
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
             branchings=self._undecided(taken, asked, to),
+            overlap=self._overlaps(taken, to),
         )
 
     def _step_of(self, to: Cursor) -> str:

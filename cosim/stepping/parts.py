@@ -26,6 +26,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.self_contact_search import FilmOverlap
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import Equilibrium
@@ -153,6 +154,7 @@ class TickState:
         joint_torque: (joints,) [N m], of the servos.
         touched: what the soft robot presses on.
         branchings: unstable states that the soft robot has met on the way.
+        overlap: of its films.
     """
 
     tick: int
@@ -166,6 +168,7 @@ class TickState:
     joint_torque: Array
     touched: ContactReport = NOTHING_TOUCHED
     branchings: tuple[Branching, ...] = ()
+    overlap: FilmOverlap | None = None
 
 
 @final
@@ -273,4 +276,5 @@ class Parts:
             devices=devices,
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
             branchings=moment.branchings,
+            overlap=moment.overlap,
         )

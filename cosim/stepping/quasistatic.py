@@ -164,6 +164,7 @@ class QuasistaticSimulation(SteppedRun):
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
             motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
             self._branchings(to, here.branchings),
+            parts.soft.overlap(here.state.positions) if self._looked_at(to, 1) else None,
         )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 

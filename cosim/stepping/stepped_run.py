@@ -19,6 +19,12 @@ from cosim.stepping.parts import Parts
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
+_LOOKS: Final = 8
+"""Looks in a phase, at most, at whether the soft robot is in an unstable state, and at whether its films
+overlap; the last one at its end."""
+_LOOK_TICKS: Final = 16
+"""At least between two looks, each of which costs about as much as a tick with a new tangent."""
+
 
 @final
 @dataclass(frozen=True)
@@ -105,6 +111,13 @@ class SteppedRun(ABC):
     def tick(self) -> int | None:
         """Steps taken so far; None before the state at rest is known."""
         return None if self._cursor is None else self._cursor.tick
+
+    def _looked_at(self, to: Cursor, done: int) -> list[int]:
+        """Return the rows of some ticks after which the soft robot's state is looked at."""
+        count = self._counts[to.phase]
+        looks = max(1, min(_LOOKS, count // _LOOK_TICKS))
+        rows = {-(-count * k // looks) - to.done for k in range(1, looks + 1)}
+        return sorted(row for row in rows if 0 <= row < done)
 
     def steps(self, most: int | None = None) -> Iterator[Snapshot]:
         """Yield the state at rest, unless the run has begun, then that after every step to come.

@@ -13,6 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
+from cosim.soft.contact.self_contact_search import FilmOverlap
 from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
@@ -458,6 +459,39 @@ def joined_branchings(
         else:
             joined.append(row)
     return joined
+
+
+def joined_overlaps(
+    found: list[dict[str, Any]], phase: str, time_s: float, overlap: FilmOverlap
+) -> list[dict[str, Any]]:
+    """Return the overlaps of films of a run so far: the deepest of each phase, and since when there is one.
+
+    Args:
+        found: before.
+        phase: name of the phase.
+        time_s: at which films overlap.
+        overlap: that was found then.
+    """
+    if not found or found[-1]["phase"] != phase:
+        return [*found, {"phase": phase, "since_s": time_s, "time_s": time_s} | vars(overlap)]
+    deepest = {"time_s": time_s} | vars(overlap) if overlap.depth_m > found[-1]["depth_m"] else {}
+    return [*found[:-1], found[-1] | deepest]
+
+
+def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
+    """Return a sentence on how deep films have passed through one another, if they have.
+
+    Args:
+        overlaps: of the summary.
+    """
+    if not overlaps:
+        return []
+    deepest = max(overlaps, key=lambda row: float(row["depth_m"]))
+    return [
+        f"films pass through one another from {overlaps[0]['since_s']:.4g} s on, by up to "
+        f"{1e3 * deepest['depth_m']:.2g} mm (phase '{deepest['phase']}', {deepest['place']}); "
+        "with contact.self_contact = true they press on one another"
+    ]
 
 
 def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
+    from cosim.soft.contact.self_contact_search import FilmOverlap
     from cosim.soft.solve.branching import Branching
 
 
@@ -279,6 +280,7 @@ class Snapshot(Shown):
         devices: what pumps, winches and controllers do; None in a scenario without.
         link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
         branchings: unstable states that the soft robot has met in the tick, or is in.
+        overlap: of its films, at ticks at which it is looked for.
     """
 
     tick: int
@@ -302,6 +304,7 @@ class Snapshot(Shown):
     devices: ActuationReport | None = None
     link_contacts: tuple[LinkContact, ...] = ()
     branchings: tuple[Branching, ...] = ()
+    overlap: FilmOverlap | None = None
 
     @property
     def node_position(self) -> Array:

@@ -21,7 +21,9 @@ from cosim.telemetry.figures import (
     branching_lines,
     elastic_figures,
     joined_branchings,
+    joined_overlaps,
     largest,
+    overlap_lines,
     path_lines,
     strength_warnings,
     undecided_warnings,
@@ -68,6 +70,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         "",
         *(f"- warning: {line}" for line in summary["warnings"]),
         *(f"- stability: {line}" for line in branching_lines(summary["branchings"])),
+        *(f"- overlap: {line}" for line in overlap_lines(summary["overlaps"])),
         *arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
@@ -148,6 +151,7 @@ class SummaryBuilder:
         self._arm = ArmFigures()
         self._tip_path = TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
+        self._overlaps: list[dict[str, Any]] = []
         self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
 
     def observe(self, batch: TickBatch) -> None:
@@ -164,6 +168,8 @@ class SummaryBuilder:
         name = self._stage.phase_names[self._last.phase]
         for row, passed in batch.branchings.items():
             self._branchings = joined_branchings(self._branchings, name, batch.time_s.item(row), passed)
+        for row, overlap in batch.overlap.items():
+            self._overlaps = joined_overlaps(self._overlaps, name, batch.time_s.item(row), overlap)
         self._exchange = self._exchange.after(batch)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
@@ -191,7 +197,12 @@ class SummaryBuilder:
         own = {name: value for name, value in vars(self).items() if name not in _GIVEN}
         if own.keys() != state.gathered.keys() or (self._devices is None) is not (state.devices is None):
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
-        check_state(state.gathered, own | {"_phases": [], "_branchings": []}, place="figures", finite=False)
+        check_state(
+            state.gathered,
+            own | {"_phases": [], "_branchings": [], "_overlaps": []},
+            place="figures",
+            finite=False,
+        )
         for phase in state.gathered["_phases"]:
             phase_row(json_ready(phase))
         self._last = state.last
@@ -242,6 +253,7 @@ class SummaryBuilder:
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
             "branchings": self._branchings,
+            "overlaps": self._overlaps,
             "arm": self._arm_section(),
             "warnings": self._warnings(),
             "phases": self._phases,

@@ -27,6 +27,7 @@ from cosim.telemetry.snapshot import FilmShapes, Snapshot
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.ticks_taken import TicksTaken
+    from cosim.soft.contact.self_contact_search import FilmOverlap
     from cosim.soft.solve.branching import Branching
 
 _NONE: Final = np.zeros(0)
@@ -87,6 +88,7 @@ class TickBatch(RigidColumns):
         devices: n; None where a scenario has none.
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.
+        overlap: of its films, by row; rows left out have none, or were not looked at.
     """
 
     film: FilmShapes
@@ -121,6 +123,7 @@ class TickBatch(RigidColumns):
     devices: Sequence[ActuationReport | None]
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
     branchings: Mapping[int, tuple[Branching, ...]]
+    overlap: Mapping[int, FilmOverlap]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -155,6 +158,7 @@ class TickBatch(RigidColumns):
             devices=[snapshot.devices for snapshot in snapshots],
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
+            overlap=by_row("overlap"),
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
         )
@@ -200,6 +204,7 @@ class TickBatch(RigidColumns):
             devices=[report for batch in batches for report in batch.devices],
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
+            overlap=by_row("overlap"),
             **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
         )
 
@@ -223,6 +228,7 @@ class TickBatch(RigidColumns):
             devices=[self.devices[row] for row in places],
             link_contacts=by_row(self.link_contacts),
             branchings=by_row(self.branchings),
+            overlap=by_row(self.overlap),
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
@@ -248,6 +254,7 @@ class TickBatch(RigidColumns):
             devices=self.devices[row],
             link_contacts=self.link_contacts.get(row, ()),
             branchings=self.branchings.get(row, ()),
+            overlap=self.overlap.get(row),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
 
@@ -343,5 +350,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings")
+_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlap")
 _ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)

@@ -16,6 +16,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
+from cosim.soft.contact.self_contact_search import FilmLook
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
@@ -180,6 +181,25 @@ def stacked(lower: SoftBody, upper: SoftBody, shift: tuple[float, float, float],
         node_mass=np.concatenate([lower.node_mass, upper.node_mass]),
         **changes,
     )
+
+
+@pytest.mark.parametrize("depth", [-1e-3, 5e-5, 3e-4, 2e-3])
+def test_an_overlap_of_films_is_found_with_its_depth(depth: float) -> None:
+    wide, narrow = 0.08, 0.04
+    body = stacked(brick(wide, 0.4), brick(narrow, 0.05), (3e-3, 2e-3, 0.25 * (wide + narrow) - depth))
+    found = FilmLook(body).overlap(body.positions)
+    if depth < 1e-4:
+        assert found is None
+        return
+    assert found is not None
+    assert found.depth_m == pytest.approx(depth, rel=1e-9)
+    assert found.place.startswith("node ")
+
+
+def test_one_unit_alone_does_not_overlap() -> None:
+    x, triangles = icosphere(1, 0.05)
+    body = SoftBody.from_arrays(x, triangles, Film(1e9, 0.3, 1e-4), node_mass=1e-3)
+    assert FilmLook(body).overlap(x) is None
 
 
 def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area() -> None:

@@ -48,6 +48,13 @@ def test_fingers_meet_and_press_in_statics() -> None:
     through, deep = closed(**{"contact.self_contact": False})
     assert deep > 2e-3
     assert through.summary["max_self_contact_force_N"] == 0.0
+    assert summary["overlaps"] == []
+    (found,) = through.summary["overlaps"]
+    assert found["phase"] == "close"
+    # by winding numbers, independent of the search: other points of the film, so only nearly as deep
+    assert found["depth_m"] == pytest.approx(deep, rel=0.3)
+    assert found["since_s"] <= found["time_s"] <= through.time_s[-1]
+    assert "pass through one another" in str(through._repr_html_())
     assert "Self contact**: not modelled" in through.stage.report
 
 

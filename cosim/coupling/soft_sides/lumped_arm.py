@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -31,6 +32,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.contact.self_contact_search import FilmLook, FilmOverlap
 from cosim.soft.linear.kept_factor import NewtonState
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching
@@ -372,6 +374,13 @@ class SoftArm(SoftSide):
         # the next step shall not depend on whether somebody has looked
         system.serving, system.memory[:] = serving, memory
         return found
+
+    def overlap(self, shape: Array) -> FilmOverlap | None:
+        return None if self.films is not None else self._look.overlap(shape)
+
+    @cached_property
+    def _look(self) -> FilmLook:
+        return FilmLook(self.body)
 
     @property
     def _tested(self) -> NewtonSolver:

@@ -36,6 +36,7 @@ from cosim.soft.body.places import center_rings, ring_figures
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.self_contact_search import FilmOverlap
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import SearchEffort
@@ -348,6 +349,14 @@ class SoftSide(ABC):
         Raises:
             ConvergenceError: none was found.
         """
+
+    def overlap(self, shape: Array) -> FilmOverlap | None:
+        """Return where films whose contact is not modelled have passed through one another; None if nowhere.
+
+        Args:
+            shape: (n, 3) [m], of the film.
+        """
+        return None
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium beside one that is not; one that is stable as it is.

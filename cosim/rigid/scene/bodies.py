@@ -112,9 +112,7 @@ class Bodies:
         driven: (bodies,), which no load moves though they have joints.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask) -> None:
         self._model, self._data, self.flange = model, data, layout.mount
         self._movable: Mask = (model.body_weldid != 0) & ~driven
         self.applied: Array = data.xfrc_applied

@@ -139,7 +139,17 @@ def place_of_largest(body: SoftBody, positions: Array, gradient: Array, free: Ma
         free: (n, 3) bool, components that move.
     """
     size = np.where(free, np.abs(gradient), 0.0).max(axis=1)
-    node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
+    return place_of(body, positions, int(np.argmax(np.where(np.isfinite(size), size, np.inf))))
+
+
+def place_of(body: SoftBody, positions: Array, node: int) -> str:
+    """Return the words for a node: its number, and the ring that it is of or nearest to.
+
+    Args:
+        body: of the node.
+        positions: (n, 3) [m].
+        node: its number.
+    """
     if not body.rings:
         return f"node {node}"
     own = [name for name, nodes in body.rings.items() if node in nodes]

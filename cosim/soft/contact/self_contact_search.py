@@ -7,19 +7,27 @@ nearest, and only if the two films face each other there; see `Relation`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import final
+
 import numpy as np
 
+from cosim.base.frames import Array
 from cosim.base.kernels import IndexTable, Indices, Matrix, Vector, device_function, kernel, small_vector
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.places import place_of
 from cosim.soft.contact.point_kernels import fill_point
 from cosim.soft.contact.self_contact_candidates import (
     BEYOND_EDGES,
     FilmLists,
+    FilmRows,
     least_weight,
     lists_serve,
     over_plane,
 )
-from cosim.soft.contact.self_contact_faces import Relation
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
+BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _UNITS_NEAR = 8  # other units over which one point can be at a time
 _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more
 _FACING = {Relation.VALLEY: 0.0, Relation.APART: 0.5}  # largest cosine of the two outer normals
@@ -130,3 +138,62 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
                 out[count, 0], out[at, 1] = p, chosen[slot]
             count += 1
     return count
+
+
+_OVERLAP_M = 1e-4  # beyond what the facets of neighbouring units share as drawn
+
+
+@final
+@dataclass(frozen=True)
+class FilmOverlap:
+    """Where films whose contact is not modelled have passed through one another.
+
+    Args:
+        depth_m: of the deepest point behind the other film; what is deeper than 5 mm is not found.
+        place: node nearest to it, and its ring.
+    """
+
+    depth_m: float
+    place: str
+
+
+@final
+class FilmLook:
+    """Looks for films that have passed through one another.
+
+    Args:
+        body: of which films.
+    """
+
+    def __init__(self, body: SoftBody) -> None:
+        faces = FilmFaces.of(body)
+        points = FilmPoints.of(faces, body.positions)
+        self._body, self._meet, self._can_meet = body, faces.units_meet, faces.can_meet
+        self._lists = FilmLists.room(FilmRows.of(faces, points), body.nodes)
+        self._out = np.zeros((2 * len(points), 2), np.int64)
+
+    def overlap(self, positions: Array) -> FilmOverlap | None:
+        """Return where films have passed through one another by more than 0.1 mm; None if nowhere.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        if not self._can_meet:
+            return None
+        while (count := find_over(positions, self._lists, 0.0, BEHIND_M, self._out)) < 0:
+            self._lists = self._lists.made(positions, self._meet, BEHIND_M)
+        if count > len(self._out):
+            self._out = np.zeros((2 * count, 2), np.int64)
+            return self.overlap(positions)
+        if not count:
+            return None
+        rows, (point, triangle) = self._lists.rows, self._out[:count].T
+        a, b, c = np.moveaxis(positions[rows.triangles[triangle]], 1, 0)
+        place = (rows.weights[point, :, None] * positions[rows.nodes[point]]).sum(axis=1)
+        normal = np.cross(b - a, c - a)
+        depth = ((a - place) * normal).sum(axis=1) / np.linalg.norm(normal, axis=1)
+        deepest = int(np.argmax(depth))
+        if depth[deepest] < _OVERLAP_M:
+            return None
+        node = rows.nodes[point[deepest], np.argmax(rows.weights[point[deepest]])]
+        return FilmOverlap(float(depth[deepest]), place_of(self._body, positions, int(node)))

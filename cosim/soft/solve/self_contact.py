@@ -34,14 +34,13 @@ from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, furt
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, settle_pairs
-from cosim.soft.contact.self_contact_search import find_over
+from cosim.soft.contact.self_contact_search import BEHIND_M, find_over
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
 AHEAD_STEPS: Final = 2.0
 """How many steps' way of the fastest node, against the others, films look ahead."""
 _STATIC_REACH_M = 3e-3  # the same in statics, where nothing says how far it will move
-_BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _FROM_EACH_SIDE = 0.5  # of the stiffness: the points of both films are counted
 
 
@@ -140,7 +139,7 @@ def find_pairs(films: FilmContacts, x: Matrix, velocity: Matrix, rest: float, ah
     """
     memory, pairs = films.memory, films.pairs
     reach = rest + ahead * furthest_from_mean(velocity)
-    count = _find_over(films.calls[_OVER], (x, films.lists, reach, _BEHIND_M, films.hits))
+    count = _find_over(films.calls[_OVER], (x, films.lists, reach, BEHIND_M, films.hits))
     films.counts[NEEDED] = count
     if count > films.hits.shape[0]:
         return -1
@@ -241,7 +240,7 @@ class SelfContact:
                 self._make_room(2 * needed)
             else:
                 drift = np.linalg.norm(velocities - velocities.mean(axis=0), axis=1).max()
-                room = max(rest_m + ahead_s * float(drift), _BEHIND_M)
+                room = max(rest_m + ahead_s * float(drift), BEHIND_M)
                 lists = self.contacts.lists.made(x, self._meet, room)
                 self.contacts = self.contacts._replace(lists=lists)
         films = self.contacts
