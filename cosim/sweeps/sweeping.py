@@ -43,9 +43,10 @@ from cosim.config.writing import scenario_text
 from cosim.errors import InputError, OutputError
 from cosim.results.result import ResultBuilder
 from cosim.sweeps.engines import PROCESSES, Engine, rows_of
-from cosim.sweeps.table import TABLE, Design, write_table
-from cosim.sweeps.task import (
+from cosim.sweeps.table import (
     LOST,
+    TABLE,
+    Design,
     Measure,
     Row,
     Task,
@@ -54,6 +55,7 @@ from cosim.sweeps.task import (
     measure_identity,
     measure_named,
     measured,
+    write_table,
 )
 from cosim.telemetry.summary import reason_of
 
