@@ -11,11 +11,9 @@ Columns of a sweep against one of them, as a picture; needs pandas and matplotli
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 import json
 import pickle
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -26,6 +24,7 @@ from typing import Any, Final, final
 
 from cosim.base.files import whole_file
 from cosim.base.resources import is_file
+from cosim.config.loading import module_of_file
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, OutputError
 from cosim.results.curves import figure_kind, unit_by_name
@@ -48,7 +47,7 @@ def measure_named(name: str) -> Measure:
     """
     place, _, function = name.rpartition(":")
     try:
-        module = _of_file(Path(place)) if place.endswith(".py") else import_module(place)
+        module = module_of_file(Path(place)) if place.endswith(".py") else import_module(place)
     except Exception as error:  # whatever a module of someone's own raises
         raise InputError(
             f"measure = {name!r}: cannot be imported: {type(error).__name__}: {error}"
@@ -99,16 +98,6 @@ def measured(measure: Measure, result: RunResult) -> dict[str, float]:
             raise InputError(f"the measure returned for {name} a {type(value).__name__}; return a number")
         columns[str(name)] = plain
     return columns
-
-
-def _of_file(path: Path) -> Any:
-    name = f"cosim_measure_{sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no Python file")
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 LOST: Final = "lost"

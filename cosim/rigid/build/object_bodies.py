@@ -23,15 +23,8 @@ from cosim.base.triangle_mesh import TriangleMesh
 from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, Wire
 
 OBJECT_CONTACT = (2, 3)  # floor and objects meet everything
-_GEOM_TYPES = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
-    "plane": mujoco.mjtGeom.mjGEOM_PLANE,
-}
+SHAPES: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh")
+GEOM_TYPES: Final = {name: getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}") for name in (*SHAPES, "plane")}
 _ROUND = ("sphere", "cylinder", "capsule")  # given by their radius, not by their diameter
 HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # of a constraint that hardly gives way; 1 would be rigid
 _SPIN_FRICTION_M = (0.005, 0.0001)  # MuJoCo's own, which contacts of three dimensions do not ask for
@@ -126,7 +119,7 @@ def add_geometries(spec: mujoco.MjSpec, body: mujoco.MjsBody, item: SceneObject)
     weight = [s.relative_density * (s.volume_m3 if m is None else m.volume_m3) for s, m in solids]
     for k, (solid, mesh) in enumerate(solids):
         name = item.name if k == 0 else f"{item.name}/{k + 1}"
-        geom = body.add_geom(name=name, type=_GEOM_TYPES[solid.shape], pos=solid.position_m)
+        geom = body.add_geom(name=name, type=GEOM_TYPES[solid.shape], pos=solid.position_m)
         geom.quat, geom.rgba = solid.quaternion, solid.rgba
         if mesh is None:
             geom.size = _mujoco_size(solid)
