@@ -27,8 +27,9 @@ import numpy as np
 from cosim._version import __version__
 from cosim.base.files import whole_file
 from cosim.base.frames import Array
+from cosim.base.resources import writing
 from cosim.devices.device_report import DeviceNames
-from cosim.errors import InputError, OutputError
+from cosim.errors import InputError
 from cosim.plan.decision import Decision
 from cosim.results.curves import ArrayText, array_texts
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, frame_rows
@@ -75,11 +76,8 @@ def write_columns(
     table = pa.table(arrays, pa.schema(fields, _said(header)))
     # few numbers occur twice: dictionaries cost eight times the time, and room
     how: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
-    try:
-        with whole_file(path) as file:
-            parquet.write_table(table, file, **how)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with writing(path), whole_file(path) as file:
+        parquet.write_table(table, file, **how)
 
 
 def read_header(path: Path) -> dict[str, Any]:

@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from cosim.base.files import whole_file
-from cosim.base.resources import is_file
+from cosim.base.resources import is_file, writing
 from cosim.config.loading import module_of_file
 from cosim.config.schema.scenario import Scenario
-from cosim.errors import InputError, OutputError
+from cosim.errors import InputError
 from cosim.results.curves import figure_kind, unit_by_name
 from cosim.results.result import RunResult
 
@@ -253,11 +253,8 @@ def write_table(
     )
     table = pa.table(arrays, schema)
     table = table.replace_schema_metadata({_DIGEST: _digest(table)})
-    try:
-        with whole_file(path) as file:
-            parquet.write_table(table, file, compression="zstd", write_page_checksum=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with writing(path), whole_file(path) as file:
+        parquet.write_table(table, file, compression="zstd", write_page_checksum=True)
 
 
 def open_sweep(directory: str | Path) -> Any:
