@@ -22,7 +22,6 @@ from typing import Final, Literal, TypeAlias, final
 
 from cosim.base.frames import Array
 from cosim.config.schema.phase import PhaseTable
-from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan
 from cosim.soft.elements.cable import Cable, base_tension, stretch_at
 
@@ -41,9 +40,6 @@ class Winch:
         drum_radius_m: to the middle of the cable.
         step_rate_per_s: highest rate of commanded steps.
         stall_torque_Nm: of the motor, above which it loses steps.
-
-    Raises:
-        InputError: a value that is not above 0.
     """
 
     step_angle_rad: float
@@ -51,11 +47,6 @@ class Winch:
     drum_radius_m: float
     step_rate_per_s: float
     stall_torque_Nm: float
-
-    def __post_init__(self) -> None:
-        for name in ("step_angle_rad", "gear_ratio", "drum_radius_m", "step_rate_per_s", "stall_torque_Nm"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise InputError(f"winch: {name} is {getattr(self, name)}; it must be positive and finite")
 
     @property
     def step_m(self) -> float:
