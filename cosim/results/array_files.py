@@ -105,22 +105,6 @@ def read_columns(path: Path) -> dict[str, Array]:
         return {field.name: _array(table[field.name], _own(field.metadata, path)) for field in table.schema}
 
 
-def read_texts(path: Path) -> dict[str, dict[str, Any]]:
-    """Return what `write_columns` was given to say of the columns, by name.
-
-    Raises:
-        InputError: it cannot be read, or cosim did not write it.
-    """
-    from pyarrow import parquet
-
-    with _naming(path):
-        return {
-            field.name: {key: field.metadata[key.encode()].decode() for key in _OPEN}
-            | _own(field.metadata, path)
-            for field in parquet.read_schema(path)
-        }
-
-
 def _column(array: Array) -> pa.Array:
     import pyarrow as pa
 
