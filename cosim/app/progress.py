@@ -84,7 +84,11 @@ class ProgressBar(ProgressLine):
         self._in_notebook: Any = None
 
     def open(self, stage: RunInfo) -> None:
-        """Start the clock; see `ProgressLine.open`."""
+        """Start the clock; the simulation is built.
+
+        Args:
+            stage: of the run.
+        """
         super().open(stage)
         self._renews = sys.stderr.isatty()
         if _is_notebook():
