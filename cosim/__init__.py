@@ -51,45 +51,32 @@ if TYPE_CHECKING:
     from cosim.sweeps.table import open_sweep as open_sweep
     from cosim.sweeps.table import plot_sweep as plot_sweep
 
-_HOMES = {
-    "Batch": "cosim.app.batch",
-    "Command": "cosim.devices.controller",
-    "Controller": "cosim.devices.controller",
-    "ConvergenceError": "cosim.errors",
-    "CosimError": "cosim.errors",
-    "InputError": "cosim.errors",
-    "InstabilityError": "cosim.errors",
-    "Measurement": "cosim.devices.controller",
-    "JointTable": "cosim.results.joint_table",
-    "KeptParts": "cosim.base.kept_parts",
-    "MeshError": "cosim.errors",
-    "Observer": "cosim.app.driver",
-    "OutOfRangeError": "cosim.errors",
-    "OutputError": "cosim.errors",
-    "Pose": "cosim.base.frames",
-    "ProgressBar": "cosim.app.progress",
-    "RunInterrupted": "cosim.errors",
-    "RunResult": "cosim.results.result",
-    "SavedState": "cosim.app.simulation",
-    "ScenarioError": "cosim.errors",
-    "SceneError": "cosim.errors",
-    "Simulation": "cosim.app.simulation",
-    "SolverError": "cosim.errors",
-    "SweepOutcome": "cosim.sweeps.sweeping",
-    "SweepProgress": "cosim.sweeps.sweeping",
-    "UnreachableError": "cosim.errors",
-    "WorkerError": "cosim.errors",
-    "list_scenarios": "cosim.base.resources",
-    "load_run": "cosim.app.api",
-    "load_scenario": "cosim.config.loading",
-    "picture": "cosim.app.picture",
-    "open_sweep": "cosim.sweeps.table",
-    "plot_sweep": "cosim.sweeps.table",
-    "plan_path": "cosim.app.api",
-    "register_kind": "cosim.config.toml.parsing",
-    "run": "cosim.app.api",
-    "sweep": "cosim.sweeps.sweeping",
+_NAMES = {
+    "cosim.app.api": "load_run plan_path run",
+    "cosim.app.batch": "Batch",
+    "cosim.app.driver": "Observer",
+    "cosim.app.picture": "picture",
+    "cosim.app.progress": "ProgressBar",
+    "cosim.app.simulation": "SavedState Simulation",
+    "cosim.base.frames": "Pose",
+    "cosim.base.kept_parts": "KeptParts",
+    "cosim.base.resources": "list_scenarios",
+    "cosim.config.loading": "load_scenario",
+    "cosim.config.toml.parsing": "register_kind",
+    "cosim.devices.controller": "Command Controller Measurement",
+    "cosim.errors": (
+        "ConvergenceError CosimError InputError InstabilityError MeshError OutOfRangeError "
+        "OutputError RunInterrupted ScenarioError SceneError SolverError UnreachableError "
+        "WorkerError"
+    ),
+    "cosim.results.joint_table": "JointTable",
+    "cosim.results.result": "RunResult",
+    "cosim.sweeps.sweeping": "sweep SweepOutcome SweepProgress",
+    "cosim.sweeps.table": "open_sweep plot_sweep",
 }
+"""By module, the public names that are loaded from it."""
+
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["__version__", *sorted(_HOMES)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from typing import Any, Final, final
 
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -13,20 +14,20 @@ _REDRAW_S: Final = 0.2
 _BAR: Final = 24
 
 
-@final
-class ProgressBar:
-    """Shows how far a run is, for `cosim.run(..., observers=[cosim.ProgressBar()])`.
+class ProgressLine:
+    """Draws one line that renews itself on a terminal; elsewhere one line per finished phase.
 
-    In a notebook it is one line below the cell that renews itself; elsewhere one on standard error, which
-    renews itself where that is a terminal, and else is printed once a phase.
+    Args:
+        draw: writes a text without an end of line.
+        renews: whether what it writes to is a terminal.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, draw: Callable[[str], object], *, renews: bool) -> None:
+        self._draw, self._renews = draw, renews
         self._stage: RunInfo | None = None
         self._first: Snapshot | None = None
         self._last: Snapshot | None = None
         self._started = self._shown = 0.0
-        self._in_notebook: Any = None
 
     def open(self, stage: RunInfo) -> None:
         """Start the clock; the simulation is built.
@@ -36,10 +37,6 @@ class ProgressBar:
         """
         self._stage, self._first, self._last = stage, None, None
         self._started = self._shown = time.perf_counter()
-        if _is_notebook():
-            from IPython.display import display  # a notebook has it
-
-            self._in_notebook = display(_as_text("..."), raw=True, display_id=True)
 
     def observe(self, batch: TickBatch) -> None:
         """Take in some ticks of one phase; show them at most five times a second.
@@ -48,11 +45,10 @@ class ProgressBar:
             batch: the ticks, in order.
         """
         now, snapshot = time.perf_counter(), batch.snapshot(-1)
-        renews = self._in_notebook is not None or sys.stderr.isatty()
-        if not renews and self._last is not None and snapshot.phase != self._last.phase:
+        if not self._renews and self._last is not None and snapshot.phase != self._last.phase:
             self._show(end="\n")
         self._first, self._last = self._first or snapshot, snapshot
-        if renews and now - self._shown >= _REDRAW_S:
+        if self._renews and now - self._shown >= _REDRAW_S:
             self._shown = now
             self._show(end="")
 
@@ -60,15 +56,51 @@ class ProgressBar:
         """Show the last state; the run has ended, one way or another."""
         self._show(end="\n")
 
+    @property
+    def _start(self) -> str:
+        """What takes the place of the line before."""
+        return "\r\x1b[K" if self._renews and self._last is not None else ""
+
     def _show(self, end: str) -> None:
         if self._stage is None or self._first is None or self._last is None:
             return
         line = progress_line(self._stage, self._last, time.perf_counter() - self._started, self._first)
-        if self._in_notebook is not None:
-            self._in_notebook.update(_as_text(line), raw=True)
+        self._write(line, end)
+
+    def _write(self, line: str, end: str) -> None:
+        self._draw(self._start + line + end)
+
+
+@final
+class ProgressBar(ProgressLine):
+    """Shows how far a run is, for `cosim.run(..., observers=[cosim.ProgressBar()])`.
+
+    In a notebook it is one line below the cell that renews itself; elsewhere one on standard error, which
+    renews itself where that is a terminal, and else is printed once a phase.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(_to_stderr, renews=False)
+        self._in_notebook: Any = None
+
+    def open(self, stage: RunInfo) -> None:
+        """Start the clock; the simulation is built.
+
+        Args:
+            stage: of the run.
+        """
+        super().open(stage)
+        self._renews = sys.stderr.isatty()
+        if _is_notebook():
+            from IPython.display import display  # a notebook has it
+
+            self._renews, self._in_notebook = True, display(_as_text("..."), raw=True, display_id=True)
+
+    def _write(self, line: str, end: str) -> None:
+        if self._in_notebook is None:
+            super()._write(line, end)
         else:
-            start = "\r\x1b[K" if sys.stderr.isatty() else ""
-            print(start + line, end=end, file=sys.stderr, flush=True)
+            self._in_notebook.update(_as_text(line), raw=True)
 
 
 def progress_line(stage: RunInfo, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
@@ -103,3 +135,7 @@ def _is_notebook() -> bool:
 
 def _as_text(line: str) -> dict[str, str]:
     return {"text/plain": line}
+
+
+def _to_stderr(line: str) -> None:
+    print(line, end="", file=sys.stderr, flush=True)

@@ -12,13 +12,14 @@ from cosim.app.checkpoint import Checkpoint, check_shown, naming
 from cosim.app.driver import build_simulation, log, named_body, prepared
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
+from cosim.base.resources import writing
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step
 from cosim.devices.live.live_values import WHO
-from cosim.errors import InputError, OutputError
+from cosim.errors import InputError
 from cosim.plan.decision import Choices
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
@@ -53,10 +54,8 @@ class SavedState:
         Raises:
             OutputError: it cannot be written.
         """
-        try:
+        with writing(path):
             write_archive(Path(path), {"tick": self.snapshot.tick}, self)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
 
     def __repr__(self) -> str:
         """Return one line: where the simulation is."""

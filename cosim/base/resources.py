@@ -1,4 +1,4 @@
-"""Finds the data files that come with cosim: robots and scenarios.
+"""Finds the data files that come with cosim: robots and scenarios; and names files that cannot be written.
 
 An installed wheel carries them inside the package (`cosim/_data`); a clone, or an editable install of
 one, has them at the top of the repository. Both are found without regard to the working directory.
@@ -6,10 +6,12 @@ one, has them at the top of the repository. Both are found without regard to the
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import takewhile
 from pathlib import Path
 
-from cosim.errors import InputError
+from cosim.errors import InputError, OutputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _LONGEST_SHOWN = 200  # characters of a name that no file has
@@ -106,3 +108,16 @@ def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ..
     asked = str(name_or_path)
     shown = asked if len(asked) <= _LONGEST_SHOWN else f"{asked[:_LONGEST_SHOWN]}..."
     raise InputError(f"no {kind} {shown!r}; there are: {', '.join(names) or 'none'}{hint}")
+
+
+@contextmanager
+def writing(path: object) -> Iterator[None]:
+    """Name the file that cannot be written within.
+
+    Raises:
+        OutputError: in place of an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -20,11 +20,11 @@ import struct
 import sys
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, final
+from typing import Any, BinaryIO, TypeVar, final
 
 import numpy as np
 from numpy.lib import format as npy
@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from cosim.base.files import whole_file
 from cosim.errors import InputError
 
+Kind = TypeVar("Kind")
 ARCHIVE_SCHEMA = 1
 _STRUCTURE, _SUFFIX = "structure", ".npy"
 _DAMAGE = (
@@ -81,6 +82,29 @@ def read_archive(source: Path | BinaryIO) -> Any:
         return _decode(structure["state"], arrays)
     except (InputError, *_DAMAGE) as error:
         raise InputError(f"{source}: {_one_line(error)}") from error
+
+
+def packed(state: Any) -> bytes:
+    """Return a state as the bytes of an archive, such as `cosim.base.files.keep` takes.
+
+    Raises:
+        TypeError: see `write_archive`.
+    """
+    stream = io.BytesIO()
+    write_archive(stream, {}, state)
+    return stream.getvalue()
+
+
+def unpacking(kind: type[Kind]) -> Callable[[bytes], Kind]:
+    """Return what reads a state of a kind from the bytes of `packed`, and raises where they hold another."""
+
+    def unpack(data: bytes) -> Kind:
+        found = read_archive(io.BytesIO(data))
+        if not isinstance(found, kind):
+            raise TypeError(f"a {type(found).__name__} is no {kind.__name__}")
+        return found
+
+    return unpack
 
 
 def _read(path: Path | BinaryIO, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -19,7 +19,7 @@ from cosim.base.kept_parts import KeptParts, name_of, stamps
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import blamed_on, cell_of, motion_of, placed_arm
 from cosim.build.soft_model import SoftModel
-from cosim.config.schema.objects import ObjectTable, SolidTable, WireTable, mesh_path
+from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.toml.reading import Faults
@@ -34,7 +34,7 @@ from cosim.plan.motion import JointPath
 from cosim.plan.plan import Plan
 from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
-from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject, Wire
+from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 
 STATES: Final = 100
@@ -130,12 +130,6 @@ def rigid_object(entry: ObjectTable) -> SceneObject:
         )
 
 
-def rigid_wire(entry: WireTable) -> Wire:
-    """Return a scenario's wire for the rigid scene."""
-    with blamed_on(f"wire.{entry.name}"):
-        return Wire(**{field.name: getattr(entry, field.name) for field in fields(entry)})
-
-
 def _spin_friction(entry: ObjectTable) -> tuple[float, float] | None:
     torsional, rolling = entry.torsional_friction_m, entry.rolling_friction_m
     return None if torsional is None and rolling is None else (torsional or 0.0, rolling or 0.0)
@@ -223,7 +217,7 @@ class ArmParts:
             tick_s=scenario.clock.tick_s,
             gravity=gravity,
             objects=tuple(rigid_object(entry) for entry in scenario.objects),
-            wires=tuple(rigid_wire(entry) for entry in scenario.wires),
+            wires=scenario.wires,
             cell=cell,
             mounted=() if palm is None else (palm_object(palm),),
         )

@@ -5,7 +5,6 @@ Solved phases of plans, kept on disk: targets of the tip take a second to solve,
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 from cosim.base.files import keep, kept
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
 from cosim.base.numba_insides import processor
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_archive import packed, unpacking
 from cosim.build.kernel_modules import compile_contact
 from cosim.build.soft_model import SoftModel, contact_law
 from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
@@ -61,21 +60,12 @@ def solved_on_disk(folder: Path | None, name: str, solve: Callable[[], SolvedPha
     if folder is None or is_nameless(name):
         return solve()
     path = folder / f"plan_{content_name(name, code_identity(), processor())}.kept"
-    found = kept(path, _unpacked)
+    found = kept(path, unpacking(SolvedPhases))
     if found is None:
         found = solve()
-        stream = io.BytesIO()
         with suppress(TypeError):  # a path of the tip is no plain data
-            write_archive(stream, {}, found)
-            keep(path, stream.getvalue())
+            keep(path, packed(found))
             _remove_oldest(folder)
-    return found
-
-
-def _unpacked(data: bytes) -> SolvedPhases:
-    found = read_archive(io.BytesIO(data))
-    if not isinstance(found, SolvedPhases):
-        raise TypeError(f"a {type(found).__name__} is no plan")
     return found
 
 

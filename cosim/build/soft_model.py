@@ -9,17 +9,15 @@ What stands for the soft robot of a scenario: its body, its section model, and s
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-import numpy as np
-
 from cosim.base.files import cache_directory, keep, kept
 from cosim.base.kept_parts import KeptParts, content_name, name_of, nameless, stamps
+from cosim.base.state_archive import packed, unpacking
 from cosim.build.arms import blamed_on
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
@@ -33,7 +31,6 @@ from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of
 from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
-from cosim.reduced.sections.section_energy import PressureSpline
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.hinge import CLOSED_FRACTION
@@ -145,7 +142,6 @@ def contact_law(scenario: Scenario) -> ContactLaw:
     return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
-_ARRAYS = ("energy", "length", "gas", "nodes", "force_error")
 _MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
 
 
@@ -165,8 +161,8 @@ def section_model(
     if body is None:
         body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
     largest = largest_covered(scenario)
-    path = cache_directory() / f"section_{content_hash(body, largest)}.kept"
-    found = kept(path, _unpacked)
+    path = cache_directory() / f"section_model_{content_hash(body, largest)}.kept"
+    found = kept(path, unpacking(SectionModel))
     if found is not None:
         return found
     tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
@@ -179,7 +175,7 @@ def section_model(
             f"pulled, its film loses its equilibrium, as where thin stiffeners buckle ({error}); "
             "take fidelity = 'lumped', or a larger section of the stiffener",
         ) from error
-    keep(path, _packed(model))
+    keep(path, packed(model))
     return model
 
 
@@ -209,35 +205,6 @@ def largest_covered(scenario: Scenario) -> float:
 def content_hash(body: SoftBody, largest_Pa: float) -> str:
     """Return a short name of everything that a section model depends on."""
     return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body)
-
-
-def _packed(model: SectionModel) -> bytes:
-    stream = io.BytesIO()
-    np.savez_compressed(
-        stream,
-        spline=np.array([model.spline.largest_Pa, model.spline.intervals]),
-        counts=np.array([model.samples, model.failures]),
-        tip_error=np.array(model.tip_error),
-        tip_error_m=np.array(model.tip_error_m),
-        **{name: getattr(model, name) for name in _ARRAYS},
-    )
-    return stream.getvalue()
-
-
-def _unpacked(data: bytes) -> SectionModel:
-    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-        arrays = {name: stored[name] for name in _ARRAYS}
-        largest, intervals = stored["spline"].tolist()
-        samples, failures = stored["counts"].tolist()
-        error, error_m = float(stored["tip_error"]), float(stored["tip_error_m"])
-    return SectionModel(
-        PressureSpline(largest, int(intervals)),
-        **arrays,
-        samples=int(samples),
-        failures=int(failures),
-        tip_error=error,
-        tip_error_m=error_m,
-    )
 
 
 @final

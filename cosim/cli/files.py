@@ -14,7 +14,7 @@ from typing import Final
 from cosim.app.api import load_run
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import write_whole
-from cosim.base.resources import arm_path, is_file, list_arms, scenario_path
+from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
 from cosim.build.arms import blamed_on, find_arm
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
@@ -25,7 +25,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
 from cosim.config.upgrading import upgrade_file
-from cosim.errors import InputError, OutputError, ScenarioError
+from cosim.errors import InputError, ScenarioError
 from cosim.results.curves import figure_kind
 from cosim.results.exports import COLLECTION, write_csv, write_film
 
@@ -85,11 +85,9 @@ def new_command(name: str) -> None:
     if schema.exists() and schema.read_text(encoding="utf-8") != text:
         raise InputError(f"new {name}: another {schema} is there and is not overwritten; move it away")
     scenario = f"#:schema ./{SCHEMA_FILE}\n{_STARTING_SCENARIO.read_text(encoding='utf-8')}"
-    try:
+    with writing(path):
         write_whole(schema, text)
         write_whole(path, scenario)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
     print(f"{path} written, with {schema} for editors; run it: cosim run {path}")
 
 
@@ -195,10 +193,8 @@ def export_command(
             _tell(target.path / CSV)
         if plot:
             target.claim(PLOT)
-            try:
+            with writing(target.path / PLOT):
                 result.plot().savefig(target.path / PLOT, dpi=110)
-            except OSError as error:
-                raise OutputError(f"{target.path / PLOT}: cannot be written: {error.strerror}") from error
             _tell(target.path / PLOT)
         if vtk:
             written = write_film(result, target.path, times_s, target.claim)

@@ -1,12 +1,8 @@
-"""`cosim run`: from the command line's words to an exit code, with its progress line.
-
-The progress line: phase, simulated time, real-time factor, time left.
-"""
+"""`cosim run`: from the command line's words to an exit code, with its progress line."""
 
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,7 +19,7 @@ from cosim.app.driver import (
     prepared,
     rerun_recorder,
 )
-from cosim.app.progress import progress_line
+from cosim.app.progress import ProgressLine
 from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
@@ -35,63 +31,29 @@ from cosim.config.toml.reading import parse_assignment
 from cosim.plan.arm_limits import PLANNED
 from cosim.plan.decision import SECTION_RANGE
 from cosim.telemetry.figures import branching_lines, overlap_lines
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.cli.viewing import LiveView
 
 
-_REDRAW_S = 0.2
-
-
 @final
-class ProgressLine:
-    """Draws one line that renews itself on a terminal; elsewhere one line per finished phase.
+class TerminalLine(ProgressLine):
+    """The progress line of the command line.
 
     Args:
         stream: where to draw, usually stderr.
     """
 
     def __init__(self, stream: TextIO) -> None:
+        super().__init__(partial(draw, stream=stream), renews=stream.isatty())
         self._stream = stream
-        self._terminal = stream.isatty()
-        self._stage: RunInfo | None = None
-        self._last: Snapshot | None = None
-        self._first: Snapshot | None = None
-        self._started = self._drawn = 0.0
-
-    def open(self, stage: RunInfo) -> None:
-        """Start the clock."""
-        self._stage = stage
-        self._started = self._drawn = time.perf_counter()
-
-    def observe(self, batch: TickBatch) -> None:
-        """Take in some ticks; draw at most five times a second."""
-        now, snapshot = time.perf_counter(), batch.snapshot(-1)
-        if not self._terminal and self._last is not None and snapshot.phase != self._last.phase:
-            self._write(self._last, now, "\n")
-        self._first, self._last = self._first or snapshot, snapshot
-        if self._terminal and now - self._drawn >= _REDRAW_S:
-            self._drawn = now
-            self._write(snapshot, now, "")
-
-    def close(self) -> None:
-        """Draw the last state and leave the line."""
-        if self._last is not None:
-            self._write(self._last, time.perf_counter(), "\n")
 
     def tell(self, text: str) -> None:
         """Print a line above the one that renews itself, which comes back with the next ticks."""
-        draw("\r\x1b[K" if self._terminal and self._last is not None else "", self._stream)
+        draw(self._start, self._stream)
         tell(text, self._stream)
-
-    def _write(self, snapshot: Snapshot, now: float, end: str) -> None:
-        if self._stage is None or self._first is None:
-            return
-        line = progress_line(self._stage, snapshot, now - self._started, self._first)
-        start = "\r\x1b[K" if self._terminal else ""
-        draw(start + line + end, self._stream)
 
 
 @final
@@ -185,7 +147,7 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
-    line = ProgressLine(sys.stderr)
+    line = TerminalLine(sys.stderr)
     told = _ignore if how.quiet else line.tell
     kept = KeptParts(cache_directory())
     scenario = prepared(scenario, told, recording=how.recording, kept=kept)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final, TextIO, final
 
 from cosim.app.progress import clock
+from cosim.base.resources import writing
 from cosim.cli.screen import draw, tell
-from cosim.errors import OutputError
 from cosim.sweeps.sweeping import SweepOutcome, SweepProgress, sweep
 from cosim.sweeps.table import TABLE, plot_sweep
 
@@ -47,10 +47,8 @@ def sweep_command(options: argparse.Namespace) -> int:
 
 def _draw(directory: Path, columns: Sequence[str]) -> None:
     path = directory / PLOT
-    try:
+    with writing(path):
         plot_sweep(directory, *columns).savefig(path, dpi=110)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
     tell(f"plot:  {path}")
 
 

@@ -232,7 +232,7 @@ def register_module(name: str) -> None:
     Raises:
         InputError: there is no such module, it cannot be imported, or holds no kind.
     """
-    load = (lambda: _of_file(Path(name))) if name.endswith(".py") else (lambda: import_module(name))
+    load = (lambda: module_of_file(Path(name))) if name.endswith(".py") else (lambda: import_module(name))
     _register(_loaded(f"--import {name}", load), f"--import {name}")
 
 
@@ -254,18 +254,28 @@ def _loaded(what: str, load: Any) -> Any:
         raise InputError(f"{what}: cannot be imported: {type(error).__name__}: {error}") from error
 
 
-def _of_file(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
+def module_of_file(path: Path) -> ModuleType:
+    """Return the module that a .py file holds, loaded once.
+
+    Raises:
+        ImportError: there is no such file, or another module of that name is loaded.
+    """
+    name, place = path.stem, str(path.resolve())
+    loaded = sys.modules.get(name)
+    if loaded is not None and loaded.__file__ == place:
+        return loaded
+    if loaded is not None:
+        raise ImportError(f"a module called '{name}' is loaded already; give the file another name")
+    spec = importlib.util.spec_from_file_location(name, place)
+    assert spec is not None, "its name ends in .py"
     assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    if path.stem in sys.modules:
-        raise ImportError(f"a module called '{path.stem}' is loaded already; give the file another name")
-    sys.modules[path.stem] = module  # where dataclasses look their annotations up
+    module = sys.modules[name] = importlib.util.module_from_spec(
+        spec
+    )  # where dataclasses look annotations up
     try:
         spec.loader.exec_module(module)
     except BaseException:
-        del sys.modules[path.stem]
+        del sys.modules[name]
         raise
     return module
 

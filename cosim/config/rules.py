@@ -47,7 +47,7 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
         scenario: may hold UNKNOWN where it is wrong by itself; what needs that is not checked.
         faults: gets the rules that are broken.
     """
-    check(scenario, "", None, rules_of(globals()), faults)
+    check(scenario, "", None, _RULES, faults)
 
 
 def check_ends(scenario: Scenario) -> None:
@@ -624,3 +624,6 @@ def _one_thing_moves_a_cable(phase: PhaseTable, scenario: Scenario) -> Told:
             for cable in [cable for cable in cables if cable in moved][:1]:
                 yield where, f"moves cable '{cable}', which {moved[cable]} moves as well"
             moved |= dict.fromkeys(cables, f"controller '{name}'")
+
+
+_RULES: Final = rules_of(globals())

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from cosim.base.files import rewrite
+from cosim.base.resources import writing
 from cosim.config.loading import is_scenario
 from cosim.config.toml.parsing import RENAMED, SCHEMA
 from cosim.config.toml.reading import read_table
-from cosim.errors import OutputError, ScenarioError
+from cosim.errors import ScenarioError
 
 _GAP: Final = re.compile(r"(?:[\s\ufeff]|#[^\n]*)*")
 _KEY: Final = re.compile(r"""[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*'""")
@@ -150,10 +151,8 @@ def upgrade_file(path: Path) -> int:
             raise ScenarioError(
                 str(path), f"is read-only and not upgraded; allow it first: chmod u+w {path.resolve()}"
             )
-        try:
+        with writing(path):
             rewrite(path, new.encode("utf-8"))
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
     return count
 
 

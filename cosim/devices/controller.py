@@ -369,8 +369,6 @@ class ZeroOrderHold:
         cables: tuple[str, ...],
         pumps: tuple[str, ...] = (),
     ) -> None:
-        if period_ticks < 1:
-            raise InputError(f"controller '{name}': a period of {period_ticks} ticks; it must be 1 or more")
         self.name, self.controller, self.period_ticks = name, controller, period_ticks
         self._cables, self._pumps = cables, pumps
         self._state = HoldState()

@@ -21,7 +21,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.schema.scenario import ControllerTable, PumpTable, Scenario, WinchTable
+from cosim.config.schema.scenario import ControllerTable, PumpTable, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import (
     CommandsAhead,
@@ -37,7 +37,7 @@ from cosim.devices.controller import AnyController, Controller, Held, HoldState,
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral
 from cosim.devices.pump import Pump, PumpDrive, PumpDriveState
-from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, Winch, orders_of
+from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, orders_of
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
     ChamberGas,
@@ -63,14 +63,6 @@ def build_pump(entry: PumpTable, tick_s: float) -> Pump:
         vent_above_Pa=math.inf if entry.vent_above_Pa is None else entry.vent_above_Pa,
         vent_kg_s_Pa=entry.vent_kg_s_Pa,
     )
-
-
-def build_winch(entry: WinchTable) -> Winch:
-    """Return the winch of a table."""
-    return Winch(
-        entry.step_angle_rad, entry.gear_ratio, entry.drum_radius_m, entry.step_rate_per_s,
-        entry.stall_torque_Nm,
-    )  # fmt: skip
 
 
 def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[str, ZeroOrderHold]:
@@ -157,11 +149,10 @@ def _cables(scenario: Scenario) -> str:
         return ""
     if not scenario.winches:
         return "lengths commanded in places, without a winch: at once"
-    winches = ((entry, build_winch(entry)) for entry in scenario.winches)
     return "; ".join(
-        f"winch {entry.name} on {', '.join(entry.cables)}, {1e6 * winch.step_m:.3g} um a step, at most "
+        f"winch {winch.name} on {', '.join(winch.cables)}, {1e6 * winch.step_m:.3g} um a step, at most "
         f"{1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
-        for entry, winch in winches
+        for winch in scenario.winches
     )
 
 
@@ -214,7 +205,7 @@ class Actuation:
         self, scenario: Scenario, body: SoftBody, controllers: Mapping[str, AnyController] | None = None
     ) -> None:
         self._names, self._tick_s = scenario.soft_robot.cable_names(), scenario.clock.tick_s
-        winches = {name: build_winch(entry) for entry in scenario.winches for name in entry.cables}
+        winches = {name: entry for entry in scenario.winches for name in entry.cables}
         tensions = scenario.start.cable_tension_N or (0.0,) * len(self._names)
         triples = zip(body.cables, self._names, tensions, strict=True)
         self.cables = [CableDrive(cable, winches.get(name), tension) for cable, name, tension in triples]

@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import final
 
-from cosim.errors import InputError
 from cosim.soft.elements.gas import SealedGas, leak
 
 
@@ -30,9 +29,6 @@ class Pump:
         sensor_delay_ticks: age of what the switch sees.
         vent_above_Pa: v, above the setpoint; infinite: there is no valve.
         vent_kg_s_Pa: conductance of the open valve.
-
-    Raises:
-        InputError: a value out of bounds.
     """
 
     flow_kg_s: float
@@ -41,14 +37,6 @@ class Pump:
     sensor_delay_ticks: int = 0
     vent_above_Pa: float = math.inf
     vent_kg_s_Pa: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("flow_kg_s", "pressure_max_Pa", "vent_above_Pa"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"pump: {name} is {getattr(self, name)}; it must be above 0")
-        for name in ("band_Pa", "sensor_delay_ticks", "vent_kg_s_Pa"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise InputError(f"pump: {name} is {getattr(self, name)}; it must be finite and not negative")
 
     def standing(self, pressure_Pa: float) -> PumpState:
         """Return the state of a pump that is off beside a gauge pressure that has stood for long."""
@@ -132,13 +120,7 @@ class DelayLine:
 
     @classmethod
     def filled(cls, value: float, ticks: int) -> DelayLine:
-        """Return a line of a number of ticks in which a value has stood for long.
-
-        Raises:
-            InputError: the number is negative.
-        """
-        if ticks < 0:
-            raise InputError(f"a delay of {ticks} ticks; it must be 0 or more")
+        """Return a line of a number of ticks in which a value has stood for long."""
         return cls((value,) * ticks)
 
     def passed(self, value: float) -> tuple[float, DelayLine]:

@@ -22,86 +22,12 @@ from typing import Final, Literal, TypeAlias, final
 
 from cosim.base.frames import Array
 from cosim.config.schema.phase import PhaseTable
-from cosim.errors import InputError
+from cosim.config.schema.scenario import WinchTable
 from cosim.plan.plan import PhasePlan
 from cosim.soft.elements.cable import Cable, base_tension, stretch_at
 
 _MOST_STEPS: Final = 2.0**53
 """That whole numbers count; a winch that is asked for more winds for ever anyway."""
-
-
-@final
-@dataclass(frozen=True)
-class Winch:
-    """What a winch can do.
-
-    Args:
-        step_angle_rad: of the motor, per commanded (micro)step.
-        gear_ratio: turns of the motor per turn of the drum.
-        drum_radius_m: to the middle of the cable.
-        step_rate_per_s: highest rate of commanded steps.
-        stall_torque_Nm: of the motor, above which it loses steps.
-
-    Raises:
-        InputError: a value that is not above 0.
-    """
-
-    step_angle_rad: float
-    gear_ratio: float
-    drum_radius_m: float
-    step_rate_per_s: float
-    stall_torque_Nm: float
-
-    def __post_init__(self) -> None:
-        for name in ("step_angle_rad", "gear_ratio", "drum_radius_m", "step_rate_per_s", "stall_torque_Nm"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise InputError(f"winch: {name} is {getattr(self, name)}; it must be positive and finite")
-
-    @property
-    def step_m(self) -> float:
-        """Length l of cable per step."""
-        return self.step_angle_rad * self.drum_radius_m / self.gear_ratio
-
-    @property
-    def speed_m_s(self) -> float:
-        """Highest speed of the cable."""
-        return self.step_rate_per_s * self.step_m
-
-    @property
-    def stall_force_N(self) -> float:
-        """Tension F above which steps are lost."""
-        return self.stall_torque_Nm * self.gear_ratio / self.drum_radius_m
-
-    def length_m(self, state: WinchState) -> float:
-        """Return the unstretched length of cable that is off the drum."""
-        return state.unwound_m - (state.commanded - state.lost) * self.step_m
-
-    def advanced(
-        self, state: WinchState, wanted_m: float, tension_N: float, stiffness_N_m: float, step_s: float
-    ) -> WinchState:
-        """Return the state one tick later.
-
-        Args:
-            state: before.
-            wanted_m: unstretched length to go to, as the driver counts; whole steps are taken.
-            tension_N: of the cable at the drum, before.
-            stiffness_N_m: k, of the cable.
-            step_s: length of the tick.
-        """
-        to_wind = (state.unwound_m - wanted_m) / self.step_m
-        missing = round(min(max(to_wind, -_MOST_STEPS), _MOST_STEPS)) - state.commanded
-        budget = state.budget + self.step_rate_per_s * step_s
-        steps = max(-math.floor(budget), min(missing, math.floor(budget)))
-        room = (self.stall_force_N - tension_N) / (stiffness_N_m * self.step_m)
-        dragged = max(math.ceil(-room), 0)
-        stuck = max(steps - max(math.floor(room), 0), 0)
-        return replace(
-            state,
-            commanded=state.commanded + steps,
-            lost=state.lost + dragged + stuck,
-            # parts of a step add up from tick to tick, whole ones not taken do not
-            budget=min(budget - abs(steps), 1.0),
-        )
 
 
 @final
@@ -120,6 +46,37 @@ class WinchState:
     commanded: int = 0
     lost: int = 0
     budget: float = 0.0
+
+    def length_m(self, winch: WinchTable) -> float:
+        """Return the unstretched length of cable that is off the drum."""
+        return self.unwound_m - (self.commanded - self.lost) * winch.step_m
+
+    def advanced(
+        self, winch: WinchTable, wanted_m: float, tension_N: float, stiffness_N_m: float, step_s: float
+    ) -> WinchState:
+        """Return the state one tick later.
+
+        Args:
+            winch: whose it is.
+            wanted_m: unstretched length to go to, as the driver counts; whole steps are taken.
+            tension_N: of the cable at the drum, before.
+            stiffness_N_m: k, of the cable.
+            step_s: length of the tick.
+        """
+        to_wind = (self.unwound_m - wanted_m) / winch.step_m
+        missing = round(min(max(to_wind, -_MOST_STEPS), _MOST_STEPS)) - self.commanded
+        budget = self.budget + winch.step_rate_per_s * step_s
+        steps = max(-math.floor(budget), min(missing, math.floor(budget)))
+        room = (winch.stall_force_N - tension_N) / (stiffness_N_m * winch.step_m)
+        dragged = max(math.ceil(-room), 0)
+        stuck = max(steps - max(math.floor(room), 0), 0)
+        return replace(
+            self,
+            commanded=self.commanded + steps,
+            lost=self.lost + dragged + stuck,
+            # parts of a step add up from tick to tick, whole ones not taken do not
+            budget=min(budget - abs(steps), 1.0),
+        )
 
 
 Order: TypeAlias = tuple[Literal["tension", "length", "shortening"], float]
@@ -154,7 +111,7 @@ class CableDrive:
         tension_N: before the first phase.
     """
 
-    def __init__(self, cable: Cable, winch: Winch | None, tension_N: float) -> None:
+    def __init__(self, cable: Cable, winch: WinchTable | None, tension_N: float) -> None:
         self.cable, self.winch = cable, winch
         self._state = CableDriveState(tension_N, tension_N)
 
@@ -221,8 +178,8 @@ class CableDrive:
         state = replace(state, wanted=wanted)
         if state.length_m is not None and self.winch is not None and state.winch is not None:
             tension = base_tension(self.cable, positions, state.length_m)
-            turned = self.winch.advanced(state.winch, wanted, tension, self.cable.stiffness_N_m, step_s)
-            state = replace(state, length_m=self.winch.length_m(turned), winch=turned)
+            turned = state.winch.advanced(self.winch, wanted, tension, self.cable.stiffness_N_m, step_s)
+            state = replace(state, length_m=turned.length_m(self.winch), winch=turned)
         elif state.length_m is not None:
             state = replace(state, length_m=wanted)
         self._state = state

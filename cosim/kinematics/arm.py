@@ -13,7 +13,6 @@ The Pinocchio model of an arm.
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -155,10 +154,6 @@ class Payload:
     mass_kg: float
     center_of_mass: Array
     inertia: Array
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
-            raise InputError(f"payload mass is {self.mass_kg} kg; it must be finite and not negative")
 
 
 @final

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from cosim.base.frames import Array, Pose, vector_from_rotation
-from cosim.errors import InputError, UnreachableError
+from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
 
 _FULL_TURN = 2.0 * np.pi
@@ -74,10 +74,9 @@ def solve(arm: Arm, target: Pose, seed: Array, candidates: int = 4, restarts: in
         restarts: at most, beyond the start from the seed; equal ones each time.
 
     Raises:
-        InputError: the target or the seed is not finite, or the seed has the wrong length.
         UnreachableError: nothing found; `closest` holds the closest pose.
     """
-    start = _checked_seed(arm, target, seed)
+    start = np.array(seed, dtype=np.float64)
     error = arm.error_towards(target)
     rng = np.random.default_rng(0)
     search = _Search([], start)
@@ -112,12 +111,11 @@ def follow(arm: Arm, path: Sequence[Pose], start: Array) -> Array:
         start: (joints,) [rad], at or near the first pose.
 
     Raises:
-        InputError: a pose or the start is not finite, or the start has the wrong length.
         UnreachableError: the branch ends (singularity or joint limit) or a joint would have to jump.
     """
     q, configurations = start, []
     for index, target in enumerate(path):
-        seed = _checked_seed(arm, target, q)
+        seed = np.array(q, dtype=np.float64)
         error = arm.error_towards(target)
         search = _Search([], seed)
         found = _descend(arm, error, seed, search)
@@ -139,15 +137,6 @@ def follow(arm: Arm, path: Sequence[Pose], start: Array) -> Array:
         configurations.append(found)
         q = found
     return np.array(configurations)
-
-
-def _checked_seed(arm: Arm, target: Pose, seed: Array) -> Array:
-    if not (np.all(np.isfinite(target.translation)) and np.all(np.isfinite(target.rotation))):
-        raise InputError(f"the wanted pose is not finite: {target}")
-    start = np.array(seed, dtype=np.float64)
-    if start.shape != (arm.joint_count,) or not np.all(np.isfinite(start)):
-        raise InputError(f"the seed is {seed}; arm {arm.name!r} needs {arm.joint_count} finite angles")
-    return start
 
 
 def _descend(

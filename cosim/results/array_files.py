@@ -27,8 +27,9 @@ import numpy as np
 from cosim._version import __version__
 from cosim.base.files import whole_file
 from cosim.base.frames import Array
+from cosim.base.resources import writing
 from cosim.devices.device_report import DeviceNames
-from cosim.errors import InputError, OutputError
+from cosim.errors import InputError
 from cosim.plan.decision import Decision
 from cosim.results.curves import ArrayText, array_texts
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, frame_rows
@@ -75,11 +76,8 @@ def write_columns(
     table = pa.table(arrays, pa.schema(fields, _said(header)))
     # few numbers occur twice: dictionaries cost eight times the time, and room
     how: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
-    try:
-        with whole_file(path) as file:
-            parquet.write_table(table, file, **how)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with writing(path), whole_file(path) as file:
+        parquet.write_table(table, file, **how)
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -105,22 +103,6 @@ def read_columns(path: Path) -> dict[str, Array]:
     with _naming(path):
         table = parquet.read_table(path, memory_map=False, page_checksum_verification=True)
         return {field.name: _array(table[field.name], _own(field.metadata, path)) for field in table.schema}
-
-
-def read_texts(path: Path) -> dict[str, dict[str, Any]]:
-    """Return what `write_columns` was given to say of the columns, by name.
-
-    Raises:
-        InputError: it cannot be read, or cosim did not write it.
-    """
-    from pyarrow import parquet
-
-    with _naming(path):
-        return {
-            field.name: {key: field.metadata[key.encode()].decode() for key in _OPEN}
-            | _own(field.metadata, path)
-            for field in parquet.read_schema(path)
-        }
 
 
 def _column(array: Array) -> pa.Array:

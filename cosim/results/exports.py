@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array, IntArray
-from cosim.errors import InputError, OutputError
+from cosim.base.resources import writing
+from cosim.errors import InputError
 from cosim.results.curves import array_texts
 from cosim.results.result import COLUMNS, RunResult
 
@@ -45,11 +46,8 @@ def write_csv(result: RunResult, path: Path) -> None:
             heads = [f"{name}{unit}"]
         values = np.ascontiguousarray(array.reshape(len(array), len(heads)).T)
         columns.update(zip(heads, map(pa.array, values), strict=True))
-    try:
-        with whole_file(path) as file:
-            csv.write_csv(pa.table(columns), file, csv.WriteOptions(quoting_style="none"))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with writing(path), whole_file(path) as file:
+        csv.write_csv(pa.table(columns), file, csv.WriteOptions(quoting_style="none"))
 
 
 COLLECTION: Final = "film.pvd"
@@ -86,10 +84,8 @@ def write_film(
     listed = f"{head}  <Collection>\n{''.join(rows)}  </Collection>\n</VTKFile>\n"
     for name, text in zip((*names, COLLECTION), (*texts, listed), strict=True):
         claim(name)
-        try:
+        with writing(folder / name):
             write_whole(folder / name, text)
-        except OSError as error:
-            raise OutputError(f"{folder / name}: cannot be written: {error.strerror}") from error
     return [folder / COLLECTION, *(folder / name for name in names)]
 
 

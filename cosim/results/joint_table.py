@@ -13,7 +13,8 @@ import numpy as np
 
 from cosim.base.files import write_whole
 from cosim.base.frames import Array
-from cosim.errors import InputError, OutputError
+from cosim.base.resources import writing
+from cosim.errors import InputError
 
 CSV: Final = ".csv"
 URSCRIPT: Final = ".script"
@@ -104,10 +105,8 @@ class JointTable:
         path = Path(path)
         check_name(path)
         text = self.csv_text() if path.suffix == CSV else self.urscript_text()
-        try:
+        with writing(path):
             write_whole(path, text)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

@@ -17,7 +17,7 @@ from typing import Any, Final, TypeAlias, final
 
 from cosim.app.workers import one_thread_each
 from cosim.errors import InputError
-from cosim.sweeps.task import LOST, Row, Task
+from cosim.sweeps.table import LOST, Row, Task
 
 PROCESSES: Final = "processes"
 _SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")

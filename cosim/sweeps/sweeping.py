@@ -33,19 +33,20 @@ from cosim.app.driver import Observer, Options, build_simulation, execute, prepa
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import changed_file, files_read
 from cosim.base.kept_parts import KeptParts, code_identity, content_name
-from cosim.base.resources import is_file
+from cosim.base.resources import is_file, writing
 from cosim.base.state_check import check_state
 from cosim.build.kernel_modules import kernel_modules
 from cosim.config.loading import load_scenario, register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
 from cosim.config.writing import scenario_text
-from cosim.errors import InputError, OutputError
+from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
 from cosim.sweeps.engines import PROCESSES, Engine, rows_of
-from cosim.sweeps.table import TABLE, Design, write_table
-from cosim.sweeps.task import (
+from cosim.sweeps.table import (
     LOST,
+    TABLE,
+    Design,
     Measure,
     Row,
     Task,
@@ -54,6 +55,7 @@ from cosim.sweeps.task import (
     measure_identity,
     measure_named,
     measured,
+    write_table,
 )
 from cosim.telemetry.summary import reason_of
 
@@ -173,12 +175,10 @@ class Journal:
         """
         assert self._file is not None, "a journal is entered first"
         self.rows[name] = row
-        try:
+        with writing(self._path):
             table = {"design": name, **asdict(row)}
             self._file.write(json.dumps({**table, "digest": _digest(table)}) + "\n")
             self._file.flush()
-        except OSError as error:
-            raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
 
 
 def _digest(table: dict[str, Any]) -> str:

@@ -184,16 +184,6 @@ def _slack_cables(scenario: Scenario) -> dict[str, Any]:
     return dict.fromkeys(keys, none)
 
 
-__all__ = [
-    "Candidate",
-    "Group",
-    "Truth",
-    "candidates_of",
-    "durations",
-    "lower_fidelities",
-    "short_candidates",
-]
-
 Truth: TypeAlias = Literal["finest", "refined"]
 
 _TICKS_S: Final = (0.001, 0.002, 0.005, 0.01, 0.02)

@@ -23,6 +23,7 @@ from typing import Any, final
 from cosim._version import __version__
 from cosim.base.files import keep, kept
 from cosim.base.kept_parts import code_identity
+from cosim.base.state_archive import packed, unpacking
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table
@@ -434,14 +435,14 @@ def figures(
     """Return the measured candidates of a scenario, and where their figures come from."""
     candidates = short_candidates(scenario)
     path = cache / f"trade_{content_hash(scenario, candidates)}.kept"
-    found = kept(path, lambda data: _unpacked(data, candidates))
+    found = kept(path, unpacking(list))
     if found is not None:
         return found, f"measured before: {path}"
     tell(f"auto: measuring {len(candidates)} ways to run '{scenario.name}', once")
     compile_for_trade(scenario, tell)
     telling = Telling(done=lambda result: tell(f"auto: {result_line(result)}"))
     results = measure(scenario, candidates, build, telling, follow=follow)
-    keep(path, json.dumps([entry(result) for result in results]).encode())
+    keep(path, packed(results))
     return results, f"measured now, kept in {path}"
 
 
@@ -454,23 +455,6 @@ def content_hash(scenario: Scenario, candidates: Sequence[Candidate]) -> str:
     ways = [dict(candidate.changes) for candidate in candidates]
     text = json.dumps([code_identity(), table, ways], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _unpacked(data: bytes, candidates: Sequence[Candidate]) -> list[Measured]:
-    rows: list[dict[str, Any]] = json.loads(data)
-    return [
-        Measured(
-            candidate,
-            failure=row["failure"] or "",
-            reference=row["reference"],
-            **{key: _number(row[key]) for key in Measured.numbers()},
-        )
-        for candidate, row in zip(candidates, rows, strict=True)
-    ]
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
 
 
 def _nearest(results: Sequence[Measured]) -> str:

@@ -17,7 +17,7 @@ from cosim.app.run_files import MARKER
 from cosim.base.resources import list_soft_robots
 from cosim.cli import running
 from cosim.cli.main import main
-from cosim.cli.running import ProgressLine
+from cosim.cli.running import TerminalLine
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.recording.recorder import Recorder
@@ -275,7 +275,7 @@ def test_the_progress_line_renews_itself_on_a_terminal(made_up_build: Callable[.
             return True
 
     stream = Terminal()
-    progress = ProgressLine(stream)
+    progress = TerminalLine(stream)
     simulation = made_up_build()(load_scenario(REFERENCE))
     progress.open(simulation.stage)
     for batch in simulation.batches():

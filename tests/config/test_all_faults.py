@@ -139,3 +139,16 @@ def test_a_list_that_is_too_short_is_told_beside_a_wrong_key_in_it() -> None:
     told = dict(caught.value.faults)
     assert told["soft_robot.body.set.base.line"].startswith("unknown key")
     assert "needs at least 2" in told["soft_robot.body.set"]
+
+
+def test_groups_of_one_name_are_refused() -> None:
+    film = {"young_modulus_Pa": 1e9, "poisson_ratio": 0.3, "thickness_m": 1e-4}
+    ends = [{"name": name, "axis": "z", "at_m": at_m} for name, at_m in (("base", 0.0), ("tip", 0.1))]
+    robot = {
+        "name": "tube", "source": "made up", "base": ["base"], "film": film,
+        "body": {"kind": "mesh", "file": "tube.obj", "set": ends},
+        "group": [{"name": "wall", "film": film}, {"name": "wall", "film": film}],
+    }  # fmt: skip
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("ur5e_hexagon_arm", {"soft_robot": robot})
+    assert dict(caught.value.faults)["soft_robot.group.wall"] == "the name is used twice; names must differ"

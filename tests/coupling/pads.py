@@ -10,13 +10,14 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.build.arms import find_arm
+from cosim.config.schema.objects import WireTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.rigid.build.description import SceneDescription, SceneObject, Wire
+from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.native import NativeScene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -69,7 +70,7 @@ class Grasp:
         law: ContactLaw | None = None,
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
         objects: tuple[SceneObject, ...] | None = None,
-        wires: tuple[Wire, ...] = (),
+        wires: tuple[WireTable, ...] = (),
         integrator: Integrator = "implicit_euler",
     ) -> None:
         if objects is None:

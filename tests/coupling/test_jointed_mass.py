@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
+from cosim.config.schema.objects import WireTable
 from cosim.errors import SolverError
-from cosim.rigid.build.description import Joint, SceneObject, Wire
+from cosim.rigid.build.description import Joint, SceneObject
 from tests.coupling.pads import EDGE_M, Grasp
 
 TURNED = SceneObject(
@@ -23,7 +24,9 @@ TURNED = SceneObject(
 )
 SHIFTED = replace(TURNED, joint=Joint("slide", (1.0, 0.0, 0.2)))
 POST = SceneObject("post", "box", (0.01,) * 3, (0.0, 0.0, 1.62))
-WIRE = Wire("wire", ((0.0, 0.0, 1.58), (0.0, 0.0, 1.37)), 0.5 * EDGE_M, 4, 8e-3, 1e-4, 1e-6, first="post")
+WIRE = WireTable(
+    "wire", ((0.0, 0.0, 1.58), (0.0, 0.0, 1.37)), 0.5 * EDGE_M, 8e-3, 4, 1e-4, 1e-6, first="post"
+)
 
 
 def travel(tick_s: float, kind: str, light: bool = True) -> Array:

@@ -151,19 +151,3 @@ def test_impossible_commands_are_named(command: Command, error: type[Exception],
     hold.start(seen())
     with pytest.raises(error, match=text):
         hold.tick(seen)
-
-
-@pytest.mark.parametrize(
-    ("make", "text"),
-    [
-        (lambda: BangBang(0.0), "increment"),
-        (lambda: BangBang(0.1, output_min=2.0, output_max=1.0), "limits"),
-        (lambda: replace(PI, period_s=0.0), "period_s"),
-        (lambda: replace(PI, proportional_gain=-1.0), "proportional_gain"),
-        (lambda: ZeroOrderHold("c", Counting(), 0, ()), "0 ticks"),
-        (lambda: FeedbackLoop("tip_height_m", PI, "cable_tension_N", ()), "at least one cable"),
-    ],
-)
-def test_wrong_controllers_are_refused(make, text: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InputError, match=text):
-        make()

@@ -10,7 +10,6 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.devices.pump import DelayLine, Pump, PumpState
-from cosim.errors import InputError
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, leak
 
 VOLUME_m3 = 4e-4
@@ -41,8 +40,6 @@ def test_a_delay_line_gives_back_what_went_in_ticks_ago() -> None:
         out.append(seen)
     assert out == [-1.0, -1.0, 1.0, 2.0]
     assert DelayLine.filled(0.0, 0).passed(5.0) == (5.0, DelayLine())
-    with pytest.raises(InputError, match="-1 ticks"):
-        DelayLine.filled(0.0, -1)
 
 
 def test_a_rigid_volume_fills_at_the_rate_of_the_gas_law() -> None:
@@ -113,17 +110,3 @@ def test_the_valve_lets_a_pressure_down_to_the_setpoint() -> None:
     assert pressure[-1] < 20e3
     assert pressure[-1] == pytest.approx(20e3, abs=60.0)
     assert run(replace(pump, vent_above_Pa=math.inf), 20e3, 5, gas=full)[0][-1] > 30e3
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"flow_kg_s": 0.0}, "flow_kg_s is 0"),
-        ({"band_Pa": -1.0}, "band_Pa is -1"),
-        ({"sensor_delay_ticks": -1}, "sensor_delay_ticks is -1"),
-        ({"pressure_max_Pa": float("nan")}, "pressure_max_Pa is nan"),
-    ],
-)
-def test_wrong_pumps_are_refused(change: dict[str, float], text: str) -> None:
-    with pytest.raises(InputError, match=text):
-        replace(PUMP, **change)  # type: ignore[arg-type]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from cosim.base.frames import Pose, rotation_from_vector, vector_from_rotation
 from cosim.build.arms import find_arm
-from cosim.errors import InputError
 from cosim.kinematics.arm import Arm, Payload
 
 ARM = Arm(find_arm("ur5e"))
@@ -73,9 +71,3 @@ def test_no_configuration_exceeds_the_reach() -> None:
     ]
     # 0.425 + 0.3922, then the three wrist offsets at right angles; 1.039 m bounds, 0.95 m is attained.
     assert 0.7 < max(distances) <= ARM.reach
-
-
-@pytest.mark.parametrize("mass", [-1.0, np.nan, np.inf])
-def test_impossible_payload_is_refused(mass: float) -> None:
-    with pytest.raises(InputError, match="payload mass is"):
-        Payload(mass, np.zeros(3), np.eye(3))

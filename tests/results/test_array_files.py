@@ -17,7 +17,7 @@ from pyarrow import parquet
 import cosim
 from cosim.app import api
 from cosim.errors import ConvergenceError
-from cosim.results.array_files import read_texts, stage_of, stored_stage
+from cosim.results.array_files import stage_of, stored_stage
 from cosim.results.curves import array_texts
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
 from tests.cli.interrupted import Command, interrupt_at
@@ -119,7 +119,13 @@ def test_a_new_run_takes_the_arrays_of_the_old_one_away(
 
 def test_every_array_says_its_unit_and_meaning(made_up: None, tmp_path: Path) -> None:
     cosim.run(REFERENCE, out=tmp_path)
-    texts = read_texts(tmp_path / "arrays.parquet") | read_texts(tmp_path / "frames.parquet")
+    schemas = [parquet.read_schema(tmp_path / f"{name}.parquet") for name in ("arrays", "frames")]
+    texts = {
+        field.name: {key: field.metadata[key.encode()].decode() for key in ("unit", "meaning")}
+        | json.loads(field.metadata[b"cosim"])
+        for schema in schemas
+        for field in schema
+    }
     assert texts.keys() == array_texts(RunResult).keys() == {*COLUMNS, *FRAME_COLUMNS}
     assert all(said["unit"] and len(said["meaning"]) > 5 for said in texts.values())
     units = {name: said["unit"] for name, said in texts.items()}

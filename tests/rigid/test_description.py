@@ -17,38 +17,6 @@ from cosim.rigid.scene.scene import RigidScene
 ARM = find_arm("ur5e")
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"shape": "cone", "size_m": (1.0,)}, "unknown shape 'cone'; there are box, sphere"),
-        ({"shape": "box", "size_m": (1.0,)}, "a box takes edge x, edge y, edge z; got 1 numbers"),
-        ({"shape": "sphere", "size_m": (-1.0,)}, "every dimension must be above 0"),
-        ({"shape": "sphere", "size_m": (1.0,), "mass_kg": -1.0}, "mass_kg is -1.0"),
-        ({"shape": "sphere", "size_m": (1.0,), "mass_kg": np.nan}, "mass_kg is nan"),
-        ({"shape": "plane", "size_m": (1.0, 1.0), "mass_kg": 1.0}, "a plane cannot move"),
-        ({"shape": "sphere", "size_m": (1.0,), "friction": -0.1}, "friction is -0.1"),
-        ({"shape": "sphere", "size_m": (1.0,), "quaternion": (0.0, 0.0, 0.0, 0.0)}, "must not be zero"),
-        ({"shape": "sphere", "size_m": (1.0,), "position_m": (np.inf, 0.0, 0.0)}, "must be finite"),
-    ],
-)
-def test_impossible_objects(values: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        SceneObject("thing", **values)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"tick_s": 0.0}, "tick_s is 0.0; it must be above 0"),
-        ({"armature": -1.0}, "armature is -1.0"),
-        ({"objects": (SceneObject("a", "sphere", (0.1,)),) * 2}, "two objects are called 'a'"),
-    ],
-)
-def test_impossible_scenes(values: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        SceneDescription(ARM, **values)
-
-
 def test_object_named_like_a_link_is_refused() -> None:
     with pytest.raises(InputError, match=r"MuJoCo refuses it: .*repeated name 'forearm_link'"):
         RigidScene(SceneDescription(ARM, objects=(SceneObject("forearm_link", "sphere", (0.1,)),)))

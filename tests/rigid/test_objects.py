@@ -12,7 +12,6 @@ from cosim.base.frames import Array, Pose
 from cosim.base.resources import object_mesh_path
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
-from cosim.errors import InputError
 from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
 from cosim.rigid.distance.signed_distance import surface_distance
 from cosim.rigid.scene.scene import RigidScene
@@ -117,19 +116,3 @@ def test_the_inertia_of_a_mesh_is_that_of_its_solid() -> None:
     of_mesh, of_cylinders = np.diag(scene.bodies.mobility(bodies)).reshape(2, 6)
     # a 32-gon has 0.6 % less inertia per area than its circle
     np.testing.assert_allclose(of_mesh, of_cylinders, rtol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({}, "has neither a shape nor parts"),
-        ({"shape": "mesh"}, "a mesh goes with shape 'mesh'"),
-        ({"shape": "mesh", "size_m": (1.0,)}, "a mesh takes no size_m; got 1 numbers"),
-        ({"shape": "ellipsoid", "size_m": (1.0, 2.0)}, "a ellipsoid takes half axis x"),
-    ],
-)
-def test_impossible_objects(values: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        SceneObject("thing", **values)
-    with pytest.raises(InputError, match="relative_density"):
-        Geometry("sphere", (1.0,), relative_density=0.0)

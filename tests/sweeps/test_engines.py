@@ -20,7 +20,7 @@ import cosim
 from cosim.sweeps import engines, sweeping
 from cosim.sweeps import engines as fan_out
 from cosim.sweeps.engines import Engine, Pool
-from cosim.sweeps.task import Row, Task
+from cosim.sweeps.table import Row, Task
 
 STUDY = """
 scenario = "three_unit_inflation"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.base.state_archive import unpacking
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -161,12 +161,12 @@ def test_a_run_measures_and_keeps_the_figures(tmp_path: Path, monkeypatch: pytes
     phases = [{"name": "inflate", "duration_s": 0.02, "pressure_Pa": 1e3}]
     result = cosim.run(small(fidelity="auto", **{"auto.tolerance_m": 1.0}, phase=phases))
     (path,) = (tmp_path / "cosim").glob("trade_*.kept")
-    rows = {row["name"]: row for row in json.loads(path.read_bytes().partition(b"\n")[2])}
+    rows = unpacking(list)(path.read_bytes().partition(b"\n")[2])
     assert "chosen by measurement: " in result.stage.report
-    able = [row for row in rows.values() if not row["reference"] and not row["failure"]]
-    fastest = max(able, key=lambda row: float(row["real_time_factor"]))
-    assert fastest["name"] in result.stage.report
-    assert np.isclose(result.stage.tick_s, fastest["changes"]["clock.tick_s"])
+    able = [row for row in rows if not row.reference and not row.failure]
+    fastest = max(able, key=lambda row: float(row.real_time_factor)).candidate
+    assert fastest.name in result.stage.report
+    assert np.isclose(result.stage.tick_s, fastest.changes["clock.tick_s"])
 
 
 def test_the_run_that_was_chosen_is_within_the_tolerance(

@@ -28,6 +28,7 @@ from typing import Annotated, Final, Literal, TypeAlias, TypeVar, final
 import numpy as np
 from annotated_types import Interval, Len
 
+from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
 from cosim.base.triangle_mesh import read_mesh
 from cosim.config.toml.keys import (
@@ -306,14 +307,27 @@ class WireTable:
     rgba: Colour = COPPER
     friction: NonNegative = 0.5
 
+    @property
+    def knots(self) -> Array:
+        """Ends of the segments (segments + 1, 3) [m], world, evenly spaced along the polyline."""
+        points = np.array(self.points_m, dtype=np.float64)
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        wanted = np.linspace(0.0, along[-1], self.segments + 1)
+        return np.stack([np.interp(wanted, along, points[:, r]) for r in range(3)], axis=1)
+
+    @property
+    def lengths_m(self) -> Array:
+        """(segments,) [m]."""
+        return np.asarray(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))
+
     @rule
     def _bends(self) -> Told:
-        length = float(np.linalg.norm(np.diff(np.array(self.points_m), axis=0), axis=1).sum())
-        if length / self.segments <= 2.0 * self.radius_m:
+        lengths, thick = self.lengths_m, 2.0 * self.radius_m
+        if not lengths.min() > thick:
             yield Fault(
                 "segments",
-                f"{self.segments} segments of {length:.3g} m are not longer than thick; fewer than "
-                f"{int(length / (2.0 * self.radius_m))} are",
+                f"{self.segments} segments, the shortest {lengths.min():.3g} m, are not longer than thick "
+                f"({thick:g} m); take fewer than {min(self.segments, int(lengths.sum() / thick))}",
             )
 
     @rule

@@ -308,6 +308,21 @@ class WinchTable:
     stall_torque_Nm: Positive
     gear_ratio: Positive = 1.0
 
+    @property
+    def step_m(self) -> float:
+        """Length l of cable per step."""
+        return self.step_angle_rad * self.drum_radius_m / self.gear_ratio
+
+    @property
+    def speed_m_s(self) -> float:
+        """Highest speed of the cable."""
+        return self.step_rate_per_s * self.step_m
+
+    @property
+    def stall_force_N(self) -> float:
+        """Tension F above which steps are lost."""
+        return self.stall_torque_Nm * self.gear_ratio / self.drum_radius_m
+
     @rule
     def _winds_cables(self, scenario: Scenario) -> Told:
         return unknown_cables(self.cables, scenario, "cables")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -155,7 +155,14 @@ def rules_of(module: Mapping[str, Any]) -> tuple[RuleOn, ...]:
     return tuple((next(iter(get_type_hints(entry).values())), entry) for entry in found)
 
 
-def check(table: Any, path: str, around: Any, rules: Sequence[RuleOn], faults: Faults) -> None:
+@cache
+def _rules_on(kind: type, rules: tuple[RuleOn, ...]) -> tuple[Callable[..., Told], ...]:
+    """Return those of the rules that are on a class of tables, then its own."""
+    own = (entry for each in kind.__mro__ for entry in vars(each).values() if hasattr(entry, "is_rule"))
+    return (*(told for on, told in rules if issubclass(kind, on)), *own)
+
+
+def check(table: Any, path: str, around: Any, rules: tuple[RuleOn, ...], faults: Faults) -> None:
     """Check a table by its rules, then all tables in it; names in a list of tables must differ.
 
     Args:
@@ -165,9 +172,7 @@ def check(table: Any, path: str, around: Any, rules: Sequence[RuleOn], faults: F
         rules: further ones, on classes of tables.
         faults: gets the rules that are broken.
     """
-    names = [entry for kind in type(table).__mro__ for entry in vars(kind).values()]
-    own = [entry for entry in names if hasattr(entry, "is_rule")]
-    for told in (*(entry for kind, entry in rules if isinstance(table, kind)), *own):
+    for told in _rules_on(type(table), rules):  # type: ignore[arg-type]  # classes of dataclasses hash
         with faults:
             for key, problem in told(*(table, around)[: told.__code__.co_argcount]):
                 faults.add(".".join(filter(None, (path, key))), problem)
@@ -175,15 +180,15 @@ def check(table: Any, path: str, around: Any, rules: Sequence[RuleOn], faults: F
     inner = table if any(entry.name == "schema" for entry in parts) else around
     for entry in parts:
         with faults:
-            value, place = getattr(table, entry.name), join(path, key_of(entry))
+            value = getattr(table, entry.name)
             if is_dataclass(value):
-                check(value, place, inner, rules, faults)
-            elif isinstance(value, tuple) and any(map(is_dataclass, value)):
-                _check_entries(value, place, inner, rules, faults)
+                check(value, join(path, key_of(entry)), inner, rules, faults)
+            elif isinstance(value, tuple) and value and is_dataclass(value[0]):
+                _check_entries(value, join(path, key_of(entry)), inner, rules, faults)
 
 
 def _check_entries(
-    entries: tuple[Any, ...], path: str, around: Any, rules: Sequence[RuleOn], faults: Faults
+    entries: tuple[Any, ...], path: str, around: Any, rules: tuple[RuleOn, ...], faults: Faults
 ) -> None:
     seen = set[str]()
     for number, entry in enumerate(entries, start=1):

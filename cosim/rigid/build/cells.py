@@ -21,6 +21,7 @@ from cosim.base.frames import Array, Mask
 from cosim.errors import InputError
 from cosim.rigid.build.description import CELL, VISUAL_GROUP, Cell, CellJoint
 from cosim.rigid.build.mjcf_files import read_mjcf_file
+from cosim.rigid.build.object_bodies import GEOM_TYPES
 
 ROTOR: Final = 1e6  # kg, kg m^2
 
@@ -62,11 +63,6 @@ class CellDrives:
             self._data.qpos[self.places], self._data.qvel[self.dofs] = self.goal
 
 
-_TOUCHABLE: Final = (
-    mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE,
-    mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-    mujoco.mjtGeom.mjGEOM_MESH,
-)  # fmt: skip
 _FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
 _HIDDEN_GROUP: Final = 4
 _CELL_CONTACT: Final = (0, 3)  # with links and objects, not with itself
@@ -88,7 +84,7 @@ def read_cell(path: Path) -> Cell:
     collides = (model.geom_contype | model.geom_conaffinity) != 0
     for geom in np.flatnonzero(collides):
         kind = mujoco.mjtGeom(model.geom_type[geom])
-        if kind not in _TOUCHABLE:
+        if kind not in GEOM_TYPES.values():
             name, what = model.geom(int(geom)).name, kind.name.removeprefix("mjGEOM_").lower()
             raise InputError(
                 f"cell file {path}: geom {name or int(geom)!r} is of type {what!r}, which cannot be touched; "

@@ -21,17 +21,8 @@ import numpy as np
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.triangle_mesh import TriangleMesh
+from cosim.config.schema.objects import WireTable
 from cosim.errors import InputError
-
-SIZES = {
-    "box": ("edge x", "edge y", "edge z"),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length between the centres of its caps"),
-    "ellipsoid": ("half axis x", "half axis y", "half axis z"),
-    "mesh": (),
-    "plane": ("edge x", "edge y"),
-}
 
 
 @dataclass(frozen=True)
@@ -39,8 +30,8 @@ class Geometry:
     """A solid of one shape, somewhere on its body.
 
     Args:
-        shape: one of `SIZES`; axes of cylinder, capsule and the plane's normal are its z.
-        size_m: full dimensions [m], in the order that `SIZES` says.
+        shape: as of `[[object]]`, or "plane"; axes of cylinder, capsule and the plane's normal are its z.
+        size_m: as of `[[object]]`; of a plane, its edges along x and y.
         position_m: (3,) [m], of its centre, body frame; of a mesh: of the origin of its vertices.
         quaternion: (w, x, y, z), body from geometry.
         rgba: colour, components 0 to 1.
@@ -49,9 +40,6 @@ class Geometry:
         mesh: of shape "mesh".
         convex: of shape "mesh": each of its shells is touched as its convex hull; otherwise soft robots touch
             the surface itself, by a table of distances, and rigid bodies the hull of the whole.
-
-    Raises:
-        InputError: unknown shape, wrong number of dimensions, or a value outside its bounds.
     """
 
     shape: str
@@ -63,25 +51,6 @@ class Geometry:
     relative_density: float = 1.0
     mesh: TriangleMesh | None = None
     convex: bool = True
-
-    def __post_init__(self) -> None:
-        if self.shape not in SIZES:
-            raise InputError(f"unknown shape {self.shape!r}; there are {', '.join(SIZES)}")
-        if len(self.size_m) != len(SIZES[self.shape]):
-            wanted = ", ".join(SIZES[self.shape]) or "no size_m"
-            raise InputError(f"a {self.shape} takes {wanted}; got {len(self.size_m)} numbers")
-        if (self.shape == "mesh") != (self.mesh is not None):
-            raise InputError("a mesh goes with shape 'mesh', and with no other")
-        if not all(np.isfinite(s) and s > 0.0 for s in self.size_m):
-            raise InputError(f"size_m is {self.size_m}; every dimension must be above 0")
-        if not (np.isfinite(self.friction) and self.friction >= 0.0):
-            raise InputError(f"friction is {self.friction}; it must be finite and not negative")
-        if not (np.isfinite(self.relative_density) and self.relative_density > 0.0):
-            raise InputError(f"relative_density is {self.relative_density}; it must be above 0")
-        if not (np.all(np.isfinite(self.quaternion)) and np.linalg.norm(self.quaternion) > 1e-6):
-            raise InputError(f"quaternion is {self.quaternion}; it must not be zero")
-        if not np.all(np.isfinite(self.position_m)):
-            raise InputError(f"position_m is {self.position_m}; it must be finite")
 
     @property
     def volume_m3(self) -> float:
@@ -121,9 +90,6 @@ class Joint:
         damping: [N m s] or [N s/m].
         stiffness: [N m] or [N/m].
         friction: dry, [N m] or [N].
-
-    Raises:
-        InputError: an axis without direction, or a value outside its bounds.
     """
 
     kind: Literal["hinge", "slide"]
@@ -135,96 +101,24 @@ class Joint:
     stiffness: float = 0.0
     friction: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not (np.all(np.isfinite(self.axis)) and np.linalg.norm(self.axis) > 1e-9):
-            raise InputError(f"axis is {self.axis}; it must not be zero")
-        for name in ("damping", "stiffness", "friction"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} is {value}; it must be finite and not negative")
-        if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
-            raise InputError(f"limits are {self.limits}; they must hold 0, where the scene is drawn")
 
-
-@dataclass(frozen=True)
-class Wire:
-    """A thin flexible body through given points.
+def wire_poses(wire: WireTable) -> Sequence[Pose]:
+    """Return world from segment of a wire: origin at its first end, z along it, twisted as little as can be.
 
     Between neighbours of length l acts the moment -(EI / l) angle - (damping / l) angular velocity, in
-    every direction, so that many segments bend like a beam of flexural rigidity EI; twist the same. It cannot
-    stretch, and does not touch itself.
+    every direction, so that many segments bend like a beam of flexural rigidity EI; twist the same.
 
     Args:
-        name: unique in the scene; its bodies are NAME/1, NAME/2, ...
-        points_m: (n, 3) [m], world: the polyline along which it lies at first.
-        radius_m: of its capsules.
-        segments: their number, evenly spaced along the polyline.
-        mass_kg: of all of it.
-        bending_stiffness_Nm2: EI.
-        bending_damping_Nm2s: the same for rates.
-        straight: without load it is straight; otherwise as it lies at first.
-        first: object that holds its first point, elastically clamped; None: the end is free.
-        last: object to which its last point is tied, free to turn; None: the end is free.
-        rgba: colour, components 0 to 1.
-        friction: sliding friction coefficient.
-
-    Raises:
-        InputError: a value outside its bounds, or segments that are not longer than thick.
+        wire: its points, world.
     """
-
-    name: str
-    points_m: tuple[tuple[float, float, float], ...]
-    radius_m: float
-    segments: int
-    mass_kg: float
-    bending_stiffness_Nm2: float = 0.0
-    bending_damping_Nm2s: float = 0.0
-    straight: bool = False
-    first: str | None = None
-    last: str | None = None
-    rgba: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
-    friction: float = 0.5
-
-    def __post_init__(self) -> None:
-        where = f"wire {self.name!r}"
-        for name in ("radius_m", "mass_kg", "segments"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"{where}: {name} is {getattr(self, name)}; it must be above 0")
-        for name in ("bending_stiffness_Nm2", "bending_damping_Nm2s", "friction"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise InputError(f"{where}: {name} is {getattr(self, name)}; it must not be negative")
-        if len(self.points_m) < 2 or not np.isfinite(self.points_m).all():
-            raise InputError(f"{where}: needs at least two points of finite coordinates")
-        shortest = float(self.lengths_m.min())
-        if not shortest > 2.0 * self.radius_m:
-            raise InputError(
-                f"{where}: its shortest segment is {shortest:.3g} m, not longer than thick "
-                f"({2.0 * self.radius_m:g} m); take fewer than {self.segments} segments"
-            )
-
-    @property
-    def knots(self) -> Array:
-        """Ends of the segments (segments + 1, 3) [m], world, evenly spaced along the polyline."""
-        points = np.array(self.points_m, dtype=np.float64)
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        wanted = np.linspace(0.0, along[-1], self.segments + 1)
-        return np.stack([np.interp(wanted, along, points[:, r]) for r in range(3)], axis=1)
-
-    @property
-    def lengths_m(self) -> Array:
-        """(segments,) [m]."""
-        return np.asarray(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))
-
-    def poses(self) -> Sequence[Pose]:
-        """Return world from segment: origin at its first end, z along it, twisted as little as can be."""
-        knots = self.knots
-        axis, rotation, poses = np.array([0.0, 0.0, 1.0]), np.eye(3), []
-        for k, length in enumerate(self.lengths_m):
-            ahead = (knots[k + 1] - knots[k]) / length
-            rotation = rotation_from_vector(_turn(axis, ahead)) @ rotation
-            axis = ahead
-            poses.append(Pose(rotation, knots[k]))
-        return tuple(poses)
+    knots = wire.knots
+    axis, rotation, poses = np.array([0.0, 0.0, 1.0]), np.eye(3), []
+    for k, length in enumerate(wire.lengths_m):
+        ahead = (knots[k + 1] - knots[k]) / length
+        rotation = rotation_from_vector(_turn(axis, ahead)) @ rotation
+        axis = ahead
+        poses.append(Pose(rotation, knots[k]))
+    return tuple(poses)
 
 
 def _turn(a: Array, b: Array) -> Array:
@@ -300,8 +194,8 @@ class SceneObject:
 
     Args:
         name: unique in the scene.
-        shape: one of `SIZES`, about the body's frame; None for a body that is made of its parts.
-        size_m: full dimensions [m], in the order that `SIZES` says.
+        shape: as of a `Geometry`, about the body's frame; None for a body that is made of its parts.
+        size_m: as of `[[object]]`; of a plane, its edges along x and y.
         position_m: (3,) [m], of the body's frame, world; the centre of a shape that is no mesh.
         quaternion: (w, x, y, z), world from object.
         mass_kg: 0 for an object that stands still; parts share it by volume times relative density.
@@ -314,9 +208,6 @@ class SceneObject:
         convex: of shape "mesh", see `Geometry`.
         parts: further solids on the same body; they may overlap.
         joint: that it hangs on; None for a body that is free, or stands still.
-
-    Raises:
-        InputError: unknown shape, wrong number of dimensions, or a value outside its bounds.
     """
 
     name: str
@@ -334,25 +225,6 @@ class SceneObject:
     inertia: tuple[float, float, float] | None = None
     center_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     spin_friction_m: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        where = f"object {self.name!r}"
-        try:
-            solids = self.geometries
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
-        if not solids:
-            raise InputError(f"{where}: has neither a shape nor parts")
-        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0.0):
-            raise InputError(f"{where}: mass_kg is {self.mass_kg}; it must be finite and not negative")
-        if self.mass_kg > 0.0 and any(solid.shape == "plane" for solid in solids):
-            raise InputError(f"{where}: a plane cannot move, so its mass_kg must be 0")
-        if self.joint is not None and self.mass_kg == 0.0:
-            raise InputError(f"{where}: what hangs on a joint needs a mass_kg above 0")
-        if not (np.all(np.isfinite(self.quaternion)) and np.linalg.norm(self.quaternion) > 1e-6):
-            raise InputError(f"{where}: quaternion is {self.quaternion}; it must not be zero")
-        if not np.all(np.isfinite(self.position_m)):
-            raise InputError(f"{where}: position_m is {self.position_m}; it must be finite")
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:
@@ -417,9 +289,6 @@ class SceneDescription:
         cell: what else stands around the arm; a plane of it is the floor.
         armature: rotor inertia seen at each joint [kg m^2]; those of the arm's file unless given.
         gains: of the servos; those of the arm's file, or from its torque limits, unless given.
-
-    Raises:
-        InputError: a value outside its bounds, two things of one name, or a parent that is not there.
     """
 
     arm: ArmFile
@@ -427,27 +296,12 @@ class SceneDescription:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     world_from_base: Pose | None = None
     objects: tuple[SceneObject, ...] = ()
-    wires: tuple[Wire, ...] = ()
+    wires: tuple[WireTable, ...] = ()
     mounted: tuple[SceneObject, ...] = ()
     floor_height_m: float | None = 0.0
     cell: Cell | None = None
     armature: float | None = None
     gains: ServoGains | None = None
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.tick_s) and self.tick_s > 0.0):
-            raise InputError(f"tick_s is {self.tick_s}; it must be above 0")
-        if self.armature is not None and not (np.isfinite(self.armature) and self.armature >= 0.0):
-            raise InputError(f"armature is {self.armature} kg m^2; it must be finite and not negative")
-        names = [item.name for item in self.objects] + [wire.name for wire in self.wires]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise InputError(f"two objects are called {', '.join(map(repr, twice))}; names must be unique")
-        held = [name for wire in self.wires for name in (wire.first, wire.last)]
-        for name in held:
-            if name is not None and name not in {item.name for item in self.objects}:
-                raise InputError(f"a wire is held by {name!r}; there is no such object")
-        self.objects_by_parent()
 
     def objects_by_parent(self) -> tuple[SceneObject, ...]:
         """Return the objects in an order in which each comes after the one that it hangs on.

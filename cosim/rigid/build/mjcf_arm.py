@@ -24,15 +24,9 @@ from cosim.config.arms.chain import FLANGE_NAMES
 from cosim.errors import InputError
 from cosim.rigid.build.description import VISUAL_GROUP
 from cosim.rigid.build.mjcf_files import read_mjcf_file
+from cosim.rigid.build.object_bodies import GEOM_TYPES, SHAPES
 
-_GEOMETRY_KINDS: Final = {
-    mujoco.mjtGeom.mjGEOM_BOX: "box",
-    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
-    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
-    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
-    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
-    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
-}
+_GEOMETRY_KINDS: Final = {GEOM_TYPES[name]: name for name in SHAPES}
 _HIDDEN_GROUP: Final = 3
 
 
@@ -65,9 +59,8 @@ def link_shapes(model: mujoco.MjModel, bodies: list[int], names: list[str]) -> t
 
 def add_shapes(spec: mujoco.MjSpec, shapes: tuple[LinkShape, ...]) -> None:
     """Add shapes to the bodies of their links; they have no mass."""
-    kinds = {kind: geom for geom, kind in _GEOMETRY_KINDS.items()}
     for number, shape in enumerate(shapes):
-        geom = spec.body(shape.link).add_geom(type=kinds[shape.kind], rgba=shape.rgba, density=0.0)
+        geom = spec.body(shape.link).add_geom(type=GEOM_TYPES[shape.kind], rgba=shape.rgba, density=0.0)
         geom.pos, geom.quat = shape.pose.translation, shape.pose.quaternion
         geom.group = VISUAL_GROUP if shape.drawn else _HIDDEN_GROUP
         geom.contype = geom.conaffinity = int(shape.collides)

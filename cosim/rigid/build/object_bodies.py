@@ -20,18 +20,12 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, quaternion_from_rotation
 from cosim.base.triangle_mesh import TriangleMesh
-from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, Wire
+from cosim.config.schema.objects import WireTable
+from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, wire_poses
 
 OBJECT_CONTACT = (2, 3)  # floor and objects meet everything
-_GEOM_TYPES = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
-    "plane": mujoco.mjtGeom.mjGEOM_PLANE,
-}
+SHAPES: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh")
+GEOM_TYPES: Final = {name: getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}") for name in (*SHAPES, "plane")}
 _ROUND = ("sphere", "cylinder", "capsule")  # given by their radius, not by their diameter
 HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # of a constraint that hardly gives way; 1 would be rigid
 _SPIN_FRICTION_M = (0.005, 0.0001)  # MuJoCo's own, which contacts of three dimensions do not ask for
@@ -127,7 +121,7 @@ def add_geometries(spec: mujoco.MjSpec, body: mujoco.MjsBody, item: SceneObject)
     weight = [s.relative_density * (s.volume_m3 if m is None else m.volume_m3) for s, m in solids]
     for k, (solid, mesh) in enumerate(solids):
         name = item.name if k == 0 else f"{item.name}/{k + 1}"
-        geom = body.add_geom(name=name, type=_GEOM_TYPES[solid.shape], pos=solid.position_m)
+        geom = body.add_geom(name=name, type=GEOM_TYPES[solid.shape], pos=solid.position_m)
         geom.quat, geom.rgba = solid.quaternion, solid.rgba
         if mesh is None:
             geom.size = _mujoco_size(solid)
@@ -173,7 +167,7 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> str:
 _CONTACT = (4, 3)
 
 
-def add_wire(spec: mujoco.MjSpec, wire: Wire, objects: dict[str, SceneObject], tick_s: float) -> None:
+def add_wire(spec: mujoco.MjSpec, wire: WireTable, objects: dict[str, SceneObject], tick_s: float) -> None:
     """Add the bodies of a wire, one inside the other from its first point on.
 
     Args:
@@ -185,7 +179,7 @@ def add_wire(spec: mujoco.MjSpec, wire: Wire, objects: dict[str, SceneObject], t
     parent = spec.worldbody if wire.first is None else spec.body(wire.first)
     outer = Pose() if wire.first is None else world_pose(objects[wire.first])
     lengths = wire.lengths_m
-    for k, (pose, length) in enumerate(zip(wire.poses(), lengths, strict=True)):
+    for k, (pose, length) in enumerate(zip(wire_poses(wire), lengths, strict=True)):
         placed = outer.inverse() @ pose
         body = parent.add_body(name=_name(wire, k), pos=placed.translation, quat=placed.quaternion)
         body.simple = 0
@@ -211,28 +205,28 @@ def add_wire(spec: mujoco.MjSpec, wire: Wire, objects: dict[str, SceneObject], t
         _tie(spec, wire, objects[wire.last])
 
 
-def relax_wire(model: mujoco.MjModel, wire: Wire) -> None:
+def relax_wire(model: mujoco.MjModel, wire: WireTable) -> None:
     """Make a wire stress-free where it is straight, if it says so; otherwise it is so where it is drawn."""
     if not wire.straight:
         return
-    poses = wire.poses()
+    poses = wire_poses(wire)
     for k in range(1, wire.segments):
         place = int(model.joint(_name(wire, k)).qposadr[0])
         bent = poses[k - 1].rotation.T @ poses[k].rotation
         model.qpos_spring[place : place + 4] = quaternion_from_rotation(bent.T)
 
 
-def _tie(spec: mujoco.MjSpec, wire: Wire, item: SceneObject) -> None:
+def _tie(spec: mujoco.MjSpec, wire: WireTable, item: SceneObject) -> None:
     final, name = wire.knots[-1], _name(wire, wire.segments - 1)
     tie = spec.add_equality(name=f"{wire.name}/last", type=mujoco.mjtEq.mjEQ_CONNECT)
     tie.objtype, tie.name1, tie.name2 = mujoco.mjtObj.mjOBJ_BODY, name, item.name
-    tie.data[:3] = wire.poses()[-1].inverse().apply(final[None])[0]
+    tie.data[:3] = wire_poses(wire)[-1].inverse().apply(final[None])[0]
     # MuJoCo scales a constraint's softness with what the light segment weighs across the wire
     tie.solimp = HARD
     spec.add_exclude(bodyname1=item.name, bodyname2=name)
 
 
-def _name(wire: Wire, k: int) -> str:
+def _name(wire: WireTable, k: int) -> str:
     return f"{wire.name}/{k + 1}"
 
 
