@@ -154,6 +154,7 @@ class TickState:
         joint_torque: (joints,) [N m], of the servos.
         touched: what the soft robot presses on.
         branchings: unstable states that the soft robot has met on the way.
+        ends_phase: whether its natural frequency is looked at.
     """
 
     tick: int
@@ -167,6 +168,7 @@ class TickState:
     joint_torque: Array
     touched: ContactReport = NOTHING_TOUCHED
     branchings: tuple[Branching, ...] = ()
+    ends_phase: bool = False
 
 
 @final
@@ -252,6 +254,8 @@ class Parts:
         places, quaternions = carrier.body_poses()
         devices = self.commands.report(moment.flange)
         wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
+        here = soft.shape_now(), moment.flange, loads
+        frequency = soft.lowest_frequency_Hz(*here) if moment.ends_phase else None
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
@@ -274,4 +278,5 @@ class Parts:
             devices=devices,
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
             branchings=moment.branchings,
+            lowest_frequency_Hz=frequency,
         )

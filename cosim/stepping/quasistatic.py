@@ -163,7 +163,7 @@ class QuasistaticSimulation(SteppedRun):
         moment = TickState(
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
             motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
-            self._branchings(to, here.branchings),
+            self._branchings(to, here.branchings), to.done == self._counts[to.phase],
         )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 

@@ -63,6 +63,7 @@ class TickBatch:
         devices: n; None where a scenario has none.
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.
+        lowest_frequency_Hz: of the soft robot on a held flange, by row, at ends of phases.
     """
 
     tick: IntArray
@@ -107,6 +108,7 @@ class TickBatch:
     devices: Sequence[ActuationReport | None]
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
     branchings: Mapping[int, tuple[Branching, ...]]
+    lowest_frequency_Hz: Mapping[int, float]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -141,6 +143,7 @@ class TickBatch:
             devices=[snapshot.devices for snapshot in snapshots],
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
+            lowest_frequency_Hz=by_row("lowest_frequency_Hz"),
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
         )
@@ -186,6 +189,7 @@ class TickBatch:
             devices=[report for batch in batches for report in batch.devices],
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
+            lowest_frequency_Hz=by_row("lowest_frequency_Hz"),
             **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
         )
 
@@ -209,6 +213,7 @@ class TickBatch:
             devices=[self.devices[row] for row in places],
             link_contacts=by_row(self.link_contacts),
             branchings=by_row(self.branchings),
+            lowest_frequency_Hz=by_row(self.lowest_frequency_Hz),
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
@@ -234,6 +239,7 @@ class TickBatch:
             devices=self.devices[row],
             link_contacts=self.link_contacts.get(row, ()),
             branchings=self.branchings.get(row, ()),
+            lowest_frequency_Hz=self.lowest_frequency_Hz.get(row),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
 
@@ -329,5 +335,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings")
+_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "lowest_frequency_Hz")
 _ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)
