@@ -155,6 +155,15 @@ class DynamicSimulation(SteppedRun):
         soft, rows = self._parts.soft, self._looked_at(to, taken.done)
         return {row: found for row in rows if (found := soft.overlap(taken.shapes[row])) is not None}
 
+    def _lowest_frequency(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, float]:
+        """Return the lowest natural frequency at the end of a phase, where the film touches nothing."""
+        row = self._counts[to.phase] - to.done
+        if row != taken.done - 1 or taken.ticks.contacts[row]:
+            return {}
+        flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
+        found = self._parts.soft.lowest_frequency_Hz(taken.shapes[row], flange, asked.loads[row])
+        return {} if found is None else {row: found}
+
     def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
         """Return what ticks show, the first of which ends at `to`."""
         n, parts = taken.done, self._parts
@@ -180,6 +189,7 @@ class DynamicSimulation(SteppedRun):
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
             branchings=self._undecided(taken, asked, to),
             overlap=self._overlaps(taken, to),
+            lowest_frequency_Hz=self._lowest_frequency(taken, asked, to),
         )
 
     def _step_of(self, to: Cursor) -> str:

@@ -165,6 +165,7 @@ class QuasistaticSimulation(SteppedRun):
             motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
             self._branchings(to, here.branchings),
             parts.soft.overlap(here.state.positions) if self._looked_at(to, 1) else None,
+            to.done == self._counts[to.phase],
         )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)
 

@@ -281,6 +281,8 @@ class Snapshot(Shown):
         link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
         branchings: unstable states that the soft robot has met in the tick, or is in.
         overlap: of its films, at ticks at which it is looked for.
+        lowest_frequency_Hz: natural frequency of the soft robot on a held flange, at the end of a phase;
+            None where it is not known.
     """
 
     tick: int
@@ -305,6 +307,7 @@ class Snapshot(Shown):
     link_contacts: tuple[LinkContact, ...] = ()
     branchings: tuple[Branching, ...] = ()
     overlap: FilmOverlap | None = None
+    lowest_frequency_Hz: float | None = None
 
     @property
     def node_position(self) -> Array:

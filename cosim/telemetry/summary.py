@@ -312,6 +312,7 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
         "tip_position_m": last.tip_position,
         "tip_direction": last.tip_direction,
         "sag_m": last.sag_m,
+        "lowest_frequency_Hz": last.lowest_frequency_Hz,
         "flange_wrench": {"force_N": wrench.force, "torque_Nm": wrench.torque},
     }
     if last.tip_target is not None:

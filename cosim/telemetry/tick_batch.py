@@ -89,6 +89,7 @@ class TickBatch(RigidColumns):
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.
         overlap: of its films, by row; rows left out have none, or were not looked at.
+        lowest_frequency_Hz: of the soft robot on a held flange, by row, at ends of phases.
     """
 
     film: FilmShapes
@@ -124,6 +125,7 @@ class TickBatch(RigidColumns):
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
     branchings: Mapping[int, tuple[Branching, ...]]
     overlap: Mapping[int, FilmOverlap]
+    lowest_frequency_Hz: Mapping[int, float]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -159,6 +161,7 @@ class TickBatch(RigidColumns):
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
             overlap=by_row("overlap"),
+            lowest_frequency_Hz=by_row("lowest_frequency_Hz"),
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
         )
@@ -205,6 +208,7 @@ class TickBatch(RigidColumns):
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
             overlap=by_row("overlap"),
+            lowest_frequency_Hz=by_row("lowest_frequency_Hz"),
             **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
         )
 
@@ -229,6 +233,7 @@ class TickBatch(RigidColumns):
             link_contacts=by_row(self.link_contacts),
             branchings=by_row(self.branchings),
             overlap=by_row(self.overlap),
+            lowest_frequency_Hz=by_row(self.lowest_frequency_Hz),
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
@@ -255,6 +260,7 @@ class TickBatch(RigidColumns):
             link_contacts=self.link_contacts.get(row, ()),
             branchings=self.branchings.get(row, ()),
             overlap=self.overlap.get(row),
+            lowest_frequency_Hz=self.lowest_frequency_Hz.get(row),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
 
@@ -350,5 +356,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlap")
+_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlap", "lowest_frequency_Hz")
 _ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)

@@ -16,6 +16,7 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.stability import lowest_frequency_Hz
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.case import NO_CLAMP, UNLOADED, Specimen
 from cosim.verification.strips import Strip
@@ -41,6 +42,44 @@ def test_each_buckling_load_passed_adds_a_negative_pivot(share: float, ways_down
     specimen, here = straight(share)
     assert negative_pivots(specimen.newton, here) == ways_down
     assert here.negative_pivots == ways_down, "it comes with the solution"
+
+
+@pytest.mark.parametrize("share", [1.2, 1.5, 3.0])
+def test_eulers_load_is_found_as_a_branching_of_one_large_step(share: float) -> None:
+    specimen = STRIP.specimen()
+    leaving = replace(specimen.equilibria.options, leaves_saddles=True)
+    equilibria = EquilibriumSolver(specimen.newton, NO_CLAMP, leaving)
+    found = equilibria.follow(
+        equilibria.solve(specimen.drawn(), Pose(), pushed(0.0)), Pose(), pushed(share * EULER_N)
+    )
+    (branching,) = found.branchings
+    # bisected to 0.5 % from above; the mesh is 0.2 % too soft
+    assert branching.load_factor * share == pytest.approx(1.0, abs=0.01)
+    assert branching.ways == 1
+    # nodes 26 and 27 are its tip; across, it bends the easy way
+    assert branching.place in ("node 26", "node 27")
+    assert branching.direction == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+    assert found.negative_pivots == 0
+    assert STRIP.deflection(found.state.positions)[1] > 0.3 * STRIP.length_m, "to the positive side"
+
+
+def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
+    heavy = replace(Strip(24), density=2.0)
+    specimen = heavy.specimen()
+    state = specimen.drawn()
+    found = lowest_frequency_Hz(specimen.newton, state, UNLOADED, np.eye(3))
+    per_length = heavy.density * heavy.width_m
+    exact = (
+        1.8751040687**2
+        / (2.0 * math.pi)
+        * math.sqrt(heavy.bending_stiffness / per_length)
+        / heavy.length_m**2
+    )
+    # the error of 24 panels, which falls with their square
+    assert found == pytest.approx(exact, rel=5e-3)
+    pressed = replace(UNLOADED, nodal_force=heavy.tip_force((-1.2 * EULER_N, 0.0, 0.0)))
+    straight_one = specimen.solve(state, pressed).state
+    assert lowest_frequency_Hz(specimen.newton, straight_one, pressed, np.eye(3)) is None, "it is not stable"
 
 
 def stayed(stiffness_N_m: float) -> Specimen:

@@ -44,9 +44,10 @@ def test_tangents_of_the_plan_are_not_those_of_the_loop(tmp_path: Path) -> None:
     found = {Path(key).stem: figures for key, figures in json.loads(kept.read_text("utf-8")).items()}
     for mode in ("dynamic", "quasistatic"):
         still, moved = found[f"{mode}_still"], found[f"{mode}_moved"]
-        # a tick at rest looks at the balance once and finds it; stability is seen at each phase's end
+        # a tick at rest looks at the balance once and finds it; stability and the natural frequency are looked
+        # at once, at the end of each phase of ten ticks
         assert still["gradients"] == 1.0
-        assert still["tangents"] <= 0.1
+        assert still["tangents"] <= 0.2
         assert still["tangents_before"] == moved["tangents_before"] > 5.0
         assert moved["tangents"] > 0.0
         assert moved["gradients"] > 1.0

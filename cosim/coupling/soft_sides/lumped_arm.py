@@ -11,9 +11,10 @@ Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constan
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
+from typing import TypeVar, final
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.stability import undecided
+from cosim.soft.solve.stability import lowest_frequency_Hz, undecided
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,
@@ -55,6 +56,8 @@ from cosim.soft.solve.state import (
 from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.soft.targets import tip_search
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+
+Found = TypeVar("Found")
 
 
 @final
@@ -366,12 +369,24 @@ class SoftArm(SoftSide):
 
     def undecided(self, shape: Array, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
+        return self._looked(undecided, shape, world_from_flange, loads)
+
+    def lowest_frequency_Hz(self, shape: Array, world_from_flange: Pose, loads: Loads) -> float | None:
+        """Return the lowest natural frequency about a shape with the flange held; None: not known."""
+        return self._looked(lowest_frequency_Hz, shape, world_from_flange, loads)
+
+    def _looked(
+        self,
+        look: Callable[[NewtonSolver, SoftState, Loads, Array], Found],
+        shape: Array,
+        world_from_flange: Pose,
+        loads: Loads,
+    ) -> Found:
+        """Return what is seen of a shape; the next step does not depend on whether somebody has looked."""
         system, state = self._system, SoftState.at_rest(shape, self.state.memory)
         serving, memory = system.serving, system.memory.copy()
         pairs = None if self.films is None else self.films.static_pairs(shape)
-        loads = replace(loads, self_contact=pairs)
-        found = undecided(self._tested, state, loads, world_from_flange.rotation)
-        # the next step shall not depend on whether somebody has looked
+        found = look(self._tested, state, replace(loads, self_contact=pairs), world_from_flange.rotation)
         system.serving, system.memory[:] = serving, memory
         return found
 

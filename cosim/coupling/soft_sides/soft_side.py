@@ -382,6 +382,16 @@ class SoftSide(ABC):
         """
         return None
 
+    def lowest_frequency_Hz(self, shape: Any, world_from_flange: Pose, loads: Loads) -> float | None:
+        """Return the lowest natural frequency about a shape with the flange held; None where it is not known.
+
+        Args:
+            shape: of `shape_now`, after the last step.
+            world_from_flange: pose of the flange.
+            loads: that act.
+        """
+        return None
+
     @abstractmethod
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays.

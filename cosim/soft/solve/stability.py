@@ -183,6 +183,22 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
     return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
 
 
+def lowest_frequency_Hz(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> float | None:
+    """Return the lowest natural frequency about a state at rest; None where it is unstable, or has none.
+
+    Args:
+        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        state: where the body is.
+        loads: that act there.
+        frame: (3, 3), rotation of the flange.
+    """
+    mass = solver.system.body.node_mass
+    if not solver.system.conservative or not (mass > 0.0).all():
+        return None
+    square = softest(solver, state, loads, frame, mass).value
+    return math.sqrt(square) / (2.0 * math.pi) if square > 0.0 else None
+
+
 def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
     """Return what is known of an unstable equilibrium by itself."""
     volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
