@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.state import Equilibrium, SoftState
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 EXACT = NewtonOptions(tolerance_N=1e-9, start_tolerance_N=1e-9)
@@ -42,6 +47,43 @@ def test_convergence_is_quadratic(closed: bool) -> None:
     assert r[2] < 0.01, r
     assert r[3] < 5.0 * r[2] ** 2, r
     assert r[4] < 5.0 * r[3] ** 2 + 1e-10, r
+
+
+def lifted(*, touching: bool) -> tuple[Equilibrium, int]:
+    """Return an arm of three units that its cables have lifted, and the iterations of the way there.
+
+    Args:
+        touching: whether its films touch one another; otherwise its ends are open.
+    """
+    arm = held(hexagon_arm(3, closed=touching))
+    films = SelfContact(arm.body, FilmContactLaw(ContactLaw())) if touching else None
+    solver, given = EquilibriumSolver(arm.newton, arm.clamp, NewtonOptions(), films), {"pressure_Pa": (3e3,)}
+    here, spent = solver.follow(hung(arm), HANGING, no_load(arm.body, **given)), 0
+    for share in np.linspace(0.1, 1.0, 10):
+        pulled = no_load(arm.body, cable_tension_N=(8.0 * share, 2.0 * share), **given)
+        here = solver.follow(here, HANGING, pulled)
+        spent += here.iterations
+    return here, spent
+
+
+@pytest.mark.parametrize("touching", [True, False], ids=["films that touch", "open ends"])
+def test_tangents_are_made_in_the_kernel(touching: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python makes the first one, and those that are indefinite; both find the same."""
+    with_tangent, made = NewtonSolver._with_tangent, list[int]()
+
+    def counted(*given: Any) -> int:
+        made.append(1)
+        return with_tangent(*given)
+
+    monkeypatch.setattr(NewtonSolver, "_with_tangent", counted)
+    found, iterations = lifted(touching=touching)
+    inside = len(made)
+    assert (found.state.touching is not None) == touching
+    monkeypatch.setattr(NewtonSolver, "_tangents", lambda solver, film: solver._no_tangents)
+    expected, _ = lifted(touching=touching)
+    assert len(made) - inside >= iterations > 4 * inside
+    # residuals of 1e-6 N on a bending stiffness of 0.02 N/m
+    np.testing.assert_allclose(found.state.positions, expected.state.positions, rtol=0.0, atol=1e-7)
 
 
 def test_deflated_arm_takes_the_full_pressure_in_one_increment() -> None:

@@ -162,7 +162,7 @@ class NearList(NamedTuple):
     bounds: Vector
 
 
-_MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
+_MARGIN_M = 2.5e-3  # more room lengthens the list, less makes it anew more often
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
 _VALLEY = int(Relation.VALLEY)
 
@@ -411,8 +411,8 @@ class FilmLists(NamedTuple):
         )
 
 
-_MOTION_M: Final = 0.3e-3  # more of it lengthens the short list, less makes it anew more often
-_FURTHER_M: Final = 0.2e-3  # for which the short list looks ahead beyond what is asked for
+_MOTION_M: Final = 0.2e-3  # more of it lengthens the short list, less makes it anew more often
+_FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what is asked for
 
 
 @device_function

@@ -35,6 +35,7 @@ from cosim.base.kernels import (
     Vector,
     address_of,
     device_function,
+    inlined,
     kernel,
     small_matrix,
     small_vector,
@@ -102,7 +103,7 @@ def _add_normal_part(
             k[r, c] = outer * n[r] * n[c] + push * turning
 
 
-@device_function
+@inlined
 def _look_at(
     x: Matrix, pairs: PairRows, e: int, n: Vector, weight: Vector, slope: Matrix, y: Vector
 ) -> tuple[float, float, float, float]:

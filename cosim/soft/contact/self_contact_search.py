@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector, device_function, kernel, small_vector
+from cosim.base.kernels import IndexTable, Indices, Matrix, Vector, inlined, kernel, small_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
 from cosim.soft.contact.point_kernels import fill_point
@@ -38,7 +38,7 @@ _VALLEY, _FACING_VALLEY, _FACING_APART = (
 )
 
 
-@device_function
+@inlined
 def _fill_outward(lists: FilmLists, p: int, outward: Vector) -> None:
     """Fill a point's outer normal, of unit length."""
     rows, sides, ox, oy, oz = lists.rows, lists.sides, 0.0, 0.0, 0.0
@@ -49,7 +49,7 @@ def _fill_outward(lists: FilmLists, p: int, outward: Vector) -> None:
     outward[0], outward[1], outward[2] = ox / length, oy / length, oz / length
 
 
-@device_function
+@inlined
 def _choose(
     x: Matrix,
     lists: FilmLists,

@@ -62,10 +62,9 @@ def _best_order(pattern: BlockPattern, movable: Mask, like: IntArray | None) -> 
     if like is None:
         graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes),) * 2)
         levels = np.asarray(reverse_cuthill_mckee((graph + graph.T).tocsr(), True), dtype=np.int64)
-        orders: tuple[IntArray, ...] = as_numbered, as_numbered[::-1], levels, levels[::-1]
+        orders = [as_numbered, as_numbered[::-1], levels, levels[::-1]]
     else:
-        own = local[like]
-        orders = own, own[::-1]
+        orders = [local[like], local[like][::-1]]
 
     def work(order: IntArray) -> int:
         rank = np.argsort(order)

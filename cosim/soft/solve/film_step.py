@@ -88,6 +88,7 @@ from cosim.soft.linear.kept_factor import (
 )
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
+from cosim.soft.published.open_caps import RimArrays, correct_rims, hold_rims
 from cosim.soft.solve.state import HeldNodes, place_flight, place_held
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
@@ -152,6 +153,7 @@ class FilmSide(NamedTuple):
         held: by the flange.
         numbers: of the step.
         work: scratch.
+        rims: of a body with open ends, where the kernel makes its tangents; otherwise empty.
     """
 
     film: FilmArrays
@@ -161,6 +163,7 @@ class FilmSide(NamedTuple):
     held: HeldNodes
     numbers: StepNumbers
     work: StepWork
+    rims: RimArrays
 
 
 @device_function
@@ -383,6 +386,21 @@ def _fill_wide(new: NewTangents, acting: FilmActing, x: Matrix) -> bool:
 
 
 @device_function
+def _corrects(side: FilmSide, found: Matrix, x: Matrix) -> bool:
+    """Fill what open ends have beside a new factorisation; return whether that can be solved with."""
+    rims, film, pressure = side.rims, side.film, side.rims.pressure
+    if rims.nodes.shape[0] == 0:
+        return True
+    for k in range(film.chambers.shape[0] - 1):
+        for cap in range(film.chambers[k, 1], film.chambers[k + 1, 1]):
+            pressure[cap] = found[k, 0]
+    if correct_rims(rims, side.kept, x):
+        return True
+    side.kept.there[0] = 0
+    return False
+
+
+@device_function
 def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place: Any, part: int) -> int:
     """Take a step with a new tangent where the last point serves; return what is next."""
     kept, new, work, state = side.kept, side.tangents, side.work, side.work.parts[part]
@@ -400,7 +418,9 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
     fits = _fill_wide(new, acting, motion.new_x)
     state[ASKS] = TANGENT if fits else PATTERN
     blocks = new.wide.blocks if new.wide.call != 0 else new.blocks
-    if not fits or not renew(kept, blocks, motion.flange, begin, end):
+    hold_rims(side.rims, blocks)
+    definite = fits and renew(kept, blocks, motion.flange, begin, end)
+    if not definite or not _corrects(side, acting.more.found, motion.new_x):
         _go_back(side, motion, part)
         return _STOP
     state[ASKS], state[SEARCHES] = NOTHING, 1.0

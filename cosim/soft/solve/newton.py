@@ -67,7 +67,7 @@ from cosim.soft.linear.linear_solver import (
 from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
-from cosim.soft.published.open_caps import OpenCapSolver
+from cosim.soft.published.open_caps import OpenCapSolver, RimArrays
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
@@ -270,7 +270,8 @@ class NewtonSolver:
         own = task.loads.extra is None and not len(more.coefficients)
         tangents = self._tangents(film) if own else self._no_tangents
         kept, work = self._kept_arrays(task.kind), self._work._replace(more=more)
-        return FilmSide(film, bed, kept, tangents, task.held, task.numbers, work)
+        rims = self.linear.rims if isinstance(self.linear, OpenCapSolver) and tangents.first.size else None
+        return FilmSide(film, bed, kept, tangents, task.held, task.numbers, work, rims or self._no_rims)
 
     def _answer(self, solution: NewtonProgress, side: FilmSide, part: int) -> int:
         """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
@@ -427,7 +428,8 @@ class NewtonSolver:
             return self._nothing_kept._replace(there=outside, extra=extra[:1])
         frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
         counts = np.array(there, np.int64), np.zeros(len(parts), np.int64)
-        entries = linear.entries if isinstance(linear, EnvelopeCholesky) else self._nothing_kept.entries
+        closed = linear.closed if isinstance(linear, OpenCapSolver) else linear
+        entries = closed.entries if isinstance(closed, EnvelopeCholesky) else self._nothing_kept.entries
         dense, correction = self._no_dense, linear.correction
         if correction is not None:
             room = np.empty((1, *self.free.shape)), np.empty((1, len(correction.inner)))
@@ -462,9 +464,10 @@ class NewtonSolver:
     def _tangents(self, film: FilmArrays) -> NewTangents:
         """Where the kernel makes new tangents; nothing where it cannot, or a saved state holds the factor."""
         linear, system = self.linear, self.system
-        if not isinstance(linear, EnvelopeCholesky) or linear.lent or linear.correction is not None:
-            return self._no_tangents
-        if not system.conservative or not system.complete:
+        closed, known = linear, linear.correction is None
+        if isinstance(linear, OpenCapSolver):
+            closed, known = linear.closed, linear.rims is not None
+        if not isinstance(closed, EnvelopeCholesky) or closed.lent or not known or not system.complete:
             return self._no_tangents
         first = np.searchsorted(system.pattern.row, film.parts[:, NODES])
         return NewTangents(system.slots, system.blocks, first, self._wide)
@@ -482,6 +485,11 @@ class NewtonSolver:
                 np.empty(pattern.blocks, np.int64),
             )  # fmt: skip
         return last[1]
+
+    @cached_property
+    def _no_rims(self) -> RimArrays:
+        nothing: RimArrays = nothing_of(RimArrays)
+        return nothing
 
     @cached_property
     def _no_tangents(self) -> NewTangents:

@@ -19,8 +19,8 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     address_of,
-    device_function,
     handing_on_views,
+    inlined,
     kernel,
     small_matrix,
     small_vector,
@@ -109,7 +109,7 @@ def first_pairs(rows: PairRows, count: int) -> PairRows:
     )  # fmt: skip
 
 
-@device_function
+@inlined
 def _describe(x: Matrix, films: FilmContacts, e: int, y: Vector, slope: Matrix) -> None:
     """Fill pair e: as it is before a step, and without friction."""
     rows, pairs, p, t = films.lists.rows, films.pairs, films.hits[e, 0], films.hits[e, 1]
