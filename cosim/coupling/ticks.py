@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.base.kernels import Blocks, Indices, Matrix, Vector, device_function
 from cosim.reduced.sections.assembly import FIGURES
-from cosim.rigid.scene.bodies import Bodies
+
+if TYPE_CHECKING:
+    from cosim.rigid.scene.bodies import Bodies
 
 
 class Servos(NamedTuple):

@@ -24,7 +24,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
 from tests.coupling.pads import GRASP, Grasp
-from tests.soft.bodies import icosphere, random_rotation
+from tests.soft.bodies import icosphere
 
 
 def nodal_contact_force(grasp: Grasp) -> Array:

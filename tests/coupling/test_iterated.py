@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions, QuasiNewton
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling

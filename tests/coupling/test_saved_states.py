@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.build.arms import find_arm
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
-from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.newton_options import NewtonOptions
