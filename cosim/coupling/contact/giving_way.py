@@ -43,7 +43,7 @@ AGREED_M: Final = 2e-5
 _LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
-_VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
+_VERY_LIGHT = 30.0  # contact ratio from which on a body is pushed out at first
 _SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
 _UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
@@ -225,6 +225,8 @@ class _Trial:
 class _Step:
     """The film's step of one tick, taken again with bodies that give way.
 
+    `bodies` (b,) are those that may give way, `touched` (t,) those of them that bear a load in the last trial.
+
     Args:
         exchange: contacts; where they are now is where they are found.
         soft: soft side.
@@ -240,6 +242,7 @@ class _Step:
         self.before, self._planes = soft.state, exchange.find(soft.state, self.tick_s)
         self.iterations = self.trials = 0
         self.bodies: IntArray = np.zeros(0, np.int64)
+        self.touched: IntArray = self.bodies
         if self._planes is not None:
             near = np.unique(self._planes.body)
             self.bodies = near[exchange.arrays.bodies.leads.ahead[near] != 0]
@@ -278,7 +281,9 @@ class _Step:
         reply = replace(reply, iterations=self.iterations)
         if not len(self.bodies):
             return _Trial(change, change, reply)
-        return _Trial(change, self.answered(self._soft.state.positions) - self._applied - change, reply)
+        answered = self.answered(self._soft.state.positions)
+        self.touched = self.bodies[answered.reshape(-1, 6).any(axis=1)]
+        return _Trial(change, answered - self._applied - change, reply)
 
     def guess(self) -> Array:
         """Return the change of loads (6 b,) with which bodies give way to a film that keeps its velocity.
@@ -318,10 +323,6 @@ class _Step:
     def newton_step(self, stiffness: Array, residual: Array) -> Array:
         """Return the change of loads (6 b,) that should take a residual away."""
         return np.linalg.solve(np.eye(len(residual)) + stiffness @ self.mobility, residual)
-
-    def touched(self) -> IntArray:
-        """Return which of the bodies (t,) bear a load."""
-        return self.bodies[self.answered(self._soft.state.positions).reshape(-1, 6).any(axis=1)]
 
     def presses(self) -> bool:
         """Return whether the film presses on bodies where the last trial has ended."""
@@ -363,10 +364,12 @@ class _Step:
         moved = motion.reshape(-1, 6)
         shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
+        if not further.any():
+            return 0.0
         self._exchange.move(self._levers.mine, further)
         self._exchange.arrays.bodies.centers[self.bodies] = self._centers + moved[:, :3]
         self._planes = self._exchange.planes
-        return float(np.abs(further).max(initial=0.0))
+        return float(np.abs(further).max())
 
 
 @final
@@ -405,9 +408,10 @@ class LightBodies:
         """
         tick = flange, loads, self._tick_s
         step = _Step(self._exchange, self._soft, tick, aim)
-        trial = step.take(step.guess())
+        light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()
+        trial = step.take(step.guess() if light else None)
         if len(step.bodies):
-            touched = step.touched()
+            touched = step.touched
             if len(touched) and not np.isin(touched, self._known).all():
                 self._learn(step)
                 if self.ratio <= RATIO_BOUND:
@@ -500,7 +504,7 @@ class LightBodies:
         return stiffness
 
     def _error(self, step: _Step, away: float) -> ConvergenceError:
-        names = ", ".join(self._exchange.bodies.names(step.touched()))
+        names = ", ".join(self._exchange.bodies.names(step.touched))
         return ConvergenceError(
             f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: the bodies "
             f"would be {1e3 * away:.3g} mm from where the film meets them; try a shorter clock.tick_s, or "

@@ -52,7 +52,12 @@ class TransferredLoads:
     bodies_size_N: float
 
     def error(self, due: SixNumbers, received: SixNumbers) -> float:
-        """Return the largest relative difference of what the flange has received from this and what is due."""
+        """Return the largest relative difference of what the flange has received from this and what is due.
+
+        Args:
+            due: besides these loads, about the world's origin.
+            received: about the world's origin.
+        """
         return _error(_sum(self.flange, due), received, self.flange_size_N)
 
 
