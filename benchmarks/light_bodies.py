@@ -1,6 +1,6 @@
-"""Balls dropped on a soft robot: does the film's impulse fit their motion, however light they are?
+"""Balls dropped on a soft robot: the film's impulse is their change of momentum, however light they are.
 
-    python benchmarks/light_bodies.py [--masses 1e-4,1e-3] [--ticks 1e-3,4e-3] [--schemes staggered] [--json PATH]
+    python benchmarks/light_bodies.py [--masses 1e-4,1e-3] [--ticks 4e-3] [--schemes staggered] [--json PATH]
 
 A ball of 30 mm falls by 35 mm on an arm that lies on its side, near its tip. Of each mass, tick and scheme:
 what the film's impulse less m g t differs from the ball's change of momentum, over that; the impulse; the
@@ -127,8 +127,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     found = []
-    print("| mass [g] | tick [ms] | scheme | ratio | impulse error | impulse [mN s] | force [N] | rebound [mm] |", end="")
-    print(" energy, most, last [mm] | tip [mm] | ms a tick |")
+    print("| mass [g] | tick [ms] | scheme | ratio | impulse error | impulse [mN s] | force [N] |", end="")
+    print(" rebound [mm] | energy, most, last [mm] | tip [mm] | ms a tick |")
     print("|---:|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     with TemporaryDirectory() as folder:
         scenario = Path(folder) / "ball.toml"

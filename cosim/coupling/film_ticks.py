@@ -183,10 +183,10 @@ def _take_soft_step(
 def _may_give_way(contact: ContactArrays, found: int) -> bool:
     """Return whether a body is near that may give way."""
     ahead, body = contact.bodies.leads.ahead, contact.touched.planes.body
+    near = 0
     for e in range(found):
-        if ahead[body[e]]:
-            return True
-    return False
+        near = max(near, ahead[body[e]])
+    return near > 0
 
 
 @device_function

@@ -121,7 +121,7 @@ def fill_speed(leads: Any, body: int, out: Vector) -> None:
 def led(lead: Vector, place: Vector, r: int) -> float:
     """Return component r of a lead at a place."""
     s, q = (r + 1) % 3, (r + 2) % 3
-    return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]  # type: ignore[no-any-return]
+    return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]
 
 
 class Ticks(NamedTuple):

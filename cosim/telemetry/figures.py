@@ -16,6 +16,7 @@ from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
+
 @final
 @dataclass(frozen=True)
 class ExchangeFigures:

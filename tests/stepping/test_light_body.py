@@ -58,7 +58,10 @@ def test_a_light_ball_takes_the_impulse_that_the_film_gives(dropped: Any, scheme
     """It took 700 times its momentum, and the iterated exchange ended in a ConvergenceError."""
     result = dropped(TICK_S, scheme)
     ball = result.stage.body_names.index("ball")
-    force, velocity = result.body_contact_force[:, ball], np.diff(result.body_position[:, ball], axis=0) / TICK_S
+    force, velocity = (
+        result.body_contact_force[:, ball],
+        np.diff(result.body_position[:, ball], axis=0) / TICK_S,
+    )
     given = TICK_S * force[:-1].sum(axis=0)
     weight = MASS_kg * 9.81 * TICK_S * (len(velocity) - 1)
     assert given[2] - weight == pytest.approx(MASS_kg * (velocity[-1] - velocity[0])[2], rel=1e-6)

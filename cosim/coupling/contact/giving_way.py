@@ -1,22 +1,22 @@
 """Bodies that the film can move: they give way to it within its own step.
 
 A force that acts on a body one tick late throws it where the body is lighter than the film's own answer: over
-a tick h, a motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film in
-series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T. Above 1, the largest eigenvalue
-of S C (the contact ratio) makes an exchange grow that is one tick late.
+a tick h, a motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film
+in series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T. Where the largest eigenvalue
+of S C (the contact ratio) is above 1, an exchange grows that is one tick late.
 
 So the film meets such a body where it will be at the end of the body's next step, in which the load of this
-very step acts: at x + h (v + h a) + C (F - F'), a the acceleration of the last step and F' the load that acted
-in it. That is implicit Euler for film and body together, stable whatever the body weighs, and the body bears F
-in MuJoCo's step, with its own mass and with whatever else holds it: impulses are exact. Seen from the film the
-body is one tick ahead, in a frame that goes with the flange.
+very step acts: at x + h (v + h a) + C (F - F'), a the acceleration of the last step and F' the load that
+acted in it. That is implicit Euler for film and body together, stable whatever the body weighs, and the body
+bears F in MuJoCo's step, with its own mass and with whatever else holds it: impulses are exact. Seen from the
+film the body is one tick ahead, in a frame that goes with the flange.
 
 Unknown is l = F - F', of all bodies that the film may touch. The film's step with its planes moved on by C l
 answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of the monotone residual. A step
 beyond it is cut by the secant of the work that the residual does along the motion C dl.
 
-In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way into
-it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later.
+In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way
+into it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ class _Trial:
 class _Step:
     """The film's step of one tick, taken again with bodies that give way.
 
-    `bodies` (b,) are those that may give way, `touched` (t,) those of them that bear a load in the last trial.
+    `bodies` (b,) are those that may, `touched` (t,) those of them that bear a load in the last trial.
 
     Args:
         exchange: contacts; where they are now is where they are found.
@@ -322,7 +322,7 @@ class _Step:
 
     def newton_step(self, stiffness: Array, residual: Array) -> Array:
         """Return the change of loads (6 b,) that should take a residual away."""
-        return np.linalg.solve(np.eye(len(residual)) + stiffness @ self.mobility, residual)
+        return np.asarray(np.linalg.solve(np.eye(len(residual)) + stiffness @ self.mobility, residual), float)
 
     def presses(self) -> bool:
         """Return whether the film presses on bodies where the last trial has ended."""
@@ -349,18 +349,18 @@ class _Step:
         return most
 
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
-        """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of the contacts alone."""
+        """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of contacts alone."""
         assert self._planes is not None, "there are bodies"
         tangents, soft = self._planes.stiffnesses(x), None if alone else self._soft
         return self._levers.stiffness(self._planes, tangents, soft, self.tick_s)
 
     def answered(self, x: Array) -> Array:
-        """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres of mass."""
+        """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres."""
         assert self._planes is not None, "there are bodies"
         return self._levers.loads(-self._planes.at(x).force[self._levers.mine])
 
     def _meet(self, motion: Array) -> float:
-        """Let the film meet bodies where a motion (6 b,) has brought them; return how far that is from before."""
+        """Let the film meet bodies where a motion (6 b,) brings them; return how far that is from before."""
         moved = motion.reshape(-1, 6)
         shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
@@ -504,11 +504,14 @@ class LightBodies:
         return stiffness
 
     def _error(self, step: _Step, away: float) -> ConvergenceError:
-        names = ", ".join(self._exchange.bodies.names(step.touched))
+        bodies, touched = self._exchange.bodies, step.touched if len(step.touched) else step.bodies
+        names = ", ".join(bodies.names(touched))
+        heavier = max(self.ratio, RATIO_BOUND) / RATIO_BOUND
+        least = ", ".join(f"{heavier * mass:.3g} kg" for mass in bodies.masses_kg(touched))
         return ConvergenceError(
             f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: the bodies "
             f"would be {1e3 * away:.3g} mm from where the film meets them; try a shorter clock.tick_s, or "
-            f"bodies {self.ratio / RATIO_BOUND:.3g} times as heavy, which need no trials",
+            f"give them at least {least}, which needs no trials",
             away,
             step.iterations,
         )

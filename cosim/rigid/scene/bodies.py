@@ -112,9 +112,7 @@ class Bodies:
         driven: (bodies,), which no load moves though they have joints.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask) -> None:
         self._model, self._data, self.flange = model, data, layout.mount
         self._movable: Mask = (model.body_weldid != 0) & ~driven
         self.applied: Array = data.xfrc_applied
@@ -143,6 +141,10 @@ class Bodies:
     def names(self, bodies: IntArray) -> tuple[str, ...]:
         """Return the names of bodies (b,)."""
         return tuple(self._model.body(int(body)).name for body in bodies)
+
+    def masses_kg(self, bodies: IntArray) -> list[float]:
+        """Return the masses of bodies (b,) [kg]."""
+        return [float(mass) for mass in self._model.body_mass[bodies]]
 
     def movable(self, bodies: IntArray) -> Mask:
         """Return which of bodies (b,) loads can move (b,) bool."""

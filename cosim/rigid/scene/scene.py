@@ -303,9 +303,7 @@ class RigidScene:
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
         servo_torque = np.array(self._data.qfrc_actuator)
         load, on_arm = self.flange.measured, self.bodies.carried.on_arm
-        return RigidState(
-            integration, armature, acceleration, servo_torque, load, self.bodies.loaded, on_arm
-        )
+        return RigidState(integration, armature, acceleration, servo_torque, load, self.bodies.loaded, on_arm)
 
     def restore_state(self, state: RigidState) -> None:
         """Return to a state of `save_state`, model edits included; everything readable follows.
