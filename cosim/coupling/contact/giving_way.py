@@ -509,8 +509,8 @@ class LightBodies:
         heavier = max(self.ratio, RATIO_BOUND) / RATIO_BOUND
         least = ", ".join(f"{heavier * mass:.3g} kg" for mass in bodies.masses_kg(touched))
         return ConvergenceError(
-            f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: these would "
-            f"be {1e3 * away:.3g} mm from where the film meets them; try a shorter clock.tick_s, or "
+            f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: these "
+            f"would be {1e3 * away:.3g} mm from where the film meets them; try a shorter clock.tick_s, or "
             f"give them at least {least}, which needs no trials",
             away,
             step.iterations,
