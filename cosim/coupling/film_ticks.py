@@ -3,7 +3,8 @@
 After the rigid half of a tick the film takes one step with the flange's new pose (`film_step`) and what it
 may touch, and returns the next wrench, and loads on bodies. The soft half of a tick is left in which the
 lists of what is near do not serve, or the flange turns far; its soft step in the middle where a tangent is
-indefinite; a row ends after a tick with which bodies are to be weighed.
+indefinite; so is the soft half where bodies are near that may give way within it (`giving_way`). A row ends
+after a tick with which bodies are to be weighed.
 """
 
 from __future__ import annotations
@@ -191,13 +192,13 @@ def _take_soft_step(
 
 
 @device_function
-def _may_give_way(contact: ContactArrays, found: int, known: int) -> bool:
-    """Return whether a body that may give way bears a load: before the step, or of known contacts after it."""
-    ahead, loaded, body = contact.bodies.leads.ahead, contact.bodies.loaded, contact.touched.planes.body
+def _may_give_way(contact: ContactArrays, found: int) -> bool:
+    """Return whether a body is near that may give way."""
+    ahead, body = contact.bodies.leads.ahead, contact.touched.planes.body
+    near = 0
     for e in range(found):
-        if ahead[body[e]] and (loaded[body[e]] or (e < known and contact.touched.pressing[e] > 0.0)):
-            return True
-    return False
+        near = max(near, ahead[body[e]])
+    return near > 0
 
 
 @device_function
@@ -257,12 +258,10 @@ def _take_tick(
     contact, found = row.contact, _find(row, way.x[k + 1], way.velocity[k + 1])
     if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
-    if found[0] > 0 and _may_give_way(contact, found[0], 0):
+    if _may_give_way(contact, found[0]):
         return SOFT_HALF_LEFT
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
         return SOFT_STEP_BEGUN
-    if found[0] > 0 and _may_give_way(contact, found[0], found[0]):
-        return SOFT_HALF_LEFT
     acting = row.side.held, row.side.work.gradient
     _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))

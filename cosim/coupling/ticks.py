@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.base.kernels import Blocks, Indices, Matrix, Vector, device_function
 from cosim.reduced.sections.assembly import FIGURES
-from cosim.rigid.scene.bodies import Bodies
+
+if TYPE_CHECKING:
+    from cosim.rigid.scene.bodies import Bodies
 
 
 class Servos(NamedTuple):
@@ -119,7 +121,7 @@ def fill_speed(leads: Any, body: int, out: Vector) -> None:
 def led(lead: Vector, place: Vector, r: int) -> float:
     """Return component r of a lead at a place."""
     s, q = (r + 1) % 3, (r + 2) % 3
-    return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]  # type: ignore[no-any-return]
+    return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]
 
 
 class Ticks(NamedTuple):

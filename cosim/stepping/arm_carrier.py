@@ -209,8 +209,7 @@ class ArmCarrier(Carrier):
     def restore_state(self, state: object) -> None:
         if not isinstance(state, ArmCarrierState):
             raise InputError("the saved state is of a held base, this flange is carried")
-        touched = np.concatenate([state.scene.loaded, state.scene.carrying])
-        check_indices(touched, len(self._scene.body_names), "bodies")
+        check_indices(state.scene.loaded, len(self._scene.body_names), "bodies")
         self._scene.restore_state(state.scene)
         self._reference = state.reference
         if state.coupling is None:

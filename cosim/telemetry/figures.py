@@ -18,9 +18,6 @@ from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
-_INERT_BODY: Final = 10.0
-"""Contact ratio above which a run warns: it hits like something else."""
-
 
 @final
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class ExchangeFigures:
         residual: largest relative difference of the loads in them.
         power_error: largest relative one, of any tick.
         momentum_error: the same.
-        contact_ratio: largest of ticks that are not iterated; above 1 a touched body carries what it lacks.
+        contact_ratio: largest; above 1 touched bodies give way within the film's step.
     """
 
     iterated_ticks: int = 0
@@ -55,7 +52,7 @@ class ExchangeFigures:
             largest(self.residual, batch.interface_residual),
             largest(self.power_error, batch.power_error),
             largest(self.momentum_error, batch.momentum_error),
-            largest(self.contact_ratio, np.where(trials == 0, batch.contact_ratio, 0.0)),
+            largest(self.contact_ratio, batch.contact_ratio),
         )
 
     def summary(self) -> dict[str, Any]:
@@ -69,20 +66,6 @@ class ExchangeFigures:
             "max_momentum_error": self.momentum_error,
             "max_contact_ratio": self.contact_ratio,
         }
-
-    def warnings(self, tick_s: float) -> list[str]:
-        """Return a warning where a touched body was far more inert than it is.
-
-        Args:
-            tick_s: length of a tick [s].
-        """
-        if self.contact_ratio <= _INERT_BODY:
-            return []
-        shorter = tick_s / math.sqrt(self.contact_ratio)  # the ratio falls with the square of the tick
-        return [
-            f"a body that the film touched moved as if it were up to {self.contact_ratio:.3g} times as heavy "
-            f"as it is: set clock.tick_s = {shorter:.1g}, or a heavier body"
-        ]
 
 
 def largest(before: float, values: Array) -> float:

@@ -269,11 +269,7 @@ class SummaryBuilder:
 
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
-        beyond = [
-            *self._exchange.warnings(self._stage.tick_s),
-            *strength_warnings(self._phases),
-            *undecided_warnings(self._branchings),
-        ]
+        beyond = [*strength_warnings(self._phases), *undecided_warnings(self._branchings)]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]

@@ -111,7 +111,9 @@ def test_the_inertia_of_a_mesh_is_that_of_its_solid() -> None:
         Geometry("cylinder", (0.036, 0.004), (0.0, 0.0, 0.042)),
     )
     round_one = SceneObject("round", mass_kg=0.1, parts=cylinders, position_m=(1.0, 0.0, 0.0))
-    scene = scene_of(SceneObject("spool", "mesh", mass_kg=0.1, mesh=mesh), round_one)
+    scene = scene_of(
+        SceneObject("spool", "mesh", mass_kg=0.1, mesh=mesh, position_m=(1.0, 1.0, 0.0)), round_one
+    )
     bodies = np.array([scene.body_names.index(name) for name in ("spool", "round")])
     of_mesh, of_cylinders = np.diag(scene.bodies.mobility(bodies)).reshape(2, 6)
     # a 32-gon has 0.6 % less inertia per area than its circle

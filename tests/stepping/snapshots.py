@@ -50,17 +50,17 @@ def assert_close(found: list[Snapshot], expected: list[Snapshot], tolerance: flo
 def kernels_take(run: Any, most: int | None = None) -> tuple[list[Snapshot], set[int]]:
     """Return states of a run, and the ticks whose soft half no Python has taken."""
     soft, carrier = run._parts.soft, run._parts.carrier
-    advance, left = soft.advance, set[int]()
+    advance, left = soft._advance, set[int]()
 
     def noted(*given: Any) -> Any:
         left.add(carrier._coupling.interface.ticks + 1)
         return advance(*given)
 
-    soft.advance = noted
+    soft._advance = noted
     try:
         shown = [snapshot for batch in run.batches(64, most=most) for snapshot in batch]
     finally:
-        del soft.advance
+        del soft._advance
     return shown, {snapshot.tick for snapshot in shown} - {0} - left
 
 

@@ -22,8 +22,8 @@ AHEAD_TICKS: Final = 2.0
 """How many ticks' way of the fastest node a film looks ahead."""
 REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT = range(6)
 """Places in `ContactArrays.counts`: contacts remembered, contacts in the last tick, how many of these are of
-the film's points, ticks of contact since bodies were weighed, whether heavy ones are to be, whether a tick in which
-nothing is touched has something to end."""
+the film's points, ticks of contact since bodies were weighed, whether heavy ones are to be, whether a tick in
+which nothing is touched has something to end."""
 
 
 class NearPoints(NamedTuple):

@@ -1,22 +1,22 @@
 """Bodies that the film can move: they give way to it within its own step.
 
 A force that acts on a body one tick late throws it where the body is lighter than the film's own answer: over
-a tick h, a motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film in
-series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T. Above 1, the largest eigenvalue
-of S C (the contact ratio) makes an exchange grow that is one tick late.
+a tick h, a motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film
+in series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T. Where the largest eigenvalue
+of S C (the contact ratio) is above 1, an exchange grows that is one tick late.
 
 So the film meets such a body where it will be at the end of the body's next step, in which the load of this
-very step acts: at x + h (v + h a) + C (F - F'), a the acceleration of the last step and F' the load that acted
-in it. That is implicit Euler for film and body together, stable whatever the body weighs, and the body bears F
-in MuJoCo's step, with its own mass and with whatever else holds it: impulses are exact. Seen from the film the
-body is one tick ahead, in a frame that goes with the flange.
+very step acts: at x + h (v + h a) + C (F - F'), a the acceleration of the last step and F' the load that
+acted in it. That is implicit Euler for film and body together, stable whatever the body weighs, and the body
+bears F in MuJoCo's step, with its own mass and with whatever else holds it: impulses are exact. Seen from the
+film the body is one tick ahead, in a frame that goes with the flange.
 
 Unknown is l = F - F', of all bodies that the film may touch. The film's step with its planes moved on by C l
 answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of the monotone residual. A step
 beyond it is cut by the secant of the work that the residual does along the motion C dl.
 
-In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way into
-it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later.
+In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way
+into it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ AGREED_M: Final = 2e-5
 _LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
-_VERY_LIGHT = 100.0  # contact ratio of the contacts alone, from which on a body is pushed out at first
+_VERY_LIGHT = 30.0  # contact ratio from which on a body is pushed out at first
 _SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
 _UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
@@ -225,6 +225,8 @@ class _Trial:
 class _Step:
     """The film's step of one tick, taken again with bodies that give way.
 
+    `bodies` (b,) are those that may, `touched` (t,) those of them that bear a load in the last trial.
+
     Args:
         exchange: contacts; where they are now is where they are found.
         soft: soft side.
@@ -240,6 +242,7 @@ class _Step:
         self.before, self._planes = soft.state, exchange.find(soft.state, self.tick_s)
         self.iterations = self.trials = 0
         self.bodies: IntArray = np.zeros(0, np.int64)
+        self.touched: IntArray = self.bodies
         if self._planes is not None:
             near = np.unique(self._planes.body)
             self.bodies = near[exchange.arrays.bodies.leads.ahead[near] != 0]
@@ -278,7 +281,9 @@ class _Step:
         reply = replace(reply, iterations=self.iterations)
         if not len(self.bodies):
             return _Trial(change, change, reply)
-        return _Trial(change, self.answered(self._soft.state.positions) - self._applied - change, reply)
+        answered = self.answered(self._soft.state.positions)
+        self.touched = self.bodies[answered.reshape(-1, 6).any(axis=1)]
+        return _Trial(change, answered - self._applied - change, reply)
 
     def guess(self) -> Array:
         """Return the change of loads (6 b,) with which bodies give way to a film that keeps its velocity.
@@ -317,11 +322,7 @@ class _Step:
 
     def newton_step(self, stiffness: Array, residual: Array) -> Array:
         """Return the change of loads (6 b,) that should take a residual away."""
-        return np.linalg.solve(np.eye(len(residual)) + stiffness @ self.mobility, residual)
-
-    def touched(self) -> IntArray:
-        """Return which of the bodies (t,) bear a load."""
-        return self.bodies[self.answered(self._soft.state.positions).reshape(-1, 6).any(axis=1)]
+        return np.asarray(np.linalg.solve(np.eye(len(residual)) + stiffness @ self.mobility, residual), float)
 
     def presses(self) -> bool:
         """Return whether the film presses on bodies where the last trial has ended."""
@@ -348,25 +349,27 @@ class _Step:
         return most
 
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
-        """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of the contacts alone."""
+        """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of contacts alone."""
         assert self._planes is not None, "there are bodies"
         tangents, soft = self._planes.stiffnesses(x), None if alone else self._soft
         return self._levers.stiffness(self._planes, tangents, soft, self.tick_s)
 
     def answered(self, x: Array) -> Array:
-        """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres of mass."""
+        """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres."""
         assert self._planes is not None, "there are bodies"
         return self._levers.loads(-self._planes.at(x).force[self._levers.mine])
 
     def _meet(self, motion: Array) -> float:
-        """Let the film meet bodies where a motion (6 b,) has brought them; return how far that is from before."""
+        """Let the film meet bodies where a motion (6 b,) brings them; return how far that is from before."""
         moved = motion.reshape(-1, 6)
         shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
+        if not further.any():
+            return 0.0
         self._exchange.move(self._levers.mine, further)
         self._exchange.arrays.bodies.centers[self.bodies] = self._centers + moved[:, :3]
         self._planes = self._exchange.planes
-        return float(np.abs(further).max(initial=0.0))
+        return float(np.abs(further).max())
 
 
 @final
@@ -405,9 +408,10 @@ class LightBodies:
         """
         tick = flange, loads, self._tick_s
         step = _Step(self._exchange, self._soft, tick, aim)
-        trial = step.take(step.guess())
+        light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()
+        trial = step.take(step.guess() if light else None)
         if len(step.bodies):
-            touched = step.touched()
+            touched = step.touched
             if len(touched) and not np.isin(touched, self._known).all():
                 self._learn(step)
                 if self.ratio <= RATIO_BOUND:
@@ -500,11 +504,14 @@ class LightBodies:
         return stiffness
 
     def _error(self, step: _Step, away: float) -> ConvergenceError:
-        names = ", ".join(self._exchange.bodies.names(step.touched()))
+        bodies, touched = self._exchange.bodies, step.touched if len(step.touched) else step.bodies
+        names = ", ".join(bodies.names(touched))
+        heavier = max(self.ratio, RATIO_BOUND) / RATIO_BOUND
+        least = ", ".join(f"{heavier * mass:.3g} kg" for mass in bodies.masses_kg(touched))
         return ConvergenceError(
-            f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: the bodies "
+            f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: these "
             f"would be {1e3 * away:.3g} mm from where the film meets them; try a shorter clock.tick_s, or "
-            f"bodies {self.ratio / RATIO_BOUND:.3g} times as heavy, which need no trials",
+            f"give them at least {least}, which needs no trials",
             away,
             step.iterations,
         )

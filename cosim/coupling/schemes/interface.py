@@ -52,7 +52,12 @@ class TransferredLoads:
     bodies_size_N: float
 
     def error(self, due: SixNumbers, received: SixNumbers) -> float:
-        """Return the largest relative difference of what the flange has received from this and what is due."""
+        """Return the largest relative difference of what the flange has received from this and what is due.
+
+        Args:
+            due: besides these loads, about the world's origin.
+            received: about the world's origin.
+        """
         return _error(_sum(self.flange, due), received, self.flange_size_N)
 
 
@@ -275,9 +280,11 @@ class Interface:
         figures = taken.ticks.figures[taken.done + count].copy()
         self.wrench = supplied_wrench(figures)
         if self.contact is not None and self.light is not None:
+            ticks = taken.ticks.from_on(taken.done)
+            ticks.contact[:count, 2] = np.where(ticks.contacts[:count] > 0, self.light.ratio, 0.0)
             self.contact.forget()
             self.light.weigh()
-            taken.ticks.contact[taken.done : taken.done + count, 2] = self.contact_ratio
+            ticks.contact[count - 1, 2] = self.contact_ratio
         taken.stability_ratio[taken.done : taken.done + count] = self.ratio
         self.scene.stepped(taken.ticks.flange(taken.done + count - 1))
         taken.done += count

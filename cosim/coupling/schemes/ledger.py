@@ -56,7 +56,7 @@ class LedgerEntry:
         contacts: points of the film that press on something.
         contact_force_N: sum of their normal forces.
         contact_depth_m: how deep the deepest of them is; negative while nothing has sunk in.
-        contact_ratio: largest algorithmic mass of the film over the inertia of a free body that it touches.
+        contact_ratio: largest mass by which the film answers touched bodies within a tick, over theirs.
         self_contacts: points of the film that press on another film of the soft robot.
         self_contact_force_N: sum of their normal forces.
         self_contact_depth_m: how deep the deepest of them is behind the other film; negative while none is.

@@ -142,6 +142,10 @@ class Bodies:
         """Return the names of bodies (b,)."""
         return tuple(self._model.body(int(body)).name for body in bodies)
 
+    def masses_kg(self, bodies: IntArray) -> list[float]:
+        """Return the masses of bodies (b,) [kg]."""
+        return [float(mass) for mass in self._model.body_mass[bodies]]
+
     def movable(self, bodies: IntArray) -> Mask:
         """Return which of bodies (b,) loads can move (b,) bool."""
         return np.asarray(self._movable[bodies])

@@ -1,0 +1,146 @@
+"""Balls dropped on a soft robot: the film's impulse is their change of momentum, however light they are.
+
+    python benchmarks/light_bodies.py [--masses 1e-4,1e-3] [--ticks 4e-3] [--schemes staggered] [--json PATH]
+
+A ball of 30 mm falls by 35 mm on an arm that lies on its side, near its tip. Of each mass, tick and scheme:
+what the film's impulse less m g t differs from the ball's change of momentum, over that; the impulse; the
+strongest force; how high the ball comes after the first touch, and what its energy could lift it above its
+start at most and at the end; how far the arm's tip moves; the largest contact ratio; processor time a tick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+import cosim
+from cosim.errors import SolverError
+
+RADIUS_M, DROP_M, GRAVITY = 0.015, 0.035, 9.81
+FROM_TIP_M = 0.05
+MASSES_KG = (1e-4, 1e-3, 1e-2, 0.1, 1.0)
+TICKS_S = (1e-3, 2e-3, 4e-3, 8e-3)
+SCENARIO = """
+schema = 2
+title = "a ball falls on an arm"
+robot = "ur5e"
+soft_robot = "hexagon_arm"
+fidelity = "lumped"
+
+[start]
+flange = { position_m = [0.4, 0.0, 0.5], direction = [1.0, 0.0, 0.0] }
+pressure_Pa = 30e3
+
+[[object]]
+name = "ball"
+shape = "sphere"
+size_m = [0.015]
+position_m = [0.41, 0.0, 0.9]
+
+[[phase]]
+name = "drop"
+duration_s = 0.24
+pressure_Pa = 30e3
+"""
+
+
+def place_above(scenario: Path) -> list[float]:
+    """Return from where a ball falls on the film by its drop (3,) [m]."""
+    film = cosim.Simulation(scenario).snapshot.node_position
+    x, y = float(film[:, 0].max()) - FROM_TIP_M, 0.0
+    below = film[np.hypot(film[:, 0] - x, film[:, 1] - y) < RADIUS_M]
+    return [x, y, float(below[:, 2].max()) + RADIUS_M + DROP_M]
+
+
+def dropped(scenario: Path, place: list[float], mass_kg: float, tick_s: float, scheme: str) -> dict[str, Any]:
+    """Return what comes of one drop."""
+    changes = {
+        "object.ball.position_m": place,
+        "object.ball.mass_kg": mass_kg,
+        "clock.tick_s": tick_s,
+        "coupling.scheme": scheme,
+    }
+    began = time.process_time()
+    try:
+        result = cosim.run(scenario, overrides=changes)
+    except SolverError as failure:
+        return {"ended": str(failure)}
+    spent = time.process_time() - began
+    ball = result.stage.body_names.index("ball")
+    force, position = result.body_contact_force[:, ball], result.body_position[:, ball]
+    velocity = np.diff(position, axis=0) / tick_s
+    # a force acts in the next tick
+    impulse = tick_s * force[:-1].sum(axis=0)
+    weight = mass_kg * GRAVITY * tick_s * (len(velocity) - 1)
+    gained = mass_kg * (velocity[-1] - velocity[0])
+    height = position[1:, 2] - position[0, 2] + (velocity**2).sum(axis=1) / (2.0 * GRAVITY)
+    first = int(np.flatnonzero(force.any(axis=1))[0])
+    lowest = first + int(np.argmin(position[first : first + round(0.05 / tick_s), 2]))
+    return {
+        "ended": "held",
+        "impulse_error": float(
+            np.linalg.norm(impulse - [0.0, 0.0, weight] - gained) / np.linalg.norm(gained)
+        ),
+        "impulse_N_s": float(np.linalg.norm(impulse)),
+        "momentum_N_s": mass_kg * float(np.sqrt(2.0 * GRAVITY * DROP_M)),
+        "force_N": float(np.linalg.norm(force, axis=1).max()),
+        "rebound_m": float(position[lowest:, 2].max() - position[lowest, 2]),
+        "highest_energy_m": float(height.max()),
+        "last_energy_m": float(height[-1]),
+        "tip_m": float(np.ptp(result.tip_position, axis=0).max()),
+        "contact_ratio": result.summary["max_contact_ratio"],
+        "ms_per_tick": 1e3 * spent / len(force),
+    }
+
+
+def row(figures: dict[str, Any]) -> str:
+    """Return a line of the table."""
+    case = f"| {1e3 * figures['mass_kg']:g} | {1e3 * figures['tick_s']:g} | {figures['scheme']} |"
+    if figures["ended"] != "held":
+        return f"{case} {figures['ended']} |"
+    return (
+        f"{case} {figures['contact_ratio']:.3g} | {figures['impulse_error']:.1e} | "
+        f"{1e3 * figures['impulse_N_s']:.3g} | {figures['force_N']:.3g} | {1e3 * figures['rebound_m']:.1f} | "
+        f"{1e3 * figures['highest_energy_m']:.2f}, {1e3 * figures['last_energy_m']:.1f} | "
+        f"{1e3 * figures['tip_m']:.2f} | {figures['ms_per_tick']:.1f} |"
+    )
+
+
+def numbers(text: str) -> list[float]:
+    """Return numbers that commas part."""
+    return [float(number) for number in text.split(",")]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--masses", type=numbers, default=MASSES_KG)
+    parser.add_argument("--ticks", type=numbers, default=TICKS_S)
+    parser.add_argument("--schemes", type=lambda text: text.split(","), default=("staggered", "iterated"))
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    found = []
+    print("| mass [g] | tick [ms] | scheme | ratio | impulse error | impulse [mN s] | force [N] |", end="")
+    print(" rebound [mm] | energy, most, last [mm] | tip [mm] | ms a tick |")
+    print("|---:|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    with TemporaryDirectory() as folder:
+        scenario = Path(folder) / "ball.toml"
+        scenario.write_text(SCENARIO, encoding="utf-8")
+        place = place_above(scenario)
+        for scheme, mass_kg, tick_s in product(options.schemes, options.masses, options.ticks):
+            case = {"mass_kg": mass_kg, "tick_s": tick_s, "scheme": scheme}
+            found.append(case | dropped(scenario, place, mass_kg, tick_s, scheme))
+            print(row(found[-1]), flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
