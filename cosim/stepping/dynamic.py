@@ -16,8 +16,7 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.self_contact_search import FilmOverlap
-from cosim.soft.solve.branching import WHOLE, Branching
+from cosim.soft.solve.branching import WHOLE, Branching, FilmOverlap
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot

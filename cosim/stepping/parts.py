@@ -26,8 +26,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.contact.self_contact_search import FilmOverlap
-from cosim.soft.solve.branching import Branching
+from cosim.soft.solve.branching import Branching, FilmOverlap
 from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier

@@ -13,8 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
-from cosim.soft.contact.self_contact_search import FilmOverlap
-from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching
+from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
-    from cosim.soft.contact.self_contact_search import FilmOverlap
-    from cosim.soft.solve.branching import Branching
+    from cosim.soft.solve.branching import Branching, FilmOverlap
 
 
 @final

@@ -27,8 +27,7 @@ from cosim.telemetry.snapshot import FilmShapes, Snapshot
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.ticks_taken import TicksTaken
-    from cosim.soft.contact.self_contact_search import FilmOverlap
-    from cosim.soft.solve.branching import Branching
+    from cosim.soft.solve.branching import Branching, FilmOverlap
 
 _NONE: Final = np.zeros(0)
 _NOWHERE: Final = np.full(3, np.nan)

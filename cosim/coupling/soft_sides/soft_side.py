@@ -36,9 +36,8 @@ from cosim.soft.body.places import center_rings, ring_figures
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.contact.self_contact_search import FilmOverlap
 from cosim.soft.elements.mass_terms import mass_moments
-from cosim.soft.solve.branching import Branching
+from cosim.soft.solve.branching import Branching, FilmOverlap
 from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import (
     Equilibrium,

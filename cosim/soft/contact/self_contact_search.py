@@ -7,7 +7,6 @@ nearest, and only if the two films face each other there; see `Relation`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -26,6 +25,7 @@ from cosim.soft.contact.self_contact_candidates import (
     over_plane,
 )
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
+from cosim.soft.solve.branching import FilmOverlap
 
 BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _UNITS_NEAR = 8  # other units over which one point can be at a time
@@ -141,20 +141,6 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
 
 
 _OVERLAP_M = 1e-4  # beyond what the facets of neighbouring units share as drawn
-
-
-@final
-@dataclass(frozen=True)
-class FilmOverlap:
-    """Where films whose contact is not modelled have passed through one another.
-
-    Args:
-        depth_m: of the deepest point behind the other film; what is deeper than 5 mm is not found.
-        place: node nearest to it, and its ring.
-    """
-
-    depth_m: float
-    place: str
 
 
 @final

@@ -1,4 +1,7 @@
-"""Where a branch of stable equilibria ends; in a file by itself, as who reports on it loads no kernels."""
+"""What a run finds wrong with a state that solves its equations: unstable, or with films in one another.
+
+In a file by itself, as who reports on it loads no kernels.
+"""
 
 from __future__ import annotations
 
@@ -39,3 +42,17 @@ class Branching:
     tip_m: tuple[float, float, float] | None
     other_tip_m: tuple[float, float, float] | None
     chosen: str
+
+
+@final
+@dataclass(frozen=True)
+class FilmOverlap:
+    """Where films whose contact is not modelled have passed through one another.
+
+    Args:
+        depth_m: of the deepest point behind the other film; what is deeper than 5 mm is not found.
+        place: node nearest to it, and its ring.
+    """
+
+    depth_m: float
+    place: str
