@@ -92,7 +92,7 @@ def _pair_block(
         out[r, r] += area * geometric
 
 
-class FilmRows(NamedTuple):
+class MembraneRows(NamedTuple):
     """Film triangles of one material, for kernels.
 
     Args:
@@ -139,7 +139,7 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
 
 
 @device_function
-def _stretch(x: Matrix, film: FilmRows, first: int, lanes: int, drawn: Vector, s: Vector) -> None:
+def _stretch(x: Matrix, film: MembraneRows, first: int, lanes: int, drawn: Vector, s: Vector) -> None:
     """Fill F^T and strains, and forces A N and energies of the plain law, of a group of triangles.
 
     Lanes to spare repeat the first of them. Nodes are of a type that needs no test for places counted from
@@ -251,7 +251,7 @@ def _scatter(
 
 @device_function
 def _film_law(
-    film: FilmRows, e: int, strain: tuple[float, float, float], n: Vector, tangent: Matrix
+    film: MembraneRows, e: int, strain: tuple[float, float, float], n: Vector, tangent: Matrix
 ) -> float:
     """Fill n (3,) and tangent (3, 3), derivatives of the energy density [J/m^2] of triangle e; return that.
 
@@ -296,7 +296,9 @@ def _add_hessian(
 
 
 @kernel
-def add_membranes(x: Matrix, film: FilmRows, slots: IndexTable, gradient: Matrix, blocks: Blocks) -> float:
+def add_membranes(
+    x: Matrix, film: MembraneRows, slots: IndexTable, gradient: Matrix, blocks: Blocks
+) -> float:
     """Add all triangles to gradient and, if slots is not empty, their Hessian to blocks.
 
     Returns the energy [J].
@@ -334,7 +336,7 @@ def add_membranes(x: Matrix, film: FilmRows, slots: IndexTable, gradient: Matrix
 
 
 @kernel(allocates=True)
-def principal_forces(x: Matrix, film: FilmRows) -> Matrix:
+def principal_forces(x: Matrix, film: MembraneRows) -> Matrix:
     """Return the principal membrane forces (m, 2) [N/m] of all triangles by the law, largest first."""
     principal = np.empty((film.triangles.shape[0], 2))
     f, n, tangent = small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
@@ -431,9 +433,9 @@ class Membranes(DirectElement):
         return energy
 
     @cached_property
-    def arrays(self) -> FilmRows:
+    def arrays(self) -> MembraneRows:
         """The triangles as kernels know them."""
-        return FilmRows(
+        return MembraneRows(
             self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
             self._stiffness, self.film.law_code, self.film.compressive_fraction, self._forces,
         )  # fmt: skip

@@ -24,7 +24,7 @@ from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
-from cosim.soft.elements.membrane import FilmRows, add_membranes
+from cosim.soft.elements.membrane import MembraneRows, add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
 from cosim.soft.film.step_arrays import (
     BEAMS,
@@ -137,7 +137,7 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
 def _add_film(film: Any, slots: Any, k: int, x: Matrix, gradient: Matrix, blocks: Blocks) -> float:
     """Add the triangles of film k; return their energy [J]."""
     a, b = film.films[k], film.films[k + 1]
-    rows = FilmRows(
+    rows = MembraneRows(
         film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
         film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k], film.forces[a[2] : b[2]],
     )  # fmt: skip
