@@ -162,7 +162,7 @@ class NearList(NamedTuple):
     bounds: Vector
 
 
-_MARGIN_M = 2.5e-3  # more room lengthens the list, less makes it anew more often
+_MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
 _VALLEY = int(Relation.VALLEY)
 

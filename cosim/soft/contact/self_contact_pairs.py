@@ -226,9 +226,9 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
 
 
 @cache
-def pairs_call() -> int:
-    """Return the address of the kernel that adds pairs."""
-    return address_of(add_pairs)
+def pair_calls() -> tuple[int, int]:
+    """Return the addresses of the kernels that add pairs, and what they have in a tangent."""
+    return address_of(add_pairs), address_of(add_pair_blocks)
 
 
 @final
@@ -287,7 +287,7 @@ class FilmPairs:
     @property
     def call(self) -> int:
         """Address of the kernel that adds them."""
-        return pairs_call()
+        return pair_calls()[0]
 
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
         """Return what the next step knows of the contacts that press at the end of this one; None for none.
@@ -307,4 +307,5 @@ class FilmPairs:
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
         foot, _, distance = feet(positions, self.rows.nodes, self.rows.weights)
-        return np.asarray((foot.min(axis=1) >= -slack) & (np.abs(distance) < reach_m))
+        inside = (foot[:, 0] >= -slack) & (foot[:, 1] >= -slack) & (foot[:, 2] >= -slack)
+        return np.asarray(inside & (np.abs(distance) < reach_m))
