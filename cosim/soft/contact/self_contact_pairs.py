@@ -105,9 +105,10 @@ def _add_normal_part(
 
 @inlined
 def _look_at(
-    x: Matrix, pairs: PairRows, e: int, n: Vector, weight: Vector, slope: Matrix, y: Vector
+    x: Matrix, pairs: PairRows, e: int, shape: tuple[Vector, Vector, Matrix], y: Vector
 ) -> tuple[float, float, float, float]:
-    """Fill normal, c and G of a pair that presses or rubs; return its distance, energy, E' and E''."""
+    """Fill normal, and c and G if it presses or rubs, of a pair; return its distance, energy, E' and E''."""
+    n, weight, slope = shape
     nodes, width, stiffness = pairs.nodes[e], pairs.widths[0], pairs.stiffness[e]
     fill_point(x, nodes, pairs.weights[e], y)
     shrink = plane_of(x, nodes[3:], n)
@@ -140,7 +141,7 @@ def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
     weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
     rub, drag, energy = small_vector(3), small_matrix(3, 3), 0.0
     for e in range(nodes.shape[0]):
-        d, level, push, _ = _look_at(x, pairs, e, n, weight, slope, y)
+        d, level, push, _ = _look_at(x, pairs, e, (n, weight, slope), y)
         energy += level
         if push == 0.0 and pairs.friction[e] == 0.0:
             out[e, 0], out[e, 1], out[e, 2], out[e, 3], out[e, 4] = 0.0, d, 0.0, 0.0, 0.0
@@ -172,7 +173,7 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
     weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
     rub, k, drag = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     for e in range(nodes.shape[0]):
-        d, _, push, rate = _look_at(x, pairs, e, n, weight, slope, y)
+        d, _, push, rate = _look_at(x, pairs, e, (n, weight, slope), y)
         if push == 0.0 and pairs.friction[e] == 0.0:
             continue
         _tie(x, pairs, e, w, rub, drag)
