@@ -33,6 +33,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.beams import ring_kernels
 
         modules += (ring_kernels,)
+    if not scenario.model.closed:
+        from cosim.soft.published import open_caps
+
+        modules += (open_caps,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, section_energy
         from cosim.reduced.solve import chain_step, newton

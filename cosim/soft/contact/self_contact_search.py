@@ -18,24 +18,20 @@ from cosim.soft.body.places import place_of
 from cosim.soft.contact.point_kernels import fill_point
 from cosim.soft.contact.self_contact_candidates import (
     BEYOND_EDGES,
+    VALLEY,
     FilmLists,
     FilmRows,
     least_weight,
     lists_serve,
     over_plane,
 )
-from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.solve.branching import FilmOverlap
 
 BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _UNITS_NEAR = 8  # other units over which one point can be at a time
 _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more
-_FACING = {Relation.VALLEY: 0.0, Relation.APART: 0.5}  # largest cosine of the two outer normals
-_VALLEY, _FACING_VALLEY, _FACING_APART = (
-    int(Relation.VALLEY),
-    _FACING[Relation.VALLEY],
-    _FACING[Relation.APART],
-)
+_FACING_VALLEY, _FACING_APART = 0.0, 0.5  # largest cosine of the two outer normals, by `Relation`
 
 
 @inlined
@@ -78,7 +74,7 @@ def _choose(
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
     for entry in range(short.first[p], short.first[p + 1]):
         t = short.listed[entry]
-        d, valley = over_plane(sides[t], px, py, pz), rows.relation[face, rows.films[t, 0]] == _VALLEY
+        d, valley = over_plane(sides[t], px, py, pz), rows.relation[face, rows.films[t, 0]] == VALLEY
         if d < -behind or d > (reach if valley else furthest):
             continue
         if not least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:

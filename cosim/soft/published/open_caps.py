@@ -21,7 +21,7 @@ from cosim.base.kernels import Blocks, Cubes, Indices, Matrix, Vector, address_o
 from cosim.base.numba_insides import caller
 from cosim.soft.elements.pressure import add_cap_stiffness
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.envelope_kernels import forward
+from cosim.soft.linear.envelope_kernels import TileFactor, forward
 from cosim.soft.linear.kept_factor import KeptEnvelope
 from cosim.soft.linear.linear_solver import Correction, EnvelopeArrays, GeneralLU, LinearSolver, LowRank
 from cosim.soft.linear.multifrontal_cholesky import cholesky
@@ -150,8 +150,8 @@ def correct_rims(rims: RimArrays, kept: KeptEnvelope, x: Matrix) -> bool:
                 for r in range(3):
                     for c in range(3):
                         whole[3 * place[i] + r, 3 * place[k] + c] += rims.stiffness[i, k, r, c]
-    tiles = factor.store, factor.start, factor.first, factor.inverse
-    _forward(rims.calls[_FORWARD], (*tiles, factor.dofs, kept.vectors, rims.found))
+    tiles = TileFactor(factor.start, factor.first, factor.store, factor.inverse)
+    _forward(rims.calls[_FORWARD], (tiles, factor.dofs, kept.vectors, rims.found))
     return _fill_inner(rims.calls[_INNER], (rims, kept.inner))
 
 

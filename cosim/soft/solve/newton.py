@@ -15,10 +15,10 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import address_of, nothing_of
+from cosim.base.kernels import nothing_of
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.self_contact_pairs import add_pair_blocks
+from cosim.soft.contact.self_contact_pairs import pair_calls
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.film_terms import FilmActing, film_terms
@@ -481,7 +481,7 @@ class NewtonSolver:
         if last is None or last[0] is not pattern:
             coupled = self.system.widening.known(pattern)
             last = self._last_wide = pattern, WideTangent(
-                address_of(add_pair_blocks), pattern.rows, coupled.of_body, np.empty((pattern.blocks, 3, 3)),
+                pair_calls()[1], pattern.rows, coupled.of_body, np.empty((pattern.blocks, 3, 3)),
                 np.empty(pattern.blocks, np.int64),
             )  # fmt: skip
         return last[1]
