@@ -108,9 +108,9 @@ def build(
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
     plan, carrier, modelled, planned, arm = (
-        _held_base(scenario, model, soft, kept)
+        _held_base(scenario, model, soft)
         if scenario.robot == NO_ARM
-        else _arm(scenario, model, soft, kept, before, partial(compile_contact, tell))
+        else _arm(scenario, model, soft, before, partial(compile_contact, tell))
     )
     own = PlannedCommands(scenario, plan, soft, actuation)
     commands: CommandSource = own
@@ -122,11 +122,11 @@ def build(
     return (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
 
 
-def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide, kept: KeptParts) -> _Arranged:
-    plan = _plan(scenario, HeldBase.plan, model, kept)
+def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arranged:
+    plan = _plan(scenario, HeldBase.plan, model)
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
-    modelled += _range(scenario, plan, model, kept, None, "", touched=False)
+    modelled += _range(scenario, plan, model, None, "", touched=False)
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None, None
 
 
@@ -134,7 +134,6 @@ def _arm(
     scenario: Scenario,
     model: SoftModel,
     soft: SoftSide,
-    kept: KeptParts,
     before: Choices | None,
     ready_for_contact: Callable[[], None],
 ) -> _Arranged:
@@ -142,10 +141,10 @@ def _arm(
     from cosim.build.arm_parts import ArmParts
     from cosim.stepping.arm_carrier import ArmCarrier
 
-    parts = ArmParts(scenario, kept)
+    parts = ArmParts(scenario, model.kept)
     arm, scene, mounted = parts.arm, parts.scene, parts.mounted
     payload = drawn_payload(soft.body, mounted)
-    plan = _plan(scenario, checked_start(parts.plan_joints, arm, scene, payload), model, kept)
+    plan = _plan(scenario, checked_start(parts.plan_joints, arm, scene, payload), model)
     contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_contact)
     if before is not None:
         contact = before.keep(contact)
@@ -163,7 +162,7 @@ def _arm(
     planned = parts.asked(plan, payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     way = parts.motion_name(plan)
-    modelled += _range(scenario, plan, model, kept, arm, way, touched=contact.included)
+    modelled += _range(scenario, plan, model, arm, way, touched=contact.included)
     return plan, carrier, modelled, planned, arm
 
 
@@ -179,19 +178,14 @@ def _bounds(model: SoftModel, plan: Plan, modelled: tuple[Decision, ...], arm: A
 
 
 def _range(
-    scenario: Scenario,
-    plan: Plan,
-    model: SoftModel,
-    kept: KeptParts,
-    arm: Arm | None,
-    way: str,
-    *,
-    touched: bool,
+    scenario: Scenario, plan: Plan, model: SoftModel, arm: Arm | None, way: str, *, touched: bool
 ) -> tuple[Decision, ...]:
     if model.section is None:
         return ()
     name = name_of(_asked_name(scenario, model), way, scenario.commands, touched)
-    return (kept.made("range", name, lambda: section_range(scenario, plan, model.trial(), arm, touched)),)
+    return (
+        model.kept.made("range", name, lambda: section_range(scenario, plan, model.trial(), arm, touched)),
+    )
 
 
 def _asked_name(scenario: Scenario, model: SoftModel) -> str:
@@ -202,14 +196,14 @@ def _asked_name(scenario: Scenario, model: SoftModel) -> str:
     )  # fmt: skip
 
 
-def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel, kept: KeptParts) -> Plan:
+def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Plan:
     def solve() -> SolvedPhases:
-        name, folder = _asked_name(scenario, model), kept.folder if model.lasting else None
+        name, folder = _asked_name(scenario, model), model.kept.folder if model.lasting else None
 
         def solved() -> SolvedPhases:
             return solved_on_disk(folder, name, lambda: solved_phases(scenario, model.trial()))
 
-        return kept.made("solved phases", name, solved)
+        return model.kept.made("solved phases", name, solved)
 
     try:
         return make_plan(scenario, plan_joints, model.body, solve)

@@ -211,9 +211,10 @@ def content_hash(body: SoftBody, largest_Pa: float) -> str:
 class SoftModel:
     """The model of a scenario's soft robot.
 
-    Attributes: `body`, in the flange frame; `section`, None unless that is the fidelity; `body_name` and
-    `name`, of all that the body, and the soft sides, depend on; `lasting`, whether these names tell it from
-    all others in other processes too: where users' own code has a part in it, they do not.
+    Attributes: `kept`, parts that may be used again; `body`, in the flange frame; `section`, None unless that
+    is the fidelity; `body_name` and `name`, of all that the body, and the soft sides, depend on; `lasting`,
+    whether these names tell it from all others in other processes too: where users' own code has a part in
+    it, they do not.
 
     Args:
         scenario: checked.
@@ -234,7 +235,7 @@ class SoftModel:
     ) -> None:
         if scenario.fidelity == "auto":
             raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.report")
-        self._scenario, self._tell = scenario, tell
+        self._scenario, self._tell, self.kept = scenario, tell, kept
         self._flange = pose_of(scenario.start.flange)
         self._statics, self._dynamics = static_options(scenario), dynamic_options(scenario)
         self._films = film_law(scenario)

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.arm_file import FIXED, ArmFile, LinkShape
-from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.base.frames import Array, IntArray, Pose, rotation_from_vector
 from cosim.config.arms.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, check_limited_chain
 from cosim.config.arms.arm_table import add_inertial, add_origin, text_of
 from cosim.config.arms.chain import FLANGE_NAMES
@@ -53,7 +53,10 @@ def link_shapes(model: mujoco.MjModel, bodies: list[int], names: list[str]) -> t
                 continue
             pose = Pose.from_quaternion(model.geom_quat[geom], model.geom_pos[geom] - anchor)
             drawn = not collides or all(touched.values())
-            shapes.append(_shape(model, geom, name, kind, pose, collides=collides, drawn=drawn))
+            material, size = int(model.geom_matid[geom]), model.geom_size[geom].copy()
+            colour = (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]).astype(np.float64)
+            mesh = _mesh(model, int(model.geom_dataid[geom])) if kind == "mesh" else _NO_MESH
+            shapes.append(LinkShape(name, kind, size, pose, colour, collides, drawn, *mesh))
     return tuple(shapes)
 
 
@@ -73,22 +76,14 @@ def add_shapes(spec: mujoco.MjSpec, shapes: tuple[LinkShape, ...]) -> None:
             geom.size = shape.size
 
 
-def _shape(
-    model: mujoco.MjModel, geom: int, link: str, kind: str, pose: Pose, *, collides: bool, drawn: bool
-) -> LinkShape:
-    material = int(model.geom_matid[geom])
-    colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-    vertices, triangles = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-    if kind == "mesh":
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-        vertices = model.mesh_vert[first : first + count].astype(np.float64)
-        triangles = model.mesh_face[start : start + faces].astype(np.int64)
-    return LinkShape(
-        link, kind, model.geom_size[geom].copy(), pose, colour.astype(np.float64),
-        collides, drawn, vertices, triangles,
-    )  # fmt: skip
+_NO_MESH: Final = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, IntArray]:
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    vertices = model.mesh_vert[first : first + count].astype(np.float64)
+    return vertices, model.mesh_face[start : start + faces].astype(np.int64)
 
 
 ROOT: Final = "world"  # a link of this name is MuJoCo's world
