@@ -26,7 +26,7 @@ from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
 
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-3, 1e9  # of a weight of 1
-_TOLERANCE = 1e-8  # of the eigenvalue
+_TOLERANCE, _VECTORS = 1e-5, 8  # of the iteration
 
 
 @final
@@ -90,7 +90,7 @@ def softest(
     ShiftSearch().factor(definite, least, least * _LARGEST_SHIFT / _LEAST_SHIFT)
     start = np.where(solver.free, np.random.default_rng(0).standard_normal(x.shape), 0.0).ravel()
     operator = LinearOperator((x.size, x.size), matvec=inverse, dtype=np.float64)
-    values, vectors = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE)
+    values, vectors = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE, ncv=min(_VECTORS, x.size))
     solver.keep(None)
     mode = vectors[:, 0].reshape(-1, 3) / root
     mode /= mode.ravel()[np.argmax(np.abs(mode))]
