@@ -260,7 +260,8 @@ def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> li
     ends = dict[float, Equilibrium]()
     for push, side in product(_PUSHES, (1.0, -1.0)):
         away = [_motion(saddle, end) for end in ends.values()]
-        if len(away) == 2 and min(away) > _ALIKE * max(away):
+        enough = len(away) == 2 and min(away) > _ALIKE * max(away)
+        if enough or 2 * follower.effort.spent > follower.effort.most:  # the rest is for the way on
             break
         end = _descended(follower, saddle, side * push * _size(saddle) * lowest.mode)
         if end is not None:
