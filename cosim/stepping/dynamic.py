@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,12 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
+
+
+_LOOKS: Final = (0.75, 1.0)
+"""Shares of a phase's ramp after which stability is looked at; it is so at the phase's end as well."""
+_LOOK_TICKS: Final = 16
+"""Of a ramp in which it is looked: a look costs about as much as ten ticks."""
 
 
 @final
@@ -139,10 +146,12 @@ class DynamicSimulation(SteppedRun):
     def _undecided(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, tuple[Branching, ...]]:
         """Return in which directions the soft robot would give way, if it was at rest, after some ticks."""
         count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
+        ramp = min(count, round(self._parts.plan.phases[to.phase].phase.duration_s / self.stage.tick_s))
+        looked = [math.ceil(share * ramp) for share in _LOOKS] if ramp >= _LOOK_TICKS else []
+        places = {at - to.done for at in (*looked, count)}
+        rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
         found = dict[int, tuple[Branching, ...]]()
-        for row in self._looked_at(to, taken.done):
-            if ticks.contacts[row]:
-                continue
+        for row in rows:
             flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
             branching = soft.undecided(taken.shapes[row], flange, asked.loads[row])
             if branching is not None and branching.extent >= WHOLE:  # wrinkles come and go in motion

@@ -20,10 +20,9 @@ from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 _LOOKS: Final = 8
-"""Looks in a phase, at most, at whether the soft robot is in an unstable state, and at whether its films
-overlap; the last one at its end."""
+"""Looks in a phase, at most, at whether films overlap; the last one at its end."""
 _LOOK_TICKS: Final = 16
-"""At least between two looks, each of which costs about as much as a tick with a new tangent."""
+"""At least between two of them."""
 
 
 @final
@@ -113,7 +112,7 @@ class SteppedRun(ABC):
         return None if self._cursor is None else self._cursor.tick
 
     def _looked_at(self, to: Cursor, done: int) -> list[int]:
-        """Return the rows of some ticks after which the soft robot's state is looked at."""
+        """Return the rows of some ticks after which overlap of films is looked for."""
         count = self._counts[to.phase]
         looks = max(1, min(_LOOKS, count // _LOOK_TICKS))
         rows = {-(-count * k // looks) - to.done for k in range(1, looks + 1)}

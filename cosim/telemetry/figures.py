@@ -436,8 +436,7 @@ def joined_branchings(
         row: dict[str, Any] = {"phase": phase, "time_s": time_s, "until_s": time_s} | vars(each)
         last = joined[-1] if joined else {"chosen": ""}
         if each.chosen == last["chosen"] == UNDECIDED and last["phase"] == phase:
-            whole = max(last, row, key=lambda one: float(one["extent"]))
-            joined[-1] = whole | {"time_s": last["time_s"], "until_s": time_s}
+            joined[-1] = last | {"until_s": time_s}
         else:
             joined.append(row)
     return joined

@@ -44,8 +44,8 @@ def test_tangents_of_the_plan_are_not_those_of_the_loop(tmp_path: Path) -> None:
     found = {Path(key).stem: figures for key, figures in json.loads(kept.read_text("utf-8")).items()}
     for mode in ("dynamic", "quasistatic"):
         still, moved = found[f"{mode}_still"], found[f"{mode}_moved"]
-        # a tick at rest looks at the balance once and finds it; stability and the natural frequency are looked
-        # at once, at the end of each phase of ten ticks
+        # a tick at rest looks at the balance once and finds it; stability and the natural frequency are found
+        # once, at the end of each phase of ten ticks
         assert still["gradients"] == 1.0
         assert still["tangents"] <= 0.2
         assert still["tangents_before"] == moved["tangents_before"] > 5.0

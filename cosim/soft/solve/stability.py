@@ -26,7 +26,7 @@ from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
 
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-3, 1e9  # of a weight of 1
-_TOLERANCE = 1e-8  # of the eigenvalue
+_TOLERANCE, _VECTORS = 1e-5, 8  # of the iteration
 
 
 @final
@@ -90,7 +90,7 @@ def softest(
     ShiftSearch().factor(definite, least, least * _LARGEST_SHIFT / _LEAST_SHIFT)
     start = np.where(solver.free, np.random.default_rng(0).standard_normal(x.shape), 0.0).ravel()
     operator = LinearOperator((x.size, x.size), matvec=inverse, dtype=np.float64)
-    values, vectors = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE)
+    values, vectors = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE, ncv=min(_VECTORS, x.size))
     solver.keep(None)
     mode = vectors[:, 0].reshape(-1, 3) / root
     mode /= mode.ravel()[np.argmax(np.abs(mode))]
@@ -260,7 +260,8 @@ def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> li
     ends = dict[float, Equilibrium]()
     for push, side in product(_PUSHES, (1.0, -1.0)):
         away = [_motion(saddle, end) for end in ends.values()]
-        if len(away) == 2 and min(away) > _ALIKE * max(away):
+        enough = len(away) == 2 and min(away) > _ALIKE * max(away)
+        if enough or 2 * follower.effort.spent > follower.effort.most:  # the rest is for the way on
             break
         end = _descended(follower, saddle, side * push * _size(saddle) * lowest.mode)
         if end is not None:
