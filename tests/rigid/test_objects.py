@@ -38,7 +38,7 @@ def test_parts_share_the_mass_by_volume_and_density() -> None:
     plant = SceneObject("plant", position_m=(1.0, 0.0, 1.0), mass_kg=0.2, parts=(pot, leaf))
     scene = scene_of(plant)
     body = np.array([scene.body_names.index("plant")])
-    assert np.diag(scene.bodies.mobility(body))[:3] == pytest.approx(1.0 / 0.2, rel=1e-12)
+    assert np.diag(scene.bodies.mobility(body, held=True))[:3] == pytest.approx(1.0 / 0.2, rel=1e-12)
     weight = np.array([2.0 * np.pi * 0.03**2 * 0.04, 4.0 / 3.0 * np.pi * 0.03 * 0.01 * 0.002])
     center = (weight @ np.array([pot.position_m, leaf.position_m])) / weight.sum()
     # gravity alone, no torque about the centre of mass: the centre falls, and nothing turns
@@ -115,6 +115,6 @@ def test_the_inertia_of_a_mesh_is_that_of_its_solid() -> None:
         SceneObject("spool", "mesh", mass_kg=0.1, mesh=mesh, position_m=(1.0, 1.0, 0.0)), round_one
     )
     bodies = np.array([scene.body_names.index(name) for name in ("spool", "round")])
-    of_mesh, of_cylinders = np.diag(scene.bodies.mobility(bodies)).reshape(2, 6)
+    of_mesh, of_cylinders = np.diag(scene.bodies.mobility(bodies, held=True)).reshape(2, 6)
     # a 32-gon has 0.6 % less inertia per area than its circle
     np.testing.assert_allclose(of_mesh, of_cylinders, rtol=0.01)

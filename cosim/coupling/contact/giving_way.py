@@ -16,7 +16,8 @@ answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of t
 beyond it is cut by the secant of the work that the residual does along the motion C dl.
 
 In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way
-into it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later.
+into it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later; so are
+those of one below 10 while something else holds them.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from cosim.soft.solve.state import SoftState, StepAim
 
 RATIO_BOUND: Final = 1.0
 """Contact ratio from which on bodies give way within the film's step."""
+_HELD_RATIO = 10.0  # the same, of bodies that something holds besides
 AGREED_M: Final = 2e-5
 """How far bodies may go from where the film has met them; the next tick knows of it."""
 _LEVER_M: Final = 0.02  # angles count as ways at it
@@ -251,7 +253,7 @@ class _Step:
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
-            self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies)
+            self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies, held=True)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
             self._tolerance_N = 0.25 * AGREED_M / most
             if aim is not None:
@@ -414,7 +416,7 @@ class LightBodies:
             touched = step.touched
             if len(touched) and not np.isin(touched, self._known).all():
                 self._learn(step)
-                if self.ratio <= RATIO_BOUND:
+                if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
                     self._meet_ahead()
                     self._soft.restore(step.before)
@@ -443,8 +445,7 @@ class LightBodies:
             x = self._soft.state.positions
             levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
             stiffness = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
-            self.ratio = _ratio(stiffness, self._tick_s**2 * exchange.bodies.mobility(touched))
-            if self.ratio > RATIO_BOUND:
+            if not self._are_heavy(touched, stiffness):
                 self._heavy[:] = 0
         self._meet_ahead()
 
@@ -463,11 +464,22 @@ class LightBodies:
     def _meet_ahead(self) -> None:
         self._ahead[self._movable] = 1 - self._heavy
 
+    def _are_heavy(self, bodies: IntArray, stiffness: Array) -> bool:
+        """Return whether bodies (b,) need not give way, by S (6 b, 6 b).
+
+        What holds them may let go of them: so they need some mass of their own.
+        """
+        held, free = (
+            _ratio(stiffness, self._tick_s**2 * self._exchange.bodies.mobility(bodies, held=held))
+            for held in (True, False)
+        )
+        self.ratio = free
+        return held <= RATIO_BOUND and free <= _HELD_RATIO
+
     def _learn(self, step: _Step) -> None:
         """Find S where the last trial has ended."""
         self._known, self._stiffness = step.bodies, step.stiffness(self._soft.state.positions)
         self._held = step.held_N_m()
-        self.ratio = _ratio(self._stiffness, step.mobility)
 
     def _agree(self, step: _Step, trial: _Trial) -> _Trial:
         """Let bodies give way until they go where the film has met them."""
@@ -525,8 +537,14 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
     motion = step.mobility @ change
     work = low_work = float(trial.residual @ motion)
     low, high, high_work, here = 0.0, 0.0, 0.0, 1.0
-    for _ in range(_CUTS):
-        found = take(trial.change + here * change)
+    for cuts in range(_CUTS):
+        try:
+            found = take(trial.change + here * change)
+        except ConvergenceError:
+            if cuts == _CUTS - 1:
+                raise
+            here = 0.5 * (low + here)  # too deep in the film
+            continue
         now = float(found.residual @ motion)
         if abs(now) <= _LEFT * work or step.disagreement(found.residual) < 1.0:
             break

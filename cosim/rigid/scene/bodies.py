@@ -189,15 +189,19 @@ class Bodies:
         loads[:, 3:] += cross(self._data.xipos[bodies], loads[:, :3])
         return loads
 
-    def mobility(self, bodies: IntArray) -> Array:
-        """Return J M^-1 J^T (6 b, 6 b): accelerations of bodies (b,) per load on them, held as they are.
+    def mobility(self, bodies: IntArray, *, held: bool) -> Array:
+        """Return J M^-1 J^T (6 b, 6 b): accelerations of bodies (b,) per load on them.
 
-        Each linear then angular, world axes, at the centre of mass. What the joints' damping and constraints
-        that act as in the last step resist with is counted in M.
+        Each linear then angular, world axes, at the centre of mass. What the joints' damping resists with is
+        counted in M.
+
+        Args:
+            bodies: (b,).
+            held: whether constraints that act as in the last step count as well.
         """
         model, data = self._model, self._data
         resisting = np.diag(model.opt.timestep * model.dof_damping)
-        if data.nefc:
+        if held and data.nefc:
             resisting += active_constraints(model, data)
         return mobility(model, data, bodies, resisting)
 
