@@ -411,7 +411,12 @@ class LightBodies:
         tick = flange, loads, self._tick_s
         step = _Step(self._exchange, self._soft, tick, aim)
         light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()
-        trial = step.take(step.guess() if light else None)
+        try:
+            trial = step.take(step.guess() if light else None)
+        except ConvergenceError:
+            if not light:
+                raise
+            trial = step.take()
         if len(step.bodies):
             touched = step.touched
             if len(touched) and not np.isin(touched, self._known).all():
