@@ -30,7 +30,7 @@ class ExchangeFigures:
         residual: largest relative difference of the loads in them.
         power_error: largest relative one, of any tick.
         momentum_error: the same.
-        contact_ratio: largest; above 1 touched bodies give way within the film's step.
+        contact_ratio: largest; above 2 touched bodies give way within the film's step.
     """
 
     iterated_ticks: int = 0

@@ -16,7 +16,7 @@ answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of t
 beyond it is cut by the secant of the work that the residual does along the motion C dl.
 
 In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way
-into it. Bodies of a contact ratio below 1 are met where they are, and bear the load one tick later; so are
+into it. Bodies of a contact ratio below 2 are met where they are, and bear the load one tick later; so are
 those of one below 10 while something else holds them.
 """
 
@@ -37,8 +37,11 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState, StepAim
 
-RATIO_BOUND: Final = 1.0
-"""Contact ratio from which on bodies give way within the film's step."""
+RATIO_BOUND: Final = 2.0
+"""Contact ratio from which on bodies give way within the film's step.
+
+A tick late, pads held a cube up to a ratio of 2.8 and threw it out at 8 (`benchmarks/strong_coupling.py`).
+"""
 _HELD_RATIO = 10.0  # the same, of bodies that something holds besides
 AGREED_M: Final = 2e-5
 """How far bodies may go from where the film has met them; the next tick knows of it."""
@@ -411,7 +414,12 @@ class LightBodies:
         tick = flange, loads, self._tick_s
         step = _Step(self._exchange, self._soft, tick, aim)
         light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()
-        trial = step.take(step.guess() if light else None)
+        try:
+            trial = step.take(step.guess() if light else None)
+        except ConvergenceError:
+            if not light:
+                raise
+            trial = step.take()
         if len(step.bodies):
             touched = step.touched
             if len(touched) and not np.isin(touched, self._known).all():
