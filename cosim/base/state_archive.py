@@ -4,10 +4,11 @@ What can be saved and restored while it runs goes on from a saved state bit for 
 dataclass of arrays, numbers, texts, tuples, None and further frozen dataclasses. It may share arrays with the
 object it was taken from: whoever writes to an array in place saves a copy of it.
 
-Whatever is made of frozen dataclasses, enums, arrays, numbers, texts, tuples, lists, dictionaries by text and
-None is written and read back bit for bit; an array that occurs twice is stored once, and is one array again.
+Whatever is made of frozen dataclasses, named tuples, enums, arrays, numbers, texts, tuples, lists,
+dictionaries by text and None is written and read back bit for bit; an array that occurs twice is stored once,
+and is one array again.
 Nothing is executed in reading: a class is looked up among the modules that are loaded already, and only a
-frozen dataclass or an enum is made.
+frozen dataclass, a named tuple or an enum is made.
 """
 
 from __future__ import annotations
@@ -167,15 +168,15 @@ class _Encoder:
             return self.encode(value.item(), place)
         if isinstance(value, np.ndarray):
             return {"array": self._name(value, place)}
-        if isinstance(value, tuple | list):
+        if isinstance(value, tuple | list) and not _is_record(type(value)):
             items = [self.encode(item, f"{place}[{k}]") for k, item in enumerate(value)]
             return {"tuple" if isinstance(value, tuple) else "list": items}
         if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
             return {"dict": {key: self.encode(item, f"{place}.{key}") for key, item in value.items()}}
         if isinstance(value, enum.Enum):
             return {"enum": _class_name(type(value), place), "name": value.name}
-        if _is_frozen(type(value)):
-            held = {field.name: getattr(value, field.name) for field in fields(value) if field.init}
+        if _is_record(type(value)):
+            held = {name: getattr(value, name) for name in _field_names(type(value))}
             inner = {name: self.encode(item, f"{place}.{name}") for name, item in held.items()}
             return {"class": _class_name(type(value), place), "fields": inner}
         raise TypeError(f"{place} is a {type(value).__name__}, which no saved state can hold")
@@ -188,9 +189,18 @@ class _Encoder:
         return name
 
 
-def _is_frozen(kind: type) -> bool:
+def _is_record(kind: type) -> bool:
+    """Return whether a class is a frozen dataclass or a named tuple."""
+    if issubclass(kind, tuple):
+        return hasattr(kind, "_fields")
     parameters = getattr(kind, "__dataclass_params__", None)
     return is_dataclass(kind) and parameters is not None and bool(parameters.frozen)
+
+
+def _field_names(kind: Any) -> tuple[str, ...]:
+    if issubclass(kind, tuple):
+        return tuple(kind._fields)
+    return tuple(field.name for field in fields(kind) if field.init)
 
 
 def _class_name(kind: type, place: str) -> str:
@@ -201,10 +211,10 @@ def _class_name(kind: type, place: str) -> str:
 
 
 def _find_class(name: str) -> type | None:
-    """Return a frozen dataclass or an enum of a loaded module; None for anything else."""
+    """Return a frozen dataclass, a named tuple or an enum of a loaded module; None for anything else."""
     module, _, own = name.partition(":")
     kind = getattr(sys.modules.get(module), own, None)
-    if isinstance(kind, type) and (_is_frozen(kind) or issubclass(kind, enum.Enum)):
+    if isinstance(kind, type) and (_is_record(kind) or issubclass(kind, enum.Enum)):
         return kind
     return None
 
@@ -227,8 +237,7 @@ def _decode(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     try:
         if issubclass(kind, enum.Enum):
             return kind[value["name"]]
-        made: Any = kind
-        saved, known = value["fields"], {field.name for field in fields(made) if field.init}
+        saved, known = value["fields"], set(_field_names(kind))
         if known ^ saved.keys():  # a default would stand for what was not known when it was saved
             raise KeyError(f"other fields: {', '.join(sorted(known ^ saved.keys()))}")
         return kind(**{key: _decode(item, arrays) for key, item in saved.items()})

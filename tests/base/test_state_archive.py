@@ -14,6 +14,7 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.state_archive import ARCHIVE_SCHEMA, read_archive, read_header, write_archive
 from cosim.errors import InputError
+from cosim.reduced.sections.section_energy import PressureSpline
 from cosim.soft.elements.gas import SealedGas
 
 
@@ -91,6 +92,13 @@ def test_classes_come_back_nested(tmp_path: Path) -> None:
     assert (again.valve, again.name) == (Valve.OPEN, "pump")
     assert again.last[0].rotation.tobytes() == pose.rotation.tobytes()
     assert again.last[1] == state.last[1]
+
+
+def test_named_tuples_come_back_as_they_are(tmp_path: Path) -> None:
+    again = around((PressureSpline(4e4, 6), (1.0, 2)), tmp_path)
+    assert again == (PressureSpline(4e4, 6), (1.0, 2))
+    assert type(again[0]) is PressureSpline
+    assert type(again[1]) is tuple
 
 
 def test_an_array_that_is_shared_is_written_once(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ name = "plate"
 shape = "box"
 size_m = [0.12, 0.12, 0.004]
 position_m = [0.4, 0.0, 0.4698]
-mass_kg = 0.05
+mass_kg = 2.0
 """
 
 

@@ -55,6 +55,7 @@ name = "table"
 shape = "box"
 size_m = [0.6, 0.6, 0.1]
 position_m = [0.45, 0.0, 0.15]
+friction = 0.3                  # it slides, and does not topple
 
 [[object]]
 name = "puck"
@@ -62,6 +63,7 @@ shape = "box"
 size_m = [0.04, 0.1, 0.06]
 position_m = [0.525, 0.0, 0.2301]
 mass_kg = 0.2
+friction = 0.3
 
 [[phase]]
 name = "push"

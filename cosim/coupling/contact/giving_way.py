@@ -200,6 +200,7 @@ class LightBodiesState:
         known: (b,) bodies of the last S.
         stiffness: S (6 b, 6 b).
         held_N_m: trace of the stiffness of the contacts with which it was found.
+        age: ticks of contact since that says who has to give way.
     """
 
     heavy: Annotated[IntArray, ("k",)]
@@ -208,6 +209,7 @@ class LightBodiesState:
     known: Annotated[IntArray, ("b",)]
     stiffness: Annotated[Array, ("n", "n")]
     held_N_m: float
+    age: int
 
 
 @final
@@ -394,8 +396,8 @@ class LightBodies:
         self._ahead = arrays.bodies.leads.ahead
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
-        exchange.ask_for_weighing_after(ticks)
+        self._age, self._ticks = 0, min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
+        exchange.ask_for_weighing_after(self._ticks)
         self.ratio = 0.0
         self.trials = 1
         self._meet_ahead()
@@ -422,8 +424,11 @@ class LightBodies:
             trial = step.take()
         if len(step.bodies):
             touched = step.touched
-            if len(touched) and not np.isin(touched, self._known).all():
+            self._age += len(touched) > 0
+            # what has been light may be held by something else by now
+            if len(touched) and (self._age > self._ticks or not np.isin(touched, self._known).all()):
                 self._learn(step)
+                self._age = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
                     self._meet_ahead()
@@ -445,6 +450,8 @@ class LightBodies:
             return
         held, planes = exchange.held_N_m[self._movable], exchange.sticking
         loaded = exchange.bodies.bearing[self._movable] != 0
+        if self._heavy[~loaded].any():  # whoever touches them next finds out again
+            self._known, self._stiffness = np.zeros(0, np.int64), np.zeros((0, 0))
         self._heavy[~loaded] = 0
         self._touching[:] = np.where(self._heavy, held, 0.0)
         exchange.arrays.counts[AGE] = 0
@@ -460,13 +467,20 @@ class LightBodies:
     def save_state(self) -> LightBodiesState:
         """Return what the next tick depends on."""
         return LightBodiesState(
-            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness, self._held
+            self._heavy.copy(),
+            self._touching.copy(),
+            self.ratio,
+            self._known,
+            self._stiffness,
+            self._held,
+            self._age,
         )
 
     def restore_state(self, state: LightBodiesState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
         self._known, self._stiffness, self._held = state.known, state.stiffness, state.held_N_m
+        self._age = state.age
         self._meet_ahead()
 
     def _meet_ahead(self) -> None:

@@ -222,11 +222,14 @@ def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     rubs = kind == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
     acts[rubs] = np.abs(force[rubs]) < data.efc_frictionloss[rubs]
     elliptic = np.flatnonzero(kind == mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)
-    for contact in np.unique(data.efc_id[elliptic]).tolist():
-        first, dim = int(data.contact.efc_address[contact]), int(data.contact.dim[contact])
-        along = slice(first + 1, first + dim)
-        rubbing = np.linalg.norm(force[along] / data.contact.friction[contact][: dim - 1])
-        acts[along] = acts[first] and bool(rubbing < force[first])
+    if len(elliptic):
+        contact = data.efc_id[elliptic]
+        first = data.contact.efc_address[contact]
+        along = elliptic > first  # a contact's rows follow its normal one
+        rubs, place = elliptic[along], first[along]
+        limit = data.contact.friction[contact[along], rubs - place - 1]
+        rubbing = np.bincount(place, (force[rubs] / limit) ** 2, len(force))
+        acts[rubs] = acts[place] & (rubbing[place] < force[place] ** 2)
     rows = jacobian[acts]
     return np.asarray((rows.T * data.efc_D[acts]) @ rows)
 
