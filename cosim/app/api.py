@@ -190,7 +190,7 @@ def plan_path(
             if phase is not None
             else f"{len(names)} phases have a tip_path"
         )
-        raise InputError(f"{checked.name}: {which}; name one that has: {', '.join(names) or 'there is none'}")
+        raise InputError(f"{checked.name}: {which}; name one that has: {', '.join(names) or '(none)'}")
     simulation = _planned(prepared(checked, log, recording=False))
     wanted = phase or names[0]
     planned = next(entry for entry in simulation.plan.phases if entry.phase.name == wanted)
@@ -199,7 +199,7 @@ def plan_path(
 
 
 def _planned(scenario: Scenario) -> SteppedRun:
-    from cosim.build.simulation import build  # here: wrong input waits for no engine
+    from cosim.build.simulation import build  # here: wrong input is refused before MuJoCo is imported
 
     return build(scenario)
 

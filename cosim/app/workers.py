@@ -197,7 +197,7 @@ def _packed(arguments: tuple[Any, ...]) -> bytes | InputError:
         return pickle.dumps(arguments)
     except Exception as error:  # whatever the pickling of anybody's objects raises
         return InputError(
-            f"what is asked cannot be sent to another process: {type(error).__name__}: {error}; "
+            f"the request cannot be sent to another process: {type(error).__name__}: {error}; "
             "give values that can be pickled"
         )
 

@@ -264,5 +264,5 @@ def kept(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
                 reason = f"is of another version ({type(error).__name__})"
         else:
             reason = "is damaged"
-    warnings.warn(f"{path}: {reason}; what it held is made anew", RuntimeWarning, stacklevel=2)
+    warnings.warn(f"{path}: {reason}; its content is computed again", RuntimeWarning, stacklevel=2)
     return None

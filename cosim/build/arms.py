@@ -76,14 +76,14 @@ def find_arm(robot: str) -> ArmFile:
     """
     source = arm_source(robot)
     if source.is_mjcf:
-        from cosim.rigid.build.mjcf_arm import read_mjcf  # here: a URDF waits for no engine
+        from cosim.rigid.build.mjcf_arm import read_mjcf  # here: a URDF needs no MuJoCo
 
         arm = read_mjcf(source)
     else:
         arm = read_urdf(source)
     if arm.home_known:
         return arm
-    from cosim.kinematics.arm import Arm  # here: an arm with a home waits for no engine
+    from cosim.kinematics.arm import Arm  # here: an arm with a home needs no Pinocchio
     from cosim.kinematics.inverse_kinematics import far_from_singularities
 
     notes = (*arm.notes, "home found far from singularities")

@@ -50,7 +50,7 @@ _MOST: Final = 100  # files, of some hundred kilobytes each
 def solved_on_disk(folder: Path | None, name: str, solve: Callable[[], SolvedPhases]) -> SolvedPhases:
     """Return the solved phases of a name, from disk or newly solved.
 
-    They are those of the same program on the same kind of processor; paths of the tip are solved anew.
+    They are those of the same program on the same kind of processor; paths of the tip are solved again.
 
     Args:
         folder: in which files are kept; None: nowhere.

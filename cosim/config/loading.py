@@ -137,7 +137,7 @@ def complete_tip_paths(table: dict[str, Any], folder: Path, faults: Faults) -> N
 
 
 def _duration_s(path: Any) -> Any:
-    """Return how long a path takes; UNKNOWN for one that is wrong, which is told where it is checked."""
+    """Return how long a path takes; UNKNOWN for one that is wrong, as the check of the path names that."""
     if path is UNKNOWN:
         return UNKNOWN
     try:
@@ -250,7 +250,7 @@ def note_kinds(value: Any) -> None:
 def _loaded(what: str, load: Any) -> Any:
     try:
         return load()
-    except Exception as error:  # whatever a module of someone's own raises
+    except Exception as error:  # a user's module may raise anything
         raise InputError(f"{what}: cannot be imported: {type(error).__name__}: {error}") from error
 
 

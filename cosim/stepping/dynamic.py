@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
 
 
-_LOOKS: Final = (0.75, 1.0)
+_TESTED_AT: Final = (0.75, 1.0)
 """Shares of a phase's ramp after which stability is looked at; it is so at the phase's end as well."""
-_LOOK_TICKS: Final = 16
+_TESTED_RAMP_TICKS: Final = 16
 """Of a ramp in which it is looked: a look costs about as much as ten ticks."""
 
 
@@ -147,7 +147,7 @@ class DynamicSimulation(SteppedRun):
         """Return in which directions the soft robot would give way, if it was at rest, after some ticks."""
         count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
         ramp = min(count, round(self._parts.plan.phases[to.phase].phase.duration_s / self.stage.tick_s))
-        looked = [math.ceil(share * ramp) for share in _LOOKS] if ramp >= _LOOK_TICKS else []
+        looked = [math.ceil(share * ramp) for share in _TESTED_AT] if ramp >= _TESTED_RAMP_TICKS else []
         places = {at - to.done for at in (*looked, count)}
         rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
         found = dict[int, tuple[Branching, ...]]()

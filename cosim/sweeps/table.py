@@ -48,7 +48,7 @@ def measure_named(name: str) -> Measure:
     place, _, function = name.rpartition(":")
     try:
         module = module_of_file(Path(place)) if place.endswith(".py") else import_module(place)
-    except Exception as error:  # whatever a module of someone's own raises
+    except Exception as error:  # a user's module may raise anything
         raise InputError(
             f"measure = {name!r}: cannot be imported: {type(error).__name__}: {error}"
         ) from error

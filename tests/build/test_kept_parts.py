@@ -200,7 +200,7 @@ def test_a_plan_on_disk_is_the_one_that_would_be_solved(
     whole = file.read_bytes()
     for damaged in (b"", whole[:-7], whole[:5000] + b"?" + whole[5001:], whole.partition(b"\n")[2]):
         file.write_bytes(damaged)
-        with pytest.warns(RuntimeWarning, match="what it held is made anew"):
+        with pytest.warns(RuntimeWarning, match="its content is computed again"):
             assert seen(Simulation(scenario, kept=KeptParts(tmp_path))) == alone
         assert file.read_bytes()[:60] == whole[:60]
 

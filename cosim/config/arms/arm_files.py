@@ -201,7 +201,7 @@ def _fill(element: ElementTree.Element, keys: tuple[str, ...]) -> None:
 
 
 def _limit_of(joint: ElementTree.Element) -> ElementTree.Element:
-    """Return the limit of a joint, which is added where there is none."""
+    """Return the limit of a joint, added if it has none."""
     found = joint.find("limit")
     return ElementTree.SubElement(joint, "limit") if found is None else found
 
