@@ -172,6 +172,7 @@ def palm_object(palm: PalmTable) -> SceneObject:
     return SceneObject(
         PALM_NAME, "cylinder", (palm.radius_m, palm.thickness_m), (0.0, 0.0, 0.5 * palm.thickness_m),
         mass_kg=palm.mass_kg, rgba=palm.rgba, friction=palm.friction,
+        contact_time_s=palm.contact_time_s,
     )  # fmt: skip
 
 

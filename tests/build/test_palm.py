@@ -150,6 +150,33 @@ def test_an_object_slides_on_a_palm_by_the_palms_friction() -> None:
     assert speed == pytest.approx(expected, rel=0.05)
 
 
+def _slid_m(tick_s: float, contact_time_s: float) -> float:
+    """Return how far a box slides that falls by 0.2 mm on a palm whose friction can hold it."""
+    arm, palm = find_arm("ur5e"), replace(PALM, contact_time_s=contact_time_s)
+    flange = RigidScene(SceneDescription(arm)).flange_pose
+    across, _, normal = flange.rotation.T
+    place = tuple((flange.translation + 0.0207 * normal).tolist())
+    box = SceneObject("box", "box", (0.02, 0.02, 0.02), place, tuple(flange.quaternion.tolist()), 0.05)
+    scene = RigidScene(
+        SceneDescription(
+            arm, tick_s=tick_s, mounted=(palm_object(palm),), objects=(box,),
+            gravity=tuple((-9.81 * (normal - 0.3 * across)).tolist()),
+        )
+    )  # fmt: skip
+    for _ in range(round(0.2 / tick_s)):
+        scene.set_control(arm.home, feedforward=scene.bias_torque)
+        scene.finish_step()
+        scene.begin_step()
+    moved = scene.body_poses()[0][scene.body_names.index("box")] - np.array(place)
+    return float(moved @ across)
+
+
+def test_slip_comes_from_the_contact_time_of_the_palm_not_from_the_tick() -> None:
+    coarse, fine, longer = _slid_m(2e-3, 4e-3), _slid_m(0.5e-3, 4e-3), _slid_m(0.5e-3, 8e-3)
+    assert coarse == pytest.approx(fine, rel=0.05)  # 1.28 times, where the time constant was four ticks
+    assert longer > 1.2 * fine
+
+
 def test_an_object_goes_with_a_palm_that_is_shaken() -> None:
     """Less than half of what friction holds accelerates it; contact and servos must be solved as one."""
     arm, tick_s, rate = find_arm("ur5e"), 4e-3, 2.0 * np.pi * 4.0

@@ -345,12 +345,15 @@ class PalmTable:
         mass_kg: of the disc.
         rgba: colour: red, green, blue, opacity.
         friction: coefficient of sliding.
+        contact_time_s: in which what touches it comes to move with it; what it holds slips in proportion. A
+            tick is taken where that is longer.
     """
 
     radius_m: Positive
     thickness_m: Positive
     mass_kg: Positive
     friction: NonNegative = 0.8
+    contact_time_s: Positive = 0.004
     rgba: Colour = (0.25, 0.27, 0.30, 1.0)
 
 

@@ -204,6 +204,7 @@ class SceneObject:
         inertia: (3,) [kg m^2], about the centre of mass, body axes; None: that of its solids.
         center_of_mass_m: (3,), body frame, where `inertia` is given.
         spin_friction_m: torsional and rolling friction, torque by normal force; None: MuJoCo knows none.
+        contact_time_s: of what is mounted on the flange: in which what touches it comes to move with it.
         mesh: of shape "mesh", see `Geometry`.
         convex: of shape "mesh", see `Geometry`.
         parts: further solids on the same body; they may overlap.
@@ -225,6 +226,7 @@ class SceneObject:
     inertia: tuple[float, float, float] | None = None
     center_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     spin_friction_m: tuple[float, float] | None = None
+    contact_time_s: float = 0.004
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:

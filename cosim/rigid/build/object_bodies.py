@@ -95,8 +95,8 @@ def add_mounted(
     add_geometries(spec, body, item)
     for geom in body.geoms:
         geom.contype, geom.conaffinity = contact
-        # harder than this, contacts chatter: of a mesh four points are kept, not the same ones every tick
-        geom.priority, geom.solref = 1, [4.0 * tick_s, 1.0]
+        # MuJoCo's step takes a tick off the time in which speeds become equal, and allows no less than two
+        geom.priority, geom.solref = 1, [max(item.contact_time_s, tick_s) + tick_s, 1.0]
 
 
 def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:
