@@ -234,11 +234,7 @@ class CheckpointKeeper:
         state = Checkpoint(
             run, summary, self._first, origin.run_id, origin.startup_s, wall_s, origin.resumed_at_ticks
         )
-        header = {
-            "tick": summary.tick,
-            "loaded": dict(self._files.loaded),
-            "written_by": code_identity(),
-        }
+        header = {"tick": summary.tick, "loaded": dict(self._files.loaded), "written_by": code_identity()}
         try:
             write_archive(self._path, header, state)
         except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind

@@ -225,8 +225,7 @@ class ArmParts:
         self._geometry_name = self._name(_geometry(description))
         try:
             self.scene = RigidScene(
-                description,
-                kept.made("scene", self._name(description), lambda: CompiledScene(description)),
+                description, kept.made("scene", self._name(description), lambda: CompiledScene(description))
             )
         except SceneError as error:
             raise ScenarioError(_body_key(scenario, error.body), str(error)) from error

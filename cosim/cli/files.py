@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from cosim.app.api import load_run
+from cosim.app.ended_run import load_run
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import write_whole
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing

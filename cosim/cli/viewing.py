@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, final
 
-from cosim.app.driver import rerun_recorder
-from cosim.app.picture import found_recordings
+from cosim.app.ended_run import found_recordings
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config.schema.scenario import RecordingTable
 from cosim.errors import InputError
 from cosim.recording.pictures import SIZE, write_video
 from cosim.recording.recorder import Recorder, RecordingPart
+from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.recording.viewer import Shown, Viewer, check_display, start_viewer
 
 ON_A_PAGE: Final = (
@@ -103,7 +103,7 @@ class LiveView:
         self._viewer = start_viewer(self._shown)
         if self._viewer.page is not None:
             tell(f"shown at {self._viewer.page}")
-        return rerun_recorder(path, settings, part, self._viewer.address)
+        return RerunRecorder(path, frames_per_s=settings.frames_per_s, part=part, viewer=self._viewer.address)
 
     def serve_on(self) -> None:
         """Serve a page on, until Ctrl-C; a window is its user's anyway."""

@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernels import Matrix, Vector, device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos, Ticks, fill_speed
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH

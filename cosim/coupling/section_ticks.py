@@ -13,15 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-)
+from cosim.base.kernels import Blocks, Indices, Matrix, Vector, device_function, kernel, small_matrix
 from cosim.base.numba_insides import caller
 from cosim.coupling.half_ticks import (
     ALL_DONE,

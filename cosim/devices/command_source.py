@@ -295,11 +295,7 @@ def measured_cables(
     else:
         rows = zip(drives, tension_N, lengths, strict=True)
         unstretched = [long - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, long in rows]
-    columns = {
-        "cable_tension_N": tension_N,
-        "cable_length_m": lengths,
-        "cable_unstretched_m": unstretched,
-    }
+    columns = {"cable_tension_N": tension_N, "cable_length_m": lengths, "cable_unstretched_m": unstretched}
     return {key: dict(zip(names, map(float, column), strict=True)) for key, column in columns.items()}
 
 

@@ -292,10 +292,7 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
         self._last: list[Observation] = [self.single_observation_space.sample()] * count
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin episodes: of all, or of those in `options["reset_mask"]`; `seed` + k is that of number k.
 
@@ -368,10 +365,7 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
 
 
 def vector_environment(
-    num_envs: int = 1,
-    workers: int = 1,
-    autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
-    **given: Any,
+    num_envs: int = 1, workers: int = 1, autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP, **given: Any
 ) -> TaskVectorEnvironment:
     """Return environments of a task.
 

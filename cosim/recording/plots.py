@@ -15,17 +15,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
-from cosim.recording.colours import (
-    GREEN,
-    GREY,
-    ORANGE,
-    PINK,
-    SKY,
-    VERMILION,
-    WHITE,
-    Colour,
-    series_colours,
-)
+from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 

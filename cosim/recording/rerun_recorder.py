@@ -146,11 +146,7 @@ class _Run:
     """State of one open recording."""
 
     def __init__(
-        self,
-        stream: rr.RecordingStream,
-        stage: RunInfo,
-        frame_ns: float,
-        viewer: str | None,
+        self, stream: rr.RecordingStream, stage: RunInfo, frame_ns: float, viewer: str | None
     ) -> None:
         self._stream = stream
         self._viewer = viewer

@@ -339,12 +339,7 @@ class Scene:
         first: the first snapshot; its shape shows where the film is welded.
     """
 
-    def __init__(
-        self,
-        stream: rr.RecordingStream,
-        stage: RunInfo,
-        first: Snapshot,
-    ) -> None:
+    def __init__(self, stream: rr.RecordingStream, stage: RunInfo, first: Snapshot) -> None:
         self._stream = stream
         self._stage = stage
         nodes = len(first.node_position)

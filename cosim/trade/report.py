@@ -159,10 +159,7 @@ def _positive(number: str, text: str, wanted: str) -> float:
     return value
 
 
-GROUPS = {
-    "time": "Fidelity, and how time is stepped",
-    "model": "What is modelled (all at one tick)",
-}
+GROUPS = {"time": "Fidelity, and how time is stepped", "model": "What is modelled (all at one tick)"}
 
 
 @final

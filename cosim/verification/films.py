@@ -197,11 +197,7 @@ def mylar_balloon() -> tuple[Figure, ...]:
         Figure("volume / A^3", "1", found.volume / RADIUS_M**3, volume, 1e-2),
         Figure("thickness / A", "1", 2.0 * found.height / RADIUS_M, thickness, 1e-2),
         Figure(
-            "mean radius / A",
-            "1",
-            float(np.linalg.norm(found.positions[rim], axis=1).mean()),
-            radius,
-            2e-2,
+            "mean radius / A", "1", float(np.linalg.norm(found.positions[rim], axis=1).mean()), radius, 2e-2
         ),
     )
 

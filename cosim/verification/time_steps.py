@@ -281,13 +281,7 @@ def free_flight() -> tuple[Figure, ...]:
     return (
         Figure("drift of momentum", "1", fine[0], 0.0, 1e-7, absolute=True),
         Figure(
-            "drift of the moment of momentum",
-            "1",
-            fine[1],
-            0.0,
-            1e-3,
-            absolute=True,
-            observed_order=angular,
+            "drift of the moment of momentum", "1", fine[1], 0.0, 1e-3, absolute=True, observed_order=angular
         ),
         Figure("drift of energy", "1", fine[2], 0.0, 5e-3, absolute=True, observed_order=energy),
     )

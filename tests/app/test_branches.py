@@ -82,11 +82,7 @@ def test_what_is_modelled_stays_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("first", "changes", "message"),
     [
-        (
-            DOWN,
-            {"contact.enabled": False},
-            r"contact\.enabled: .* left out \(switched off\)",
-        ),
+        (DOWN, {"contact.enabled": False}, r"contact\.enabled: .* left out \(switched off\)"),
         ({"contact.enabled": False}, DOWN | {"contact.enabled": True}, r"contact\.enabled is true, .* false"),
         ({}, {"coupling.scheme": "iterated"}, r"coupling\.scheme is 'iterated', .* 'staggered'; .* anew"),
         ({}, {"fidelity": "rigid"}, "fidelity is 'rigid', .* 'lumped'; .* leave fidelity = 'lumped'"),

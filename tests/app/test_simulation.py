@@ -18,7 +18,7 @@ from cosim.errors import ConvergenceError, InputError, OutputError, ScenarioErro
 from cosim.results.result import RunResult
 
 SHORT: dict[str, Any] = {
-    "phase": [{"name": "inflate", "duration_s": 0.2, "increments": 8, "pressure_Pa": 5e3}],
+    "phase": [{"name": "inflate", "duration_s": 0.2, "increments": 8, "pressure_Pa": 5e3}]
 }
 
 

@@ -16,10 +16,7 @@ from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
 from cosim.results.result import RunResult
 
-TRIPLE: dict[str, Any] = {
-    "soft_robot.copies": {"count": 3, "radius_m": 0.08},
-    "solver.damping_per_s": 20.0,
-}
+TRIPLE: dict[str, Any] = {"soft_robot.copies": {"count": 3, "radius_m": 0.08}, "solver.damping_per_s": 20.0}
 
 
 def phase(name: str, **keys: Any) -> dict[str, Any]:

@@ -31,11 +31,7 @@ WIRE = WireTable(
 
 def travel(tick_s: float, kind: str, light: bool = True) -> Array:
     """Return the path (n, 3) [m] of what is held, from where it was."""
-    objects, wires = {
-        "hinge": ((TURNED,), ()),
-        "slide": ((SHIFTED,), ()),
-        "wire": ((POST,), (WIRE,)),
-    }[kind]
+    objects, wires = {"hinge": ((TURNED,), ()), "slide": ((SHIFTED,), ()), "wire": ((POST,), (WIRE,))}[kind]
     grasp = Grasp(1.0, tick_s, light=light, objects=objects, wires=wires)
     begin, path = grasp.cube_position, []
     for _ in range(round(0.2 / tick_s)):

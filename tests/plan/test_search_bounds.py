@@ -48,10 +48,7 @@ def scenario(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     "target",
-    [
-        {"height_m": 0.9, "reach_with": "cables"},
-        {"position_m": [0.3, 0.3, 0.9], "reach_with": "cables"},
-    ],
+    [{"height_m": 0.9, "reach_with": "cables"}, {"position_m": [0.3, 0.3, 0.9], "reach_with": "cables"}],
 )
 def test_a_target_out_of_reach_ends_at_the_bound_with_what_was_reached(
     scenario: Path, target: dict[str, object]

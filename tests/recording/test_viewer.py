@@ -16,6 +16,7 @@ from rerun.experimental import ViewerClient
 
 from cosim.cli import viewing
 from cosim.cli.main import main
+from cosim.config.schema.scenario import RecordingTable
 from cosim.errors import InputError, OutputError
 from cosim.recording.pictures import Pictures, write_video
 from cosim.recording.rerun_recorder import RerunRecorder
@@ -236,8 +237,8 @@ def test_a_page_is_served_on_after_the_run_and_ended_after_that(monkeypatch: pyt
             done.append("stop")
 
     monkeypatch.setattr(viewing, "start_viewer", lambda shown: Page())
-    monkeypatch.setattr(viewing, "rerun_recorder", lambda *arguments: done.append(arguments[-1]))
+    monkeypatch.setattr(viewing, "RerunRecorder", lambda _path, **given: done.append(given["viewer"]))
     with viewing.live_view(web=True, recording=True) as live:
-        live.recorder(Path("a.rrd"), None, None)  # type: ignore[arg-type]
+        live.recorder(Path("a.rrd"), RecordingTable(), None)  # type: ignore[arg-type]
         live.serve_on()
     assert done == [Page.address, "wait", "stop", "stop"]

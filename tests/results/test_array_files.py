@@ -91,10 +91,7 @@ def test_a_run_that_failed_at_its_start_is_loaded_without_rows(
 
 @pytest.mark.parametrize("times", [1, 2], ids=["between ticks", "in a tick"])
 def test_parts_of_an_interrupted_run_make_the_whole(
-    times: int,
-    monkeypatch: pytest.MonkeyPatch,
-    made_up_build: Callable[..., Any],
-    tmp_path: Path,
+    times: int, monkeypatch: pytest.MonkeyPatch, made_up_build: Callable[..., Any], tmp_path: Path
 ) -> None:
     whole = Command(monkeypatch, made_up_build, tmp_path / "whole")
     assert whole.start() == 0

@@ -96,11 +96,7 @@ def test_all_frames_are_written_and_go_with_a_new_run(result: cosim.RunResult, t
     ],
 )
 def test_what_cannot_be_exported_is_refused(
-    words: list[str],
-    text: str,
-    result: cosim.RunResult,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    words: list[str], text: str, result: cosim.RunResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["export", str(tmp_path / "run"), *words]) == 2
     assert text in capsys.readouterr().err

@@ -203,11 +203,7 @@ WRONG = {
         f"<worldbody>{2 * COPIED}<geom size='1'/>{2 * '</replicate>'}",
         "describes more than 4000 elements",
     ),
-    "bodies": (
-        "<worldbody>",
-        f"<worldbody>{20_000 * '<body/>'}",
-        "describes more than 4000 elements",
-    ),
+    "bodies": ("<worldbody>", f"<worldbody>{20_000 * '<body/>'}", "describes more than 4000 elements"),
     "fine height field": (
         "<asset>",
         '<asset><hfield name="h" nrow="10000" ncol="+10000" size="1 1 1 1"/>',

@@ -9,13 +9,14 @@ from cosim.base.frames import Array
 from cosim.soft.elements import hinge
 from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import CLOSED_FRACTION, HingeRows, Hinges, add_hinges
+from cosim.soft.geometry import surface
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from tests.compiled import compiled
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
-fold_law, full_angle = compiled(hinge.fold_law), compiled(hinge.full_angle)
+fold_law, full_angle = compiled(hinge.fold_law), compiled(surface.full_angle)
 UNITS = 2
 K = 2.0e-3
 THETA1 = 0.1 * np.pi

@@ -8,11 +8,7 @@ from typing import Annotated, Final, Literal, final
 
 from annotated_types import Interval
 
-from cosim.config.toml.keys import (
-    Fraction,
-    Increasing,
-    Positive,
-)
+from cosim.config.toml.keys import Fraction, Increasing, Positive
 from cosim.config.toml.reading import Fault, Told, rule
 
 HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]

@@ -7,13 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-)
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.coupling.ticks import BodyLoads
 from cosim.rigid.distance.shapes import ShapeBounds
 from cosim.soft.contact.obstacle_contact import TouchedPlanes

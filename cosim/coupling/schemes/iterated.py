@@ -24,12 +24,7 @@ import numpy as np
 
 from cosim.base.frames import Array, SixNumbers, Wrench
 from cosim.coupling.half_ticks import LEVER_M, take_rigid_half
-from cosim.coupling.schemes.interface import (
-    Coupling,
-    Interface,
-    InterfaceState,
-    six_numbers,
-)
+from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState, six_numbers
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken

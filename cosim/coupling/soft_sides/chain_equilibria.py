@@ -21,8 +21,8 @@ from cosim.reduced.solve.clamp import (
     rates_from_nodes,
     upright,
 )
-from cosim.reduced.solve.commanded_cables import solve_loaded
 from cosim.reduced.solve.newton import ChainSolver, ChainTask
+from cosim.reduced.solve.time_step import solve_loaded
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome

@@ -25,11 +25,10 @@ from cosim.coupling.soft_sides.soft_side import (
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
-from cosim.reduced.solve.chain_step import ChainState, ChainStep, KeptTangentState
+from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, carried, node_motion, rates_from_nodes, rigid_motion, twists
-from cosim.reduced.solve.commanded_cables import given_tensions
-from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent
-from cosim.reduced.solve.time_step import ChainStepper
+from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
+from cosim.reduced.solve.time_step import ChainStepper, given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface

@@ -39,14 +39,7 @@ from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve.branching import Branching, FilmOverlap
 from cosim.soft.solve.newton_options import SearchEffort
-from cosim.soft.solve.state import (
-    Equilibrium,
-    Integrator,
-    Obstacles,
-    SoftState,
-    StepAim,
-    inertia_weight,
-)
+from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)

@@ -16,7 +16,6 @@ from cosim.base.frames import Array
 from cosim.base.kernels import Blocks, Cubes, Flags, Matrix, Vector, device_function, kernel, small_vector
 from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
-from cosim.reduced.solve.clamp import FrameClamp
 from cosim.soft.solve.newton_options import Outcome
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT, GOES_ON = range(6)
@@ -96,60 +95,6 @@ class ChainStep:
     def frames(self) -> Array:
         """(f, 4, 3)."""
         return self.chain.frames
-
-
-@final
-@dataclass(frozen=True)
-class KeptTangentState:
-    """A kept factor.
-
-    Args:
-        low: (f, 6, 6), of the Cholesky factor.
-        side: (f, 6, 6).
-        step_s: length of the step that it was made in [s].
-        two_steps: whether that looked back over two steps.
-    """
-
-    low: Annotated[Array, ("frames", 6, 6)]
-    side: Annotated[Array, ("frames", 6, 6)]
-    step_s: float
-    two_steps: bool
-
-
-@final
-class KeptTangent:
-    """Owns a factor, in `work`; it serves steps of one length and scheme in one clamp.
-
-    Args:
-        work: whose other arrays it shares.
-    """
-
-    def __init__(self, work: ChainWork) -> None:
-        self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
-        self._clamp: FrameClamp | None = None
-        self._step_s, self._two_steps = 0.0, False
-
-    def serves(self, clamp: FrameClamp, step_s: float, two_steps: bool) -> bool:
-        """Whether there is a factor that such a step may begin with."""
-        return clamp is self._clamp and step_s == self._step_s and two_steps == self._two_steps
-
-    def keep(self, kept: bool, clamp: FrameClamp, step_s: float, two_steps: bool) -> None:
-        """Note the step in which the factor was made or used last, and whether it is worth keeping."""
-        self._clamp, self._step_s, self._two_steps = clamp if kept else None, step_s, two_steps
-
-    def save_state(self, clamp: FrameClamp) -> KeptTangentState | None:
-        """Return the factor; None where none is kept for a clamp."""
-        if clamp is not self._clamp:
-            return None
-        return KeptTangentState(self.work.low.copy(), self.work.side.copy(), self._step_s, self._two_steps)
-
-    def restore_state(self, state: KeptTangentState | None, clamp: FrameClamp) -> None:
-        """Return to a state of `save_state`, with the clamp of that moment."""
-        if state is None:
-            self._clamp = None
-            return
-        self.work.low[:], self.work.side[:] = state.low, state.side
-        self.keep(True, clamp, state.step_s, state.two_steps)
 
 
 class ChainSide(NamedTuple):

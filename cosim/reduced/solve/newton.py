@@ -15,7 +15,7 @@ How the tip of a chain of frames moves with its loads: the implicit function the
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -44,7 +44,6 @@ from cosim.reduced.solve.chain_step import (
     ChainSide,
     ChainState,
     ChainStep,
-    KeptTangent,
     solve_chain,
 )
 from cosim.reduced.solve.clamp import FrameClamp
@@ -102,6 +101,60 @@ def _touched(
     if not _fill_rows(planes.rows, section.frames.before, section.node_weights(pressure_Pa), first, rows):
         raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
     return first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m))
+
+
+@final
+@dataclass(frozen=True)
+class KeptTangentState:
+    """A kept factor.
+
+    Args:
+        low: (f, 6, 6), of the Cholesky factor.
+        side: (f, 6, 6).
+        step_s: length of the step that it was made in [s].
+        two_steps: whether that looked back over two steps.
+    """
+
+    low: Annotated[Array, ("frames", 6, 6)]
+    side: Annotated[Array, ("frames", 6, 6)]
+    step_s: float
+    two_steps: bool
+
+
+@final
+class KeptTangent:
+    """Owns a factor, in `work`; it serves steps of one length and scheme in one clamp.
+
+    Args:
+        work: whose other arrays it shares.
+    """
+
+    def __init__(self, work: ChainWork) -> None:
+        self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
+        self._clamp: FrameClamp | None = None
+        self._step_s, self._two_steps = 0.0, False
+
+    def serves(self, clamp: FrameClamp, step_s: float, two_steps: bool) -> bool:
+        """Whether there is a factor that such a step may begin with."""
+        return clamp is self._clamp and step_s == self._step_s and two_steps == self._two_steps
+
+    def keep(self, kept: bool, clamp: FrameClamp, step_s: float, two_steps: bool) -> None:
+        """Note the step in which the factor was made or used last, and whether it is worth keeping."""
+        self._clamp, self._step_s, self._two_steps = clamp if kept else None, step_s, two_steps
+
+    def save_state(self, clamp: FrameClamp) -> KeptTangentState | None:
+        """Return the factor; None where none is kept for a clamp."""
+        if clamp is not self._clamp:
+            return None
+        return KeptTangentState(self.work.low.copy(), self.work.side.copy(), self._step_s, self._two_steps)
+
+    def restore_state(self, state: KeptTangentState | None, clamp: FrameClamp) -> None:
+        """Return to a state of `save_state`, with the clamp of that moment."""
+        if state is None:
+            self._clamp = None
+            return
+        self.work.low[:], self.work.side[:] = state.low, state.side
+        self.keep(True, clamp, state.step_s, state.two_steps)
 
 
 @final
@@ -329,7 +382,7 @@ class ChainSolver:
     def _pull(self, loads: Loads, pressure_Pa: float, frames: Array) -> None:
         """Bring the tension of all segments up to date."""
         if loads.cable_length_m and any(length is not None for length in loads.cable_length_m):
-            raise InputError("a chain is solved at tensions; `commanded_cables` finds those of given lengths")
+            raise InputError("a chain is solved at tensions; `solve_loaded` finds those of given lengths")
         if self.losses_follow_shape:
             x = self.section.positions(frames, pressure_Pa)
             self._ratios = [cable.tension_ratio(x) for cable in self.section.body.cables]

@@ -84,11 +84,7 @@ def add_object(
 
 
 def add_mounted(
-    spec: mujoco.MjSpec,
-    carrier: mujoco.MjsBody,
-    item: SceneObject,
-    contact: tuple[int, int],
-    tick_s: float,
+    spec: mujoco.MjSpec, carrier: mujoco.MjsBody, item: SceneObject, contact: tuple[int, int], tick_s: float
 ) -> None:
     """Add a body that is fixed to another one, posed in its frame, with the carrier's contact bits."""
     body = carrier.add_body(name=item.name, pos=item.position_m, quat=item.quaternion)

@@ -39,7 +39,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import Vector, allocating, device_function, inlined
-from cosim.soft.elements.hinge import full_angle
+from cosim.soft.geometry.surface import full_angle
 
 
 @inlined

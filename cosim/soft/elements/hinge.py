@@ -49,41 +49,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, device_function, kernel, small_vector
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant, Remembered
-from cosim.soft.geometry.surface import dihedral_angle, directed_edges, triangle_area
-
-TURN = 2.0 * math.pi
-_EIGHTH = math.tan(math.pi / 8.0)
-
-
-@device_function
-def full_angle(sine: float, cosine: float) -> float:
-    """Return atan2(sine, cosine) in [0, 2 pi), to 2e-15; NaN where both are zero.
-
-    The ratio is brought to |t| <= tan(pi / 8); there (atan(t) / t - 1) / t^2 is a polynomial in t^2 that
-    meets the series at 11 Chebyshev points (5e-18 off in between).
-    """
-    height, width = abs(sine), abs(cosine)
-    steep = height > width
-    large = height if steep else width
-    small = width if steep else height
-    beyond = small > _EIGHTH * large
-    t = (small - large if beyond else small) / (small + large if beyond else large)
-    z = t * t
-    p = 0.03923044778479309 - 0.019175404711104935 * z
-    p = p * z - 0.050854078345894844
-    p = p * z + 0.05858140904866328
-    p = p * z - 0.06664510525508936
-    p = p * z + 0.07692183125376892
-    p = p * z - 0.0909090457530649
-    p = p * z + 0.11111111015187018
-    p = p * z - 0.14285714284665682
-    p = p * z + 0.19999999999995516
-    p = p * z - 0.3333333333333333
-    angle = t + t * z * p + (0.25 * math.pi if beyond else 0.0)
-    angle = 0.5 * math.pi - angle if steep else angle
-    angle = math.pi - angle if cosine < 0.0 else angle
-    return TURN - angle if sine < 0.0 else angle
-
+from cosim.soft.geometry.surface import TURN, dihedral_angle, directed_edges, full_angle, triangle_area
 
 CLOSED_FRACTION: Final = 4e-4
 """x_c: below x_c theta1 a fold is closed, its stiffness k (2 / (pi x_c))^2 = 2.5e6 k.

@@ -39,9 +39,7 @@ def refine(mesh: NamedMesh, levels: int) -> NamedMesh:
 
 
 def refine_some(
-    mesh: NamedMesh,
-    chosen: Callable[[IntArray], Mask],
-    fractions: Callable[[IntArray], Array] | None = None,
+    mesh: NamedMesh, chosen: Callable[[IntArray], Mask], fractions: Callable[[IntArray], Array] | None = None
 ) -> NamedMesh:
     """Return the mesh with some edges cut, and triangles into one part more than they have cut edges.
 

@@ -78,14 +78,7 @@ from cosim.soft.film.step_arrays import (
     copy_rows,
     move,
 )
-from cosim.soft.linear.kept_factor import (
-    OUTSIDE,
-    KeptEnvelope,
-    count_extra,
-    is_kept,
-    renew,
-    solve_kept,
-)
+from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is_kept, renew, solve_kept
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
 from cosim.soft.published.open_caps import RimArrays, correct_rims, hold_rims

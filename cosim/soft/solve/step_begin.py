@@ -10,13 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from cosim.base.kernels import (
-    IndexTable,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-)
+from cosim.base.kernels import IndexTable, Matrix, Vector, device_function, kernel
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
