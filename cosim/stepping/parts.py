@@ -154,7 +154,7 @@ class TickState:
         touched: what the soft robot presses on.
         branchings: unstable states that the soft robot has met on the way.
         overlap: of its films.
-        ends_phase: whether its natural frequency is looked at.
+        ends_phase: whether it is looked at how firmly it stands.
     """
 
     tick: int
@@ -256,7 +256,6 @@ class Parts:
         devices = self.commands.report(moment.flange)
         wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
         here = soft.shape_now(), moment.flange, loads
-        frequency = soft.lowest_frequency_Hz(*here) if moment.ends_phase else None
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
@@ -280,5 +279,5 @@ class Parts:
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
             branchings=moment.branchings,
             overlap=moment.overlap,
-            lowest_frequency_Hz=frequency,
+            footing=soft.footing(*here) if moment.ends_phase else None,
         )

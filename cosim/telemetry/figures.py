@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
-from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap
+from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -473,6 +473,23 @@ def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
         f"{1e3 * deepest['depth_m']:.2g} mm (phase '{deepest['phase']}', {deepest['place']}); "
         "with contact.self_contact = true they press on one another"
     ]
+
+
+def footing_figures(footing: Footing | None, branchings: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return how firmly the soft robot stands at the end of a phase; nothing is known where it is None.
+
+    Args:
+        footing: there.
+        branchings: of the phase.
+    """
+    if footing is None:
+        return dict.fromkeys(("stability", "lowest_frequency_Hz", "disturbed_tip_m", "load_margin"))
+    return {
+        "stability": footing.stability([(row["extent"], row["snap"]) for row in branchings]),
+        "lowest_frequency_Hz": footing.lowest_frequency_Hz,
+        "disturbed_tip_m": footing.disturbed_tip_m,
+        "load_margin": footing.load_margin,
+    }
 
 
 def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:

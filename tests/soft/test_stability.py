@@ -16,7 +16,7 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.stability import lowest_frequency_Hz
+from cosim.soft.solve.stability import footing
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.case import NO_CLAMP, UNLOADED, Specimen
 from cosim.verification.strips import Strip
@@ -67,7 +67,7 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
     heavy = replace(Strip(24), density=2.0)
     specimen = heavy.specimen()
     state = specimen.drawn()
-    found = lowest_frequency_Hz(specimen.newton, state, UNLOADED, np.eye(3))
+    found = footing(specimen.newton, state, UNLOADED, np.eye(3))
     per_length = heavy.density * heavy.width_m
     exact = (
         1.8751040687**2
@@ -76,10 +76,29 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
         / heavy.length_m**2
     )
     # the error of 24 panels, which falls with their square
-    assert found == pytest.approx(exact, rel=5e-3)
+    assert found is not None
+    assert found.lowest_frequency_Hz == pytest.approx(exact, rel=5e-3)
     pressed = replace(UNLOADED, nodal_force=heavy.tip_force((-1.2 * EULER_N, 0.0, 0.0)))
     straight_one = specimen.solve(state, pressed).state
-    assert lowest_frequency_Hz(specimen.newton, straight_one, pressed, np.eye(3)) is None, "it is not stable"
+    found = footing(specimen.newton, straight_one, pressed, np.eye(3))
+    assert found is not None
+    assert found.unstable is not None
+    assert found.lowest_frequency_Hz is None
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
+def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
+    specimen, here = straight(share)
+    found = footing(specimen.newton, here.state, here.loads, np.eye(3))
+    assert found is not None
+    # a straight line: the nearer, the better; the mesh is 0.2 % too soft
+    assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.04 * (1.0 - share))
+    assert not found.snaps, "the push bends it to no side"
+    assert found.stability([]) == ("near a branching" if share > 0.95 else "stable")
+    # it grows as 1 / (1 - share), within 1.5 %; corners move more than the end's middle
+    force = 1e-6 * share * EULER_N
+    softness = STRIP.length_m**3 / (3.0 * STRIP.bending_stiffness) / (1.0 - share)
+    assert found.disturbed_tip_m == pytest.approx(force * softness, rel=0.1)
 
 
 def stayed(stiffness_N_m: float) -> Specimen:

@@ -50,6 +50,7 @@ def test_a_saddle_is_left_and_named_whatever_the_increments(increments: int) -> 
     assert mirrored == pytest.approx(found["tip_m"], abs=1e-3)
     assert abs(found["tip_m"][1]) > 0.02
     assert abs(summary["phases"][-1]["tip_position_m"][1]) == pytest.approx(ASIDE_m, abs=1e-3)
+    assert summary["phases"][-1]["stability"] == "after a branching"
     (line,) = (line for line in summary["phases"][-1]["branchings"] if "kPa" in line)
     assert "of tip gives way along (0, 1, 0) or against it" in line
     assert "on the other side it is at" in line
@@ -75,6 +76,13 @@ def test_what_stays_below_its_branching_is_stable() -> None:
     summary = in_statics(10, phase__inflate__pressure_Pa=6e3).summary
     assert large(summary) == []
     assert 1.0 < summary["phases"][-1]["lowest_frequency_Hz"] < 100.0
+    assert summary["phases"][-1]["stability"] == "stable"
+
+
+def test_a_phase_that_ends_near_its_branching_says_so() -> None:
+    phase = in_statics(10, phase__inflate__pressure_Pa=7.8e3).summary["phases"][-1]
+    assert phase["stability"] == "near a branching"
+    assert 7.8e3 * (1.0 + phase["load_margin"]) == pytest.approx(BRANCHES_Pa, rel=5e-3)
 
 
 @pytest.mark.parametrize("tick_s", [0.002, 0.004])

@@ -20,7 +20,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
-from cosim.soft.solve.branching import UNDECIDED, Branching
+from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
@@ -183,8 +183,16 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
     return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
 
 
-def lowest_frequency_Hz(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> float | None:
-    """Return the lowest natural frequency about a state at rest; None where it is unstable, or has none.
+_GROWTH, _MOVES_m = 1e-3, 1e-5  # of the loads, and of the body with them at most, in a look ahead
+_PROBE_m = 1e-7  # half of the step of differences
+_DRIVEN = 0.5  # share of the answer to more load that is in the lowest mode, where it snaps
+
+
+def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Footing | None:
+    """Return how firmly a body stands, as if it was at rest; None where loads have no potential.
+
+    All is by the one factorisation that the lowest mode takes: three solutions for a disturbance, one for
+    what more load does, and gradients beside it.
 
     Args:
         solver: Newton's method for the body with the clamp in force; its factorisation is lost.
@@ -192,11 +200,90 @@ def lowest_frequency_Hz(solver: NewtonSolver, state: SoftState, loads: Loads, fr
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    mass = solver.system.body.node_mass
-    if not solver.system.conservative or not (mass > 0.0).all():
+    system, x = solver.system, state.positions
+    if not system.conservative:
         return None
-    square = softest(solver, state, loads, frame, mass).value
-    return math.sqrt(square) / (2.0 * math.pi) if square > 0.0 else None
+    mass = system.body.node_mass
+    weight = mass if (mass > 0.0).all() else None
+    lowest = softest(solver, state, loads, frame, weight)
+    if not lowest.value > 0.0:
+        ways = max(1, solver.negative_pivots(x, state.memory, loads))
+        return Footing(None, math.inf, 0.0, unstable=_named(solver, state, loads, lowest, ways))
+    growth = _Growth(solver, state, loads)
+    force = growth.force
+    disturbance = DISTURBED * np.linalg.norm(force, axis=1)[:, None, None] * np.eye(3)
+    answers = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
+    tip = answers[system.body.tip].mean(axis=0, keepdims=True) if len(system.body.tip) else answers
+    moved = float(np.linalg.norm(tip, ord=2, axis=(1, 2)).max())
+    margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
+    frequency = None if weight is None else math.sqrt(lowest.value) / (2.0 * math.pi)
+    return Footing(frequency, moved, margin, snaps)
+
+
+@final
+class _Growth:
+    """What a body is under, and what becomes of its lowest stiffness if all loads grow.
+
+    Args:
+        solver: Newton's method for the body.
+        state: where it is.
+        loads: that act there.
+    """
+
+    def __init__(self, solver: NewtonSolver, state: SoftState, loads: Loads) -> None:
+        self._solver, self._state, self._loads = solver, state, loads
+        volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
+        self._volumes = tuple(volumes.tolist())
+        # the gradient is linear in the loads
+        self.force = self._gradient(0.0) - self._gradient(1.0)
+
+    def margin(self, lowest: Softest, answer: Array, weight: Array | None) -> tuple[float, bool]:
+        """Return by what share the loads may grow until the lowest stiffness is zero, and if they drive it.
+
+        Args:
+            lowest: eigenvalue and mode.
+            answer: (n, 3) [m], of the body to twice the loads, linear.
+            weight: of `softest`.
+        """
+        most = float(np.abs(answer).max())
+        share = min(_GROWTH, _MOVES_m / most) if most else _GROWTH
+        before = self._stiffness(lowest.mode, 0.0, 0.0 * answer)
+        after = self._stiffness(lowest.mode, share, share * answer)
+        weights = np.ones(len(answer)) if weight is None else weight
+        product = float(weights @ (lowest.mode * answer).sum(axis=1))
+        sizes = [float(weights @ (each**2).sum(axis=1)) for each in (lowest.mode, answer)]
+        snaps = product**2 > _DRIVEN * sizes[0] * sizes[1]
+        return (before * share / (before - after) if after != before else math.inf), snaps
+
+    def _stiffness(self, mode: Array, share: float, moved: Array) -> float:
+        """Return the stiffness along a mode, where the body has moved under loads that have grown."""
+        there = [self._gradient(share, moved + side * _PROBE_m * mode) for side in (1.0, -1.0)]
+        return float((mode * (there[0] - there[1])).sum()) / (2.0 * _PROBE_m)
+
+    def _gradient(self, share: float, moved: Array | float = 0.0) -> Array:
+        system, x = self._solver.system, np.ascontiguousarray(self._state.positions + moved)
+        loads = self._grown(share)
+        kept = system.segment_share(self._state.positions, loads)
+        system.evaluate(x, loads, kept, self._state.memory, hessian=False)
+        return np.where(self._solver.free, system.gradient, 0.0)
+
+    def _grown(self, share: float) -> Loads:
+        """Return the loads grown by a share; commanded lengths stay, and what is touched."""
+        loads, factor = self._loads, 1.0 + share
+        gauge = loads.pressures_at(self._volumes)
+        gases = zip(loads.gas, gauge, self._volumes, strict=True) if loads.gas else ()
+        gx, gy, gz = (factor * component for component in loads.gravity)
+        return replace(
+            loads,
+            pressure_Pa=tuple(factor * p for p in loads.pressure_Pa),
+            cable_tension_N=tuple(factor * tension for tension in loads.cable_tension_N),
+            gravity=(gx, gy, gz),
+            nodal_force=None if loads.nodal_force is None else factor * loads.nodal_force,
+            gas=tuple(
+                None if gas is None else replace(gas.at(volume), pressure_Pa=gas.ambient_Pa + factor * p)
+                for gas, p, volume in gases
+            ),
+        )
 
 
 def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
