@@ -518,6 +518,8 @@ def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
 
 def _branching_line(row: dict[str, Any]) -> str:
     line, other = _whereabouts(row), row["other_tip_m"]
+    if row["snap"] and row["tip_m"] is not None:
+        return f"{line}, the tip from {_place(other)} to {_place(row['tip_m'])}: {row['chosen']}"
     if row["tip_m"] is None:
         return f"{line}; {row['chosen']}"
     beside = "" if other is None else f"; on the other side it is at {_place(other)}"
@@ -529,9 +531,12 @@ def _whereabouts(row: dict[str, Any]) -> str:
     tensions = "/".join(f"{value:.4g}" for value in row["cable_tension_N"])
     loads = f"{pressures} kPa" + (f", cables at {tensions} N" if any(row["cable_tension_N"]) else "")
     way = ", ".join(f"{round(value, 2) + 0.0:g}" for value in row["direction"])
+    does, moves = "branches", f"gives way along ({way}) or against it"
+    if row["snap"]:
+        does, moves = "snaps", f"moves along ({way})"
     return (
-        f"phase '{row['phase']}' branches at {loads} ({100.0 * row['load_factor']:.3g} % of its way): "
-        f"{row['place']} gives way along ({way}) or against it"
+        f"phase '{row['phase']}' {does} at {loads} ({100.0 * row['load_factor']:.3g} % of its way): "
+        f"{row['place']} {moves}"
     )
 
 

@@ -13,6 +13,7 @@ from cosim.base.frames import Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -99,6 +100,50 @@ def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
     force = 1e-6 * share * EULER_N
     softness = STRIP.length_m**3 / (3.0 * STRIP.bending_stiffness) / (1.0 - share)
     assert found.disturbed_tip_m == pytest.approx(force * softness, rel=0.1)
+
+
+HALF_m, RISE_m, WIDTH_m, ROOF = 0.05, 0.01, 0.02, Film(1e6, 0.0, 1e-3)
+# two bars of length L, Green's strain e = (z^2 - rise^2) / (2 L^2): the push 2 E A z e / L is largest at
+# z = rise / 3^(1/2)
+SNAPS_N = (
+    ROOF.young_modulus_Pa * ROOF.thickness_m * WIDTH_m * 2.0 / (3.0 * math.sqrt(3.0))
+    * (RISE_m / math.hypot(HALF_m, RISE_m)) ** 3
+)  # fmt: skip
+
+
+def roof(share: float) -> tuple[Specimen, Equilibrium]:
+    """Return a shallow roof of two strips under a share of the push on its ridge at which it snaps."""
+    x = np.repeat([-HALF_m, 0.0, HALF_m], 2)
+    positions = np.stack([x, np.tile([0.0, WIDTH_m], 3), np.where(x == 0.0, RISE_m, 0.0)], axis=1)
+    body = SoftBody.from_arrays(positions, np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]]), ROOF)
+    specimen = Specimen(body, x != 0.0, NewtonOptions(1e-9, step_max_m=1e-3, leaves_saddles=True))
+    force = np.zeros((6, 3))
+    force[2:4, 2] = -0.5 * share * SNAPS_N
+    begin = specimen.solve(specimen.drawn(), UNLOADED)
+    return specimen, specimen.equilibria.follow(begin, Pose(), replace(UNLOADED, nodal_force=force))
+
+
+@pytest.mark.parametrize("share", [1.01, 1.3, 3.0])
+def test_a_snap_is_named_with_its_load(share: float) -> None:
+    _, found = roof(share)
+    (snap,) = found.branchings
+    assert snap.snap
+    assert snap.load_factor * share == pytest.approx(1.0, abs=0.01)
+    assert snap.place in ("node 2", "node 3")
+    assert snap.direction == pytest.approx((0.0, 0.0, -1.0), abs=1e-9)
+    assert found.state.positions[2:4, 2].max() < -RISE_m
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.97])
+def test_what_is_left_until_a_snap_is_told_below_it(share: float) -> None:
+    specimen, here = roof(share)
+    assert here.branchings == ()
+    found = footing(specimen.newton, here.state, here.loads, np.eye(3))
+    assert found is not None
+    assert found.snaps
+    assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.12 * (1.0 - share))
+    assert found.stability([]) == ("near a snap" if share > 0.95 else "stable")
+    assert found.stability([(0.6, True)]) == ("near a snap" if share > 0.95 else "after a snap")
 
 
 def stayed(stiffness_N_m: float) -> Specimen:

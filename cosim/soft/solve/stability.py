@@ -104,6 +104,8 @@ _SADDLES_MAX = 3  # one after the other, until a stable one is found
 _FAR = 0.05  # root mean square of the nodes' motion, of the body's size
 _WITHIN = 0.005  # of the loads
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
+SNAPS: Final = "nothing near is in balance beyond"
+LOWER: Final = "what is near is stable as well, but has more energy"
 _EQUAL = 1e-6  # energies, of the fall from an unstable equilibrium
 ON_PURPOSE: Final = "it is followed on purpose (solver.follow_unstable)"
 NOWHERE: Final = "no stable equilibrium was found beside it"
@@ -151,10 +153,10 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
     if not found.negative_pivots and not (leaves and begin is not None and _jumped(begin, found)):
         return found
     with follower.effort.search("a stable equilibrium beside an unstable one"):
-        fork = _Fork(1.0, found, 0) if begin is None else _fork(follower, begin, found)
+        fork = _Fork(1.0, found, found, 0) if begin is None else _fork(follower, begin, found)
         saddle, spent = fork.saddle, found.iterations + fork.iterations
-        if not saddle.negative_pivots:  # there is one way to snap
-            return replace(_again(follower, found), iterations=spent)
+        if not saddle.negative_pivots:
+            return _snapped(follower, fork, replace(found, iterations=spent))
         lowest = _softest_of(follower, saddle)
         ends = _sides(follower, saddle, lowest) if leaves else []
         why, *taken = _choice(saddle, ends) if leaves else (ON_PURPOSE,)
@@ -253,7 +255,10 @@ class _Growth:
         product = float(weights @ (lowest.mode * answer).sum(axis=1))
         sizes = [float(weights @ (each**2).sum(axis=1)) for each in (lowest.mode, answer)]
         snaps = product**2 > _DRIVEN * sizes[0] * sizes[1]
-        return (before * share / (before - after) if after != before else math.inf), snaps
+        if after == before:
+            return math.inf, snaps
+        # towards a limit point it is the square of the stiffness that falls straight with the load
+        return before * share / (before - after) / (2.0 if snaps else 1.0), snaps
 
     def _stiffness(self, mode: Array, share: float, moved: Array) -> float:
         """Return the stiffness along a mode, where the body has moved under loads that have grown."""
@@ -306,11 +311,13 @@ class _Fork:
 
     Args:
         share: of the way.
+        before: the last stable one; an unstable one where none is known.
         saddle: the first one after it, unstable unless it is where the body snaps to.
         iterations: of the search.
     """
 
     share: float
+    before: Equilibrium
     saddle: Equilibrium
     iterations: int
 
@@ -326,7 +333,7 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
         ends = [here.state.carried(pose @ here.world_from_flange.inverse()) for here in (first, last)]
         start = 0.5 * (ends[0].positions + ends[1].positions) if last.negative_pivots else ends[0].positions
         try:
-            found = follower.solve(ends[0], pose, loads, start)
+            found = _solved(follower, ends[0], pose, loads, start)
         except ConvergenceError:
             break
         spent += found.iterations
@@ -335,7 +342,54 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
             high, last = middle, found
         else:
             low, first = middle, found
-    return _Fork(high, last, spent)
+    return _Fork(high, first, last, spent)
+
+
+def _snapped(follower: BranchFollower, fork: _Fork, found: Equilibrium) -> Equilibrium:
+    """Return an equilibrium that may be far from those before; one near them where that has less energy."""
+    before, after, chosen = fork.before, fork.saddle, SNAPS
+    if not _jumped(before, after):
+        return replace(_again(follower, found), iterations=found.iterations)
+    state = before.state.carried(after.world_from_flange @ before.world_from_flange.inverse())
+    try:
+        near = follower.solve(state, after.world_from_flange, after.loads)
+    except ConvergenceError:
+        near = after
+    found = replace(found, iterations=found.iterations + near.iterations)
+    if not near.negative_pivots and _motion(near, after) > _FAR * _size(before) > _motion(before, near):
+        if near.potential_J <= after.potential_J:
+            here = follower.follow(near, found.world_from_flange, found.loads)
+            return replace(here, iterations=here.iterations + found.iterations)
+        chosen = LOWER
+    again, snap = _again(follower, found), _snap(follower, fork, chosen)
+    return replace(again, iterations=found.iterations, branchings=(snap,))
+
+
+def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
+    """Return where a body snaps, why, and from where to where."""
+    before, after = fork.before, fork.saddle
+    carried = before.state.carried(after.world_from_flange @ before.world_from_flange.inverse())
+    motion = after.state.positions - carried.positions
+    most = int(np.argmax(np.linalg.norm(motion, axis=1)))
+    mode = motion / np.abs(motion).max()
+    place = place_of_largest(follower.solver.system.body, carried.positions, mode, follower.solver.free)
+    named = _named(follower.solver, carried, after.loads, Softest(0.0, mode, place), 1)
+    x, y, z = (motion[most] / np.linalg.norm(motion[most])).tolist()
+    tips = [_tip(follower, end) for end in (after, before)]
+    return replace(
+        named, load_factor=fork.share, direction=(x, y, z), tip_m=tips[0], other_tip_m=tips[1], chosen=chosen,
+        snap=True,
+    )  # fmt: skip
+
+
+def _solved(
+    follower: BranchFollower, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array
+) -> Equilibrium:
+    """Return the equilibrium near a state; where there is none, as beyond a limit point, the next one."""
+    try:
+        return follower.solve(state, world_from_flange, loads, start)
+    except ConvergenceError:
+        return follower.slide(state, world_from_flange, loads)
 
 
 def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> list[Equilibrium]:
@@ -427,8 +481,8 @@ def _motion(begin: Equilibrium, end: Equilibrium) -> float:
 
 
 def _jumped(begin: Equilibrium, end: Equilibrium) -> bool:
-    """Return whether Newton's method met an indefinite tangent and ended far away."""
-    return end.shifted > 0 and _motion(begin, end) > _FAR * _size(begin)
+    """Return whether Newton's method met an indefinite tangent, or found nothing, and ended far away."""
+    return (end.shifted > 0 or end.slides > 0) and _motion(begin, end) > _FAR * _size(begin)
 
 
 def _load_change(begin: Equilibrium, end: Equilibrium) -> float:
