@@ -475,6 +475,11 @@ def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
     ]
 
 
+_OF_FOOTING: Final = (
+    "stability", "lowest_frequency_Hz", "disturbed_tip_m", "load_margin", "losses_held"
+)  # fmt: skip
+
+
 def footing_figures(footing: Footing | None, branchings: list[dict[str, Any]]) -> dict[str, Any]:
     """Return how firmly the soft robot stands at the end of a phase; nothing is known where it is None.
 
@@ -483,12 +488,10 @@ def footing_figures(footing: Footing | None, branchings: list[dict[str, Any]]) -
         branchings: of the phase.
     """
     if footing is None:
-        return dict.fromkeys(("stability", "lowest_frequency_Hz", "disturbed_tip_m", "load_margin"))
+        return dict.fromkeys(_OF_FOOTING)
     return {
         "stability": footing.stability([(row["extent"], row["snap"]) for row in branchings]),
-        "lowest_frequency_Hz": footing.lowest_frequency_Hz,
-        "disturbed_tip_m": footing.disturbed_tip_m,
-        "load_margin": footing.load_margin,
+        **{name: getattr(footing, name) for name in _OF_FOOTING[1:]},
     }
 
 
@@ -532,11 +535,12 @@ def _whereabouts(row: dict[str, Any]) -> str:
     loads = f"{pressures} kPa" + (f", cables at {tensions} N" if any(row["cable_tension_N"]) else "")
     way = ", ".join(f"{round(value, 2) + 0.0:g}" for value in row["direction"])
     does, moves = "branches", f"gives way along ({way}) or against it"
+    held = " (by the symmetric part of its tangent, with losses held)" if row["losses_held"] else ""
     if row["snap"]:
         does, moves = "snaps", f"moves along ({way})"
     return (
         f"phase '{row['phase']}' {does} at {loads} ({100.0 * row['load_factor']:.3g} % of its way): "
-        f"{row['place']} {moves}"
+        f"{row['place']} {moves}{held}"
     )
 
 

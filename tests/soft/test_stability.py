@@ -9,18 +9,21 @@ import numpy as np
 import pytest
 
 from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
-from cosim.base.frames import Pose
+from cosim.base.frames import Array, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.stability import footing
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.case import NO_CLAMP, UNLOADED, Specimen
 from cosim.verification.strips import Strip
+from tests.derivatives import differences
+from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung
 
 STRIP = Strip(12)
 EULER_N = math.pi**2 * STRIP.bending_stiffness / (4.0 * STRIP.length_m**2)
@@ -77,12 +80,10 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
         / heavy.length_m**2
     )
     # the error of 24 panels, which falls with their square
-    assert found is not None
     assert found.lowest_frequency_Hz == pytest.approx(exact, rel=5e-3)
     pressed = replace(UNLOADED, nodal_force=heavy.tip_force((-1.2 * EULER_N, 0.0, 0.0)))
     straight_one = specimen.solve(state, pressed).state
     found = footing(specimen.newton, straight_one, pressed, np.eye(3))
-    assert found is not None
     assert found.unstable is not None
     assert found.lowest_frequency_Hz is None
 
@@ -91,7 +92,6 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
 def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
     specimen, here = straight(share)
     found = footing(specimen.newton, here.state, here.loads, np.eye(3))
-    assert found is not None
     # a straight line: the nearer, the better; the mesh is 0.2 % too soft
     assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.04 * (1.0 - share))
     assert not found.snaps, "the push bends it to no side"
@@ -100,6 +100,28 @@ def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
     force = 1e-6 * share * EULER_N
     softness = STRIP.length_m**3 / (3.0 * STRIP.bending_stiffness) / (1.0 - share)
     assert found.disturbed_tip_m == pytest.approx(force * softness, rel=0.1)
+
+
+def test_of_open_ends_the_symmetric_part_of_the_tangent_counts() -> None:
+    arm = held(hexagon_arm(2, closed=False))
+    here = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    found = footing(tested, here.state, here.loads, HANGING.rotation)
+    assert found.losses_held
+    free, share = arm.newton.free, arm.system.segment_share(here.state.positions, here.loads)
+
+    def gradient(x: Array) -> Array:
+        arm.system.evaluate(x, here.loads, share, here.state.memory, hessian=False)
+        return arm.system.gradient[free]
+
+    tangent = differences(gradient, here.state.positions, 1e-6)[free.ravel()]
+    asymmetry = np.abs(tangent - tangent.T).max()
+    assert asymmetry > 1.0, "N/m: this would not be the whole tangent's"
+    mass = np.repeat(arm.body.node_mass, 3)[free.ravel()]
+    scaled = 0.5 * (tangent + tangent.T) / np.sqrt(np.outer(mass, mass))
+    lowest = np.linalg.eigvalsh(scaled)[0]
+    assert lowest > 0.0
+    assert found.lowest_frequency_Hz == pytest.approx(math.sqrt(lowest) / (2.0 * math.pi), rel=1e-4)
 
 
 HALF_m, RISE_m, WIDTH_m, ROOF = 0.05, 0.01, 0.02, Film(1e6, 0.0, 1e-3)
@@ -139,7 +161,6 @@ def test_what_is_left_until_a_snap_is_told_below_it(share: float) -> None:
     specimen, here = roof(share)
     assert here.branchings == ()
     found = footing(specimen.newton, here.state, here.loads, np.eye(3))
-    assert found is not None
     assert found.snaps
     assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.12 * (1.0 - share))
     assert found.stability([]) == ("near a snap" if share > 0.95 else "stable")

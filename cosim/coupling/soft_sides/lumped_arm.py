@@ -401,7 +401,7 @@ class SoftArm(SoftSide):
     def _tested(self) -> NewtonSolver:
         """Newton's method apart from that of the steps, which keeps a factorisation."""
         if self._tester is None:
-            self._tester = NewtonSolver(self._system, self.clamp.mask(self.body.nodes))
+            self._tester = NewtonSolver(self._system, self.clamp.mask(self.body.nodes), symmetric=True)
         return self._tester
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:

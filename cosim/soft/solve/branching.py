@@ -33,6 +33,7 @@ class Branching:
         chosen: why that branch; `UNDECIDED` in a run in time that is at an unstable equilibrium.
         snap: whether the branch ends without another one beside it, so that the body snaps to a far state;
             `place`, `direction` and `extent` are of that motion, `other_tip_m` is from where.
+        losses_held: see `Footing`.
     """
 
     load_factor: float
@@ -46,6 +47,7 @@ class Branching:
     other_tip_m: tuple[float, float, float] | None
     chosen: str
     snap: bool = False
+    losses_held: bool = False
 
 
 DISTURBED: Final = 1e-6

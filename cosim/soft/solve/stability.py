@@ -18,6 +18,7 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
+from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
 from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
@@ -174,12 +175,13 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
     """Return in which direction a body in motion would give way if it was at rest; None where it would not.
 
     Args:
-        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        solver: Newton's method for the body with the clamp in force, of symmetric parts of tangents; its
+            factorisation is lost.
         state: where the body is.
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
+    if solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
     ways = solver.negative_pivots(state.positions, state.memory, loads)
     return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
@@ -190,27 +192,29 @@ _PROBE_m = 1e-7  # half of the step of differences
 _DRIVEN = 0.5  # share of the answer to more load that is in the lowest mode, where it snaps
 
 
-def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Footing | None:
-    """Return how firmly a body stands, as if it was at rest; None where loads have no potential.
+def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Footing:
+    """Return how firmly a body stands, as if it was at rest.
 
     All is by the one factorisation that the lowest mode takes: three solutions for a disturbance, one for
     what more load does, and gradients beside it.
 
     Args:
-        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        solver: Newton's method for the body with the clamp in force, of symmetric parts of tangents; its
+            factorisation is lost.
         state: where the body is.
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
     system, x = solver.system, state.positions
-    if not system.conservative:
-        return None
+    held = _losses_held(solver, loads)
     mass = system.body.node_mass
     weight = mass if (mass > 0.0).all() else None
     lowest = softest(solver, state, loads, frame, weight)
     if not lowest.value > 0.0:
         ways = max(1, solver.negative_pivots(x, state.memory, loads))
-        return Footing(None, math.inf, 0.0, unstable=_named(solver, state, loads, lowest, ways))
+        return Footing(
+            None, math.inf, 0.0, losses_held=held, unstable=_named(solver, state, loads, lowest, ways)
+        )
     growth = _Growth(solver, state, loads)
     force = growth.force
     disturbance = DISTURBED * np.linalg.norm(force, axis=1)[:, None, None] * np.eye(3)
@@ -219,7 +223,7 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     moved = float(np.linalg.norm(tip, ord=2, axis=(1, 2)).max())
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
     frequency = None if weight is None else math.sqrt(lowest.value) / (2.0 * math.pi)
-    return Footing(frequency, moved, margin, snaps)
+    return Footing(frequency, moved, margin, snaps, held)
 
 
 @final
@@ -296,8 +300,15 @@ def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest
     volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
     return Branching(
         1.0, loads.pressures_at(tuple(volumes.tolist())), loads.cable_tension_N, lowest.place,
-        lowest.direction, lowest.extent, ways, None, None, UNDECIDED,
+        lowest.direction, lowest.extent, ways, None, None, UNDECIDED, losses_held=_losses_held(solver, loads),
     )  # fmt: skip
+
+
+def _losses_held(solver: NewtonSolver, loads: Loads) -> bool:
+    """Return whether loads have no potential, so that it is one with their losses held that is looked at."""
+    cables = solver.system.body.cables
+    rubs = any(cable.friction_coefficient for cable in cables)
+    return rubs or not solver.system.conservative or losses_follow(cables, loads.cable_length_m)
 
 
 def _softest_of(follower: BranchFollower, here: Equilibrium) -> Softest:
