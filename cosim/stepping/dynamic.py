@@ -17,7 +17,7 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import WHOLE, Branching, FilmOverlap
+from cosim.soft.solve.branching import WHOLE, Branching, FilmOverlap, Footing
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
@@ -143,38 +143,50 @@ class DynamicSimulation(SteppedRun):
         found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
         return {k: contacts for k, contacts in found.items() if contacts}
 
-    def _undecided(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, tuple[Branching, ...]]:
-        """Return in which directions the soft robot would give way, if it was at rest, after some ticks."""
+    def _undecided(
+        self, taken: TicksTaken, asked: _Asked, to: Cursor, ends: dict[int, Footing]
+    ) -> dict[int, tuple[Branching, ...]]:
+        """Return in which directions the soft robot would give way, if it was at rest, after some ticks.
+
+        Args:
+            taken: ticks.
+            asked: of them.
+            to: the first one.
+            ends: what is known of the last one of a phase.
+        """
         count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
         ramp = min(count, round(self._parts.plan.phases[to.phase].phase.duration_s / self.stage.tick_s))
         looked = [math.ceil(share * ramp) for share in _TESTED_AT] if ramp >= _TESTED_RAMP_TICKS else []
-        places = {at - to.done for at in (*looked, count)}
+        places = {at - to.done for at in looked if at < count}
         rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
-        found = dict[int, tuple[Branching, ...]]()
+        found = {row: footing.unstable for row, footing in ends.items()}
         for row in rows:
             flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
-            branching = soft.undecided(taken.shapes[row], flange, asked.loads[row])
-            if branching is not None and branching.extent >= WHOLE:  # wrinkles come and go in motion
-                found[row] = (replace(branching, load_factor=(to.done + row) / count),)
-        return found
+            found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
+        return {
+            row: (replace(branching, load_factor=(to.done + row) / count),)
+            for row, branching in sorted(found.items())
+            # wrinkles come and go in motion
+            if branching is not None and branching.extent >= WHOLE
+        }
 
     def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, FilmOverlap]:
         """Return where films have passed through one another after some ticks."""
         soft, rows = self._parts.soft, self._looked_at(to, taken.done)
         return {row: found for row in rows if (found := soft.overlap(taken.shapes[row])) is not None}
 
-    def _lowest_frequency(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, float]:
-        """Return the lowest natural frequency at the end of a phase, where the film touches nothing."""
+    def _footing(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, Footing]:
+        """Return how firmly the soft robot stands at the end of a phase, where it touches nothing."""
         row = self._counts[to.phase] - to.done
         if row != taken.done - 1 or taken.ticks.contacts[row]:
             return {}
         flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
-        found = self._parts.soft.lowest_frequency_Hz(taken.shapes[row], flange, asked.loads[row])
+        found = self._parts.soft.footing(taken.shapes[row], flange, asked.loads[row])
         return {} if found is None else {row: found}
 
     def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
         """Return what ticks show, the first of which ends at `to`."""
-        n, parts = taken.done, self._parts
+        n, parts, footing = taken.done, self._parts, self._footing(taken, asked, to)
         tick = np.arange(to.tick, to.tick + n)
         time_s = np.array([Clock(self.stage.tick_s, count).time_s for count in tick.tolist()])
         wanted, report = parts.wanted_tip(to.phase, time_s), None
@@ -195,9 +207,9 @@ class DynamicSimulation(SteppedRun):
             tick_wall_s=np.full(n, (time.perf_counter() - began) / n),
             devices=(report,) * n,
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
-            branchings=self._undecided(taken, asked, to),
+            branchings=self._undecided(taken, asked, to, footing),
             overlap=self._overlaps(taken, to),
-            lowest_frequency_Hz=self._lowest_frequency(taken, asked, to),
+            footing=footing,
         )
 
     def _step_of(self, to: Cursor) -> str:

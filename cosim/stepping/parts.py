@@ -154,7 +154,7 @@ class TickState:
         touched: what the soft robot presses on.
         branchings: unstable states that the soft robot has met on the way.
         overlap: of its films.
-        ends_phase: whether its natural frequency is looked at.
+        ends_phase: whether it is looked at how firmly it stands.
     """
 
     tick: int
@@ -255,8 +255,10 @@ class Parts:
         places, quaternions = carrier.body_poses()
         devices = self.commands.report(moment.flange)
         wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
-        here = soft.shape_now(), moment.flange, loads
-        frequency = soft.lowest_frequency_Hz(*here) if moment.ends_phase else None
+        footing = soft.footing(soft.shape_now(), moment.flange, loads) if moment.ends_phase else None
+        branchings, unstable = moment.branchings, footing and footing.unstable
+        if unstable is not None and unstable.losses_held:  # these are not left, and found here alone
+            branchings = *branchings, unstable
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
@@ -278,7 +280,7 @@ class Parts:
             tick_wall_s=wall_s,
             devices=devices,
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
-            branchings=moment.branchings,
+            branchings=branchings,
             overlap=moment.overlap,
-            lowest_frequency_Hz=frequency,
+            footing=footing,
         )

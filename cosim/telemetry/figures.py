@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
-from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap
+from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -475,6 +475,26 @@ def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
     ]
 
 
+_OF_FOOTING: Final = (
+    "stability", "lowest_frequency_Hz", "disturbed_tip_m", "load_margin", "losses_held"
+)  # fmt: skip
+
+
+def footing_figures(footing: Footing | None, branchings: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return how firmly the soft robot stands at the end of a phase; nothing is known where it is None.
+
+    Args:
+        footing: there.
+        branchings: of the phase.
+    """
+    if footing is None:
+        return dict.fromkeys(_OF_FOOTING)
+    return {
+        "stability": footing.stability([(row["extent"], row["snap"]) for row in branchings]),
+        **{name: getattr(footing, name) for name in _OF_FOOTING[1:]},
+    }
+
+
 def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:
     """Return a sentence on each unstable state in motion from which more than a wrinkle moves."""
     return [
@@ -501,6 +521,8 @@ def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
 
 def _branching_line(row: dict[str, Any]) -> str:
     line, other = _whereabouts(row), row["other_tip_m"]
+    if row["snap"] and row["tip_m"] is not None:
+        return f"{line}, the tip from {_place(other)} to {_place(row['tip_m'])}: {row['chosen']}"
     if row["tip_m"] is None:
         return f"{line}; {row['chosen']}"
     beside = "" if other is None else f"; on the other side it is at {_place(other)}"
@@ -512,9 +534,13 @@ def _whereabouts(row: dict[str, Any]) -> str:
     tensions = "/".join(f"{value:.4g}" for value in row["cable_tension_N"])
     loads = f"{pressures} kPa" + (f", cables at {tensions} N" if any(row["cable_tension_N"]) else "")
     way = ", ".join(f"{round(value, 2) + 0.0:g}" for value in row["direction"])
+    does, moves = "branches", f"gives way along ({way}) or against it"
+    held = " (by the symmetric part of its tangent, with losses held)" if row["losses_held"] else ""
+    if row["snap"]:
+        does, moves = "snaps", f"moves along ({way})"
     return (
-        f"phase '{row['phase']}' branches at {loads} ({100.0 * row['load_factor']:.3g} % of its way): "
-        f"{row['place']} gives way along ({way}) or against it"
+        f"phase '{row['phase']}' {does} at {loads} ({100.0 * row['load_factor']:.3g} % of its way): "
+        f"{row['place']} {moves}{held}"
     )
 
 

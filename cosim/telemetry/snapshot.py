@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
-    from cosim.soft.solve.branching import Branching, FilmOverlap
+    from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
 
 @final
@@ -280,8 +280,7 @@ class Snapshot(Shown):
         link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
         branchings: unstable states that the soft robot has met in the tick, or is in.
         overlap: of its films, at ticks at which it is looked for.
-        lowest_frequency_Hz: natural frequency of the soft robot on a held flange, at the end of a phase;
-            None where it is not known.
+        footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
     """
 
     tick: int
@@ -306,7 +305,7 @@ class Snapshot(Shown):
     link_contacts: tuple[LinkContact, ...] = ()
     branchings: tuple[Branching, ...] = ()
     overlap: FilmOverlap | None = None
-    lowest_frequency_Hz: float | None = None
+    footing: Footing | None = None
 
     @property
     def node_position(self) -> Array:

@@ -20,6 +20,7 @@ from cosim.telemetry.figures import (
     arm_table,
     branching_lines,
     elastic_figures,
+    footing_figures,
     joined_branchings,
     joined_overlaps,
     largest,
@@ -282,6 +283,7 @@ class SummaryBuilder:
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
         own = [row for row in self._branchings if row["phase"] == name]
         figures["branchings"] = [*branching_lines(own), *undecided_warnings(own)]
+        figures |= footing_figures(self._last.footing, own)
         figures |= elastic_figures(self._stage, self._last.node_position)
         path = self._stage.tip_paths.get(self._last.phase)
         if path is not None:
@@ -308,7 +310,6 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
         "tip_position_m": last.tip_position,
         "tip_direction": last.tip_direction,
         "sag_m": last.sag_m,
-        "lowest_frequency_Hz": last.lowest_frequency_Hz,
         "flange_wrench": {"force_N": wrench.force, "torque_Nm": wrench.torque},
     }
     if last.tip_target is not None:

@@ -27,7 +27,7 @@ from cosim.telemetry.snapshot import FilmShapes, Snapshot
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.ticks_taken import TicksTaken
-    from cosim.soft.solve.branching import Branching, FilmOverlap
+    from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
 _NONE: Final = np.zeros(0)
 _NOWHERE: Final = np.full(3, np.nan)
@@ -88,7 +88,7 @@ class TickBatch(RigidColumns):
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.
         overlap: of its films, by row; rows left out have none, or were not looked at.
-        lowest_frequency_Hz: of the soft robot on a held flange, by row, at ends of phases.
+        footing: of the soft robot, by row, at ends of phases.
     """
 
     film: FilmShapes
@@ -124,7 +124,7 @@ class TickBatch(RigidColumns):
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
     branchings: Mapping[int, tuple[Branching, ...]]
     overlap: Mapping[int, FilmOverlap]
-    lowest_frequency_Hz: Mapping[int, float]
+    footing: Mapping[int, Footing]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -160,7 +160,7 @@ class TickBatch(RigidColumns):
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
             overlap=by_row("overlap"),
-            lowest_frequency_Hz=by_row("lowest_frequency_Hz"),
+            footing=by_row("footing"),
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
         )
@@ -207,7 +207,7 @@ class TickBatch(RigidColumns):
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
             overlap=by_row("overlap"),
-            lowest_frequency_Hz=by_row("lowest_frequency_Hz"),
+            footing=by_row("footing"),
             **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
         )
 
@@ -232,7 +232,7 @@ class TickBatch(RigidColumns):
             link_contacts=by_row(self.link_contacts),
             branchings=by_row(self.branchings),
             overlap=by_row(self.overlap),
-            lowest_frequency_Hz=by_row(self.lowest_frequency_Hz),
+            footing=by_row(self.footing),
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
@@ -259,7 +259,7 @@ class TickBatch(RigidColumns):
             link_contacts=self.link_contacts.get(row, ()),
             branchings=self.branchings.get(row, ()),
             overlap=self.overlap.get(row),
-            lowest_frequency_Hz=self.lowest_frequency_Hz.get(row),
+            footing=self.footing.get(row),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
 
@@ -355,5 +355,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlap", "lowest_frequency_Hz")
+_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlap", "footing")
 _ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)

@@ -9,17 +9,21 @@ import numpy as np
 import pytest
 
 from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
-from cosim.base.frames import Pose
+from cosim.base.frames import Array, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.material import Film
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.stability import lowest_frequency_Hz
+from cosim.soft.solve.stability import footing
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.case import NO_CLAMP, UNLOADED, Specimen
 from cosim.verification.strips import Strip
+from tests.derivatives import differences
+from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung
 
 STRIP = Strip(12)
 EULER_N = math.pi**2 * STRIP.bending_stiffness / (4.0 * STRIP.length_m**2)
@@ -67,7 +71,7 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
     heavy = replace(Strip(24), density=2.0)
     specimen = heavy.specimen()
     state = specimen.drawn()
-    found = lowest_frequency_Hz(specimen.newton, state, UNLOADED, np.eye(3))
+    found = footing(specimen.newton, state, UNLOADED, np.eye(3))
     per_length = heavy.density * heavy.width_m
     exact = (
         1.8751040687**2
@@ -76,10 +80,91 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
         / heavy.length_m**2
     )
     # the error of 24 panels, which falls with their square
-    assert found == pytest.approx(exact, rel=5e-3)
+    assert found.lowest_frequency_Hz == pytest.approx(exact, rel=5e-3)
     pressed = replace(UNLOADED, nodal_force=heavy.tip_force((-1.2 * EULER_N, 0.0, 0.0)))
     straight_one = specimen.solve(state, pressed).state
-    assert lowest_frequency_Hz(specimen.newton, straight_one, pressed, np.eye(3)) is None, "it is not stable"
+    found = footing(specimen.newton, straight_one, pressed, np.eye(3))
+    assert found.unstable is not None
+    assert found.lowest_frequency_Hz is None
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
+def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
+    specimen, here = straight(share)
+    found = footing(specimen.newton, here.state, here.loads, np.eye(3))
+    # a straight line: the nearer, the better; the mesh is 0.2 % too soft
+    assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.04 * (1.0 - share))
+    assert not found.snaps, "the push bends it to no side"
+    assert found.stability([]) == ("near a branching" if share > 0.95 else "stable")
+    # it grows as 1 / (1 - share), within 1.5 %; corners move more than the end's middle
+    force = 1e-6 * share * EULER_N
+    softness = STRIP.length_m**3 / (3.0 * STRIP.bending_stiffness) / (1.0 - share)
+    assert found.disturbed_tip_m == pytest.approx(force * softness, rel=0.1)
+
+
+def test_of_open_ends_the_symmetric_part_of_the_tangent_counts() -> None:
+    arm = held(hexagon_arm(2, closed=False))
+    here = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    found = footing(tested, here.state, here.loads, HANGING.rotation)
+    assert found.losses_held
+    free, share = arm.newton.free, arm.system.segment_share(here.state.positions, here.loads)
+
+    def gradient(x: Array) -> Array:
+        arm.system.evaluate(x, here.loads, share, here.state.memory, hessian=False)
+        return arm.system.gradient[free]
+
+    tangent = differences(gradient, here.state.positions, 1e-6)[free.ravel()]
+    asymmetry = np.abs(tangent - tangent.T).max()
+    assert asymmetry > 1.0, "N/m: this would not be the whole tangent's"
+    mass = np.repeat(arm.body.node_mass, 3)[free.ravel()]
+    scaled = 0.5 * (tangent + tangent.T) / np.sqrt(np.outer(mass, mass))
+    lowest = np.linalg.eigvalsh(scaled)[0]
+    assert lowest > 0.0
+    assert found.lowest_frequency_Hz == pytest.approx(math.sqrt(lowest) / (2.0 * math.pi), rel=1e-4)
+
+
+HALF_m, RISE_m, WIDTH_m, ROOF = 0.05, 0.01, 0.02, Film(1e6, 0.0, 1e-3)
+# two bars of length L, Green's strain e = (z^2 - rise^2) / (2 L^2): the push 2 E A z e / L is largest at
+# z = rise / 3^(1/2)
+SNAPS_N = (
+    ROOF.young_modulus_Pa * ROOF.thickness_m * WIDTH_m * 2.0 / (3.0 * math.sqrt(3.0))
+    * (RISE_m / math.hypot(HALF_m, RISE_m)) ** 3
+)  # fmt: skip
+
+
+def roof(share: float) -> tuple[Specimen, Equilibrium]:
+    """Return a shallow roof of two strips under a share of the push on its ridge at which it snaps."""
+    x = np.repeat([-HALF_m, 0.0, HALF_m], 2)
+    positions = np.stack([x, np.tile([0.0, WIDTH_m], 3), np.where(x == 0.0, RISE_m, 0.0)], axis=1)
+    body = SoftBody.from_arrays(positions, np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]]), ROOF)
+    specimen = Specimen(body, x != 0.0, NewtonOptions(1e-9, step_max_m=1e-3, leaves_saddles=True))
+    force = np.zeros((6, 3))
+    force[2:4, 2] = -0.5 * share * SNAPS_N
+    begin = specimen.solve(specimen.drawn(), UNLOADED)
+    return specimen, specimen.equilibria.follow(begin, Pose(), replace(UNLOADED, nodal_force=force))
+
+
+@pytest.mark.parametrize("share", [1.01, 1.3, 3.0])
+def test_a_snap_is_named_with_its_load(share: float) -> None:
+    _, found = roof(share)
+    (snap,) = found.branchings
+    assert snap.snap
+    assert snap.load_factor * share == pytest.approx(1.0, abs=0.01)
+    assert snap.place in ("node 2", "node 3")
+    assert snap.direction == pytest.approx((0.0, 0.0, -1.0), abs=1e-9)
+    assert found.state.positions[2:4, 2].max() < -RISE_m
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.97])
+def test_what_is_left_until_a_snap_is_told_below_it(share: float) -> None:
+    specimen, here = roof(share)
+    assert here.branchings == ()
+    found = footing(specimen.newton, here.state, here.loads, np.eye(3))
+    assert found.snaps
+    assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.12 * (1.0 - share))
+    assert found.stability([]) == ("near a snap" if share > 0.95 else "stable")
+    assert found.stability([(0.6, True)]) == ("near a snap" if share > 0.95 else "after a snap")
 
 
 def stayed(stiffness_N_m: float) -> Specimen:

@@ -33,7 +33,7 @@ def in_statics(increments: int, **changes: Any) -> cosim.RunResult:
 
 def large(summary: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the branchings in which more than a wrinkle moves."""
-    return [found for found in summary["branchings"] if found["extent"] > 0.2]
+    return [row for row in summary["branchings"] if row["extent"] > 0.2 and not row["snap"]]
 
 
 @pytest.mark.parametrize("increments", [10, 20, 100, 1000])
@@ -50,7 +50,12 @@ def test_a_saddle_is_left_and_named_whatever_the_increments(increments: int) -> 
     assert mirrored == pytest.approx(found["tip_m"], abs=1e-3)
     assert abs(found["tip_m"][1]) > 0.02
     assert abs(summary["phases"][-1]["tip_position_m"][1]) == pytest.approx(ASIDE_m, abs=1e-3)
-    (line,) = (line for line in summary["phases"][-1]["branchings"] if "kPa" in line)
+    # it leans by 33 mm at first; folded further it has less energy
+    (snap,) = (row for row in summary["branchings"] if row["snap"] and row["load_factor"] > 0.78)
+    assert abs(snap["other_tip_m"][1]) == pytest.approx(0.033, abs=2e-3)
+    assert abs(snap["tip_m"][1]) > 0.08
+    assert summary["phases"][-1]["stability"] == "after a snap"
+    (line,) = (line for line in summary["phases"][-1]["branchings"] if "branches at" in line)
     assert "of tip gives way along (0, 1, 0) or against it" in line
     assert "on the other side it is at" in line
 
@@ -75,6 +80,13 @@ def test_what_stays_below_its_branching_is_stable() -> None:
     summary = in_statics(10, phase__inflate__pressure_Pa=6e3).summary
     assert large(summary) == []
     assert 1.0 < summary["phases"][-1]["lowest_frequency_Hz"] < 100.0
+    assert summary["phases"][-1]["stability"] == "stable"
+
+
+def test_a_phase_that_ends_near_its_branching_says_so() -> None:
+    phase = in_statics(10, phase__inflate__pressure_Pa=7.8e3).summary["phases"][-1]
+    assert phase["stability"] == "near a branching"
+    assert 7.8e3 * (1.0 + phase["load_margin"]) == pytest.approx(BRANCHES_Pa, rel=5e-3)
 
 
 @pytest.mark.parametrize("tick_s", [0.002, 0.004])

@@ -36,12 +36,12 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_search import FilmLook
 from cosim.soft.linear.kept_factor import NewtonState
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.branching import Branching, FilmOverlap
+from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.stability import lowest_frequency_Hz, undecided
+from cosim.soft.solve.stability import footing, undecided
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,
@@ -371,9 +371,9 @@ class SoftArm(SoftSide):
         """Return in which direction a shape would give way if it was at rest; None: in none."""
         return self._looked(undecided, shape, world_from_flange, loads)
 
-    def lowest_frequency_Hz(self, shape: Array, world_from_flange: Pose, loads: Loads) -> float | None:
-        """Return the lowest natural frequency about a shape with the flange held; None: not known."""
-        return self._looked(lowest_frequency_Hz, shape, world_from_flange, loads)
+    def footing(self, shape: Array, world_from_flange: Pose, loads: Loads) -> Footing | None:
+        """Return how firmly a shape stands, as if it was at rest; None: not known."""
+        return self._looked(footing, shape, world_from_flange, loads)
 
     def _looked(
         self,
@@ -401,7 +401,7 @@ class SoftArm(SoftSide):
     def _tested(self) -> NewtonSolver:
         """Newton's method apart from that of the steps, which keeps a factorisation."""
         if self._tester is None:
-            self._tester = NewtonSolver(self._system, self.clamp.mask(self.body.nodes))
+            self._tester = NewtonSolver(self._system, self.clamp.mask(self.body.nodes), symmetric=True)
         return self._tester
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:

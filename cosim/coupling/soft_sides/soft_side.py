@@ -37,7 +37,7 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.mass_terms import mass_moments
-from cosim.soft.solve.branching import Branching, FilmOverlap
+from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
@@ -374,8 +374,8 @@ class SoftSide(ABC):
         """
         return None
 
-    def lowest_frequency_Hz(self, shape: Any, world_from_flange: Pose, loads: Loads) -> float | None:
-        """Return the lowest natural frequency about a shape with the flange held; None where it is not known.
+    def footing(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Footing | None:
+        """Return how firmly a shape stands, as if it was at rest; None where that is not known.
 
         Args:
             shape: of `shape_now`, after the last step.

@@ -123,6 +123,16 @@ class SoftSystem:
         """Return what missing caps add to the stiffness at positions (n, 3) [m], by ring."""
         return [] if self.conservative else self.gas.open_cap_stiffness(positions, self._found[:, 0])
 
+    def add_open_caps(self, positions: Array) -> None:
+        """Add the symmetric part of what missing caps do at positions (n, 3) [m] to the tangent in store."""
+        for ring, part in self.open_cap_stiffness(positions):
+            count, slots = len(ring), self.tangent_pattern.slots(ring[None])[0]
+            whole = (0.5 * (part + part.T)).reshape(count, 3, count, 3).swapaxes(1, 2)
+            pairs = whole[np.tril_indices(count)]
+            turned = slots < 0
+            pairs[turned] = pairs[turned].swapaxes(1, 2)
+            np.add.at(self.tangent_blocks, np.where(turned, -1 - slots, slots), pairs)
+
     @property
     def eyelets(self) -> IntArray:
         """Nodes (m,) that elements tie together across the mesh."""

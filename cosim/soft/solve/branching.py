@@ -1,10 +1,11 @@
-"""What a run finds wrong with a state that solves its equations: unstable, or with films in one another.
+"""What a run finds of a state that solves its equations: how firmly it stands, or films in one another.
 
 In a file by itself, as who reports on it loads no kernels.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -30,6 +31,9 @@ class Branching:
         tip_m: (x, y, z), of the branch that was taken; None where none is known.
         other_tip_m: of the branch on the other side, under the same loads; None where none was found.
         chosen: why that branch; `UNDECIDED` in a run in time that is at an unstable equilibrium.
+        snap: whether the branch ends without another one beside it, so that the body snaps to a far state;
+            `place`, `direction` and `extent` are of that motion, `other_tip_m` is from where.
+        losses_held: see `Footing`.
     """
 
     load_factor: float
@@ -42,6 +46,54 @@ class Branching:
     tip_m: tuple[float, float, float] | None
     other_tip_m: tuple[float, float, float] | None
     chosen: str
+    snap: bool = False
+    losses_held: bool = False
+
+
+DISTURBED: Final = 1e-6
+"""Of the load on each node, by how much it may be off in a `Footing`."""
+_MOVES_m, _NEAR = 1e-3, 0.05
+
+
+@final
+@dataclass(frozen=True)
+class Footing:
+    """How firmly a soft robot stands at the end of a phase, as if it was at rest there with its flange held.
+
+    Args:
+        lowest_frequency_Hz: natural frequency; None where it is unstable, or has nodes without mass.
+        disturbed_tip_m: how far the tip moves if the load on each node is off by a millionth of its size, all
+            of them in the one direction that moves it most; infinite where it is unstable.
+        load_margin: by what share all loads may grow, or fall (below 0), until it is no longer stable, if its
+            lowest stiffness (where it snaps, the square of that) goes on to change as it does; infinite where
+            it does not change.
+        snaps: whether it is the loads that move it there: it snaps. Else it branches.
+        losses_held: whether loads have no potential, so that this is of the symmetric part of its tangent,
+            with the losses along cables held.
+        unstable: in which direction it would give way; None where it is stable.
+    """
+
+    lowest_frequency_Hz: float | None
+    disturbed_tip_m: float
+    load_margin: float
+    snaps: bool = False
+    losses_held: bool = False
+    unstable: Branching | None = None
+
+    def stability(self, passed: Sequence[tuple[float, bool]]) -> str:
+        """Return it in words: which figures of the state are no matter of its loads alone.
+
+        Args:
+            passed: extent of each branching of the phase, and whether it is a snap.
+        """
+        large = [snap for extent, snap in passed if extent >= WHOLE]
+        if self.unstable is not None:
+            return "unstable"
+        if self.disturbed_tip_m >= _MOVES_m:
+            return "near neutral"
+        if abs(self.load_margin) < _NEAR:
+            return "near a snap" if self.snaps else "near a branching"
+        return ("after a snap" if large[-1] else "after a branching") if large else "stable"
 
 
 @final

@@ -150,10 +150,12 @@ class NewtonSolver:
         system: assembled body.
         clamped: (n,) bool, nodes whose positions are given, or (n, 3) bool, world components that are
             given: a node on a plane of symmetry has one.
+        symmetric: whether it takes the symmetric part of a tangent that is not, to see whether it is positive
+            definite; solutions take the whole.
     """
 
-    def __init__(self, system: SoftSystem, clamped: Mask) -> None:
-        self.system = system
+    def __init__(self, system: SoftSystem, clamped: Mask, *, symmetric: bool = False) -> None:
+        self.system, self._symmetric = system, symmetric
         self.clamped = clamped
         self.free = np.ascontiguousarray(by_component(~clamped))
         self._narrow = self._solver_for(system.pattern, None)
@@ -336,17 +338,19 @@ class NewtonSolver:
     def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
         """Return how many negative eigenvalues the tangent of the free components has in statics.
 
-        Sealed gas and commanded lengths count as well. The factorisation in store stays.
+        Sealed gas and commanded lengths count as well; of loads without a potential the symmetric part does.
+        The factorisation in store stays.
 
         Args:
             positions: (n, 3) [m].
             memory: (values,), what the elements remember there.
-            loads: that act, and have a potential.
+            loads: that act.
         """
         system = self.system
         gradient, tracked = system.gradient.copy(), system.memory.copy()
         system.evaluate(positions, loads, system.segment_share(positions, loads), memory)
         system.gradient[:], system.memory[:] = gradient, tracked
+        system.add_open_caps(positions)
         return negative_pivots(system.tangent_pattern, self.free, system.tangent_blocks, system.low_rank)
 
     def factorise(
@@ -366,6 +370,8 @@ class NewtonSolver:
         system.serving = self.linear.pattern
         system.evaluate(positions, loads, share, memory, inertia=inertia)
         system.gradient[:] = gradient
+        if self._symmetric:
+            system.add_open_caps(positions)
         definite = self._fitted_solver(positions).factor(system.tangent_blocks, low_rank=system.low_rank)
         kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
         self.keep(KeptFactor(kind, frame) if definite else None)
@@ -537,6 +543,6 @@ class NewtonSolver:
             self._kept = nothing_kept(self.linear.apart)
 
     def _solver_for(self, pattern: BlockPattern, like: LinearSolver | None) -> LinearSolver:
-        if self.system.conservative:
+        if self.system.conservative or self._symmetric:
             return cholesky(pattern, self.free, self.system.eyelets, like)
         return OpenCapSolver(pattern, self.free, self.system.eyelets, like)

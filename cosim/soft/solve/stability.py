@@ -18,9 +18,10 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
+from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
-from cosim.soft.solve.branching import UNDECIDED, Branching
+from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
@@ -104,6 +105,8 @@ _SADDLES_MAX = 3  # one after the other, until a stable one is found
 _FAR = 0.05  # root mean square of the nodes' motion, of the body's size
 _WITHIN = 0.005  # of the loads
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
+SNAPS: Final = "nothing near is in balance beyond"
+LOWER: Final = "what is near is stable as well, but has more energy"
 _EQUAL = 1e-6  # energies, of the fall from an unstable equilibrium
 ON_PURPOSE: Final = "it is followed on purpose (solver.follow_unstable)"
 NOWHERE: Final = "no stable equilibrium was found beside it"
@@ -151,10 +154,10 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
     if not found.negative_pivots and not (leaves and begin is not None and _jumped(begin, found)):
         return found
     with follower.effort.search("a stable equilibrium beside an unstable one"):
-        fork = _Fork(1.0, found, 0) if begin is None else _fork(follower, begin, found)
+        fork = _Fork(1.0, found, found, 0) if begin is None else _fork(follower, begin, found)
         saddle, spent = fork.saddle, found.iterations + fork.iterations
-        if not saddle.negative_pivots:  # there is one way to snap
-            return replace(_again(follower, found), iterations=spent)
+        if not saddle.negative_pivots:
+            return _snapped(follower, fork, replace(found, iterations=spent))
         lowest = _softest_of(follower, saddle)
         ends = _sides(follower, saddle, lowest) if leaves else []
         why, *taken = _choice(saddle, ends) if leaves else (ON_PURPOSE,)
@@ -172,31 +175,124 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
     """Return in which direction a body in motion would give way if it was at rest; None where it would not.
 
     Args:
-        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        solver: Newton's method for the body with the clamp in force, of symmetric parts of tangents; its
+            factorisation is lost.
         state: where the body is.
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
+    if solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
     ways = solver.negative_pivots(state.positions, state.memory, loads)
     return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
 
 
-def lowest_frequency_Hz(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> float | None:
-    """Return the lowest natural frequency about a state at rest; None where it is unstable, or has none.
+_GROWTH, _MOVES_m = 1e-3, 1e-5  # of the loads, and of the body with them at most, in a look ahead
+_PROBE_m = 1e-7  # half of the step of differences
+_DRIVEN = 0.5  # share of the answer to more load that is in the lowest mode, where it snaps
+
+
+def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Footing:
+    """Return how firmly a body stands, as if it was at rest.
+
+    All is by the one factorisation that the lowest mode takes: three solutions for a disturbance, one for
+    what more load does, and gradients beside it.
 
     Args:
-        solver: Newton's method for the body with the clamp in force; its factorisation is lost.
+        solver: Newton's method for the body with the clamp in force, of symmetric parts of tangents; its
+            factorisation is lost.
         state: where the body is.
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    mass = solver.system.body.node_mass
-    if not solver.system.conservative or not (mass > 0.0).all():
-        return None
-    square = softest(solver, state, loads, frame, mass).value
-    return math.sqrt(square) / (2.0 * math.pi) if square > 0.0 else None
+    system, x = solver.system, state.positions
+    held = _losses_held(solver, loads)
+    mass = system.body.node_mass
+    weight = mass if (mass > 0.0).all() else None
+    lowest = softest(solver, state, loads, frame, weight)
+    if not lowest.value > 0.0:
+        ways = max(1, solver.negative_pivots(x, state.memory, loads))
+        return Footing(
+            None, math.inf, 0.0, losses_held=held, unstable=_named(solver, state, loads, lowest, ways)
+        )
+    growth = _Growth(solver, state, loads)
+    force = growth.force
+    disturbance = DISTURBED * np.linalg.norm(force, axis=1)[:, None, None] * np.eye(3)
+    answers = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
+    tip = answers[system.body.tip].mean(axis=0, keepdims=True) if len(system.body.tip) else answers
+    moved = float(np.linalg.norm(tip, ord=2, axis=(1, 2)).max())
+    margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
+    frequency = None if weight is None else math.sqrt(lowest.value) / (2.0 * math.pi)
+    return Footing(frequency, moved, margin, snaps, held)
+
+
+@final
+class _Growth:
+    """What a body is under, and what becomes of its lowest stiffness if all loads grow.
+
+    Args:
+        solver: Newton's method for the body.
+        state: where it is.
+        loads: that act there.
+    """
+
+    def __init__(self, solver: NewtonSolver, state: SoftState, loads: Loads) -> None:
+        self._solver, self._state, self._loads = solver, state, loads
+        volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
+        self._volumes = tuple(volumes.tolist())
+        # the gradient is linear in the loads
+        self.force = self._gradient(0.0) - self._gradient(1.0)
+
+    def margin(self, lowest: Softest, answer: Array, weight: Array | None) -> tuple[float, bool]:
+        """Return by what share the loads may grow until the lowest stiffness is zero, and if they drive it.
+
+        Args:
+            lowest: eigenvalue and mode.
+            answer: (n, 3) [m], of the body to twice the loads, linear.
+            weight: of `softest`.
+        """
+        most = float(np.abs(answer).max())
+        share = min(_GROWTH, _MOVES_m / most) if most else _GROWTH
+        before = self._stiffness(lowest.mode, 0.0, 0.0 * answer)
+        after = self._stiffness(lowest.mode, share, share * answer)
+        weights = np.ones(len(answer)) if weight is None else weight
+        product = float(weights @ (lowest.mode * answer).sum(axis=1))
+        sizes = [float(weights @ (each**2).sum(axis=1)) for each in (lowest.mode, answer)]
+        snaps = product**2 > _DRIVEN * sizes[0] * sizes[1]
+        if after == before:
+            return math.inf, snaps
+        # towards a limit point it is the square of the stiffness that falls straight with the load
+        return before * share / (before - after) / (2.0 if snaps else 1.0), snaps
+
+    def _stiffness(self, mode: Array, share: float, moved: Array) -> float:
+        """Return the stiffness along a mode, where the body has moved under loads that have grown."""
+        there = [self._gradient(share, moved + side * _PROBE_m * mode) for side in (1.0, -1.0)]
+        return float((mode * (there[0] - there[1])).sum()) / (2.0 * _PROBE_m)
+
+    def _gradient(self, share: float, moved: Array | float = 0.0) -> Array:
+        system, x = self._solver.system, np.ascontiguousarray(self._state.positions + moved)
+        loads = self._grown(share)
+        kept = system.segment_share(self._state.positions, loads)
+        system.evaluate(x, loads, kept, self._state.memory, hessian=False)
+        return np.where(self._solver.free, system.gradient, 0.0)
+
+    def _grown(self, share: float) -> Loads:
+        """Return the loads grown by a share; commanded lengths stay, and what is touched."""
+        loads, factor = self._loads, 1.0 + share
+        gauge = loads.pressures_at(self._volumes)
+        gases = zip(loads.gas, gauge, self._volumes, strict=True) if loads.gas else ()
+        gx, gy, gz = (factor * component for component in loads.gravity)
+        return replace(
+            loads,
+            pressure_Pa=tuple(factor * p for p in loads.pressure_Pa),
+            cable_tension_N=tuple(factor * tension for tension in loads.cable_tension_N),
+            gravity=(gx, gy, gz),
+            nodal_force=None if loads.nodal_force is None else factor * loads.nodal_force,
+            gas=tuple(
+                None if gas is None else replace(gas.at(volume), pressure_Pa=gas.ambient_Pa + factor * p)
+                for gas, p, volume in gases
+            ),
+        )
 
 
 def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
@@ -204,8 +300,15 @@ def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest
     volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
     return Branching(
         1.0, loads.pressures_at(tuple(volumes.tolist())), loads.cable_tension_N, lowest.place,
-        lowest.direction, lowest.extent, ways, None, None, UNDECIDED,
+        lowest.direction, lowest.extent, ways, None, None, UNDECIDED, losses_held=_losses_held(solver, loads),
     )  # fmt: skip
+
+
+def _losses_held(solver: NewtonSolver, loads: Loads) -> bool:
+    """Return whether loads have no potential, so that it is one with their losses held that is looked at."""
+    cables = solver.system.body.cables
+    rubs = any(cable.friction_coefficient for cable in cables)
+    return rubs or not solver.system.conservative or losses_follow(cables, loads.cable_length_m)
 
 
 def _softest_of(follower: BranchFollower, here: Equilibrium) -> Softest:
@@ -219,11 +322,13 @@ class _Fork:
 
     Args:
         share: of the way.
+        before: the last stable one; an unstable one where none is known.
         saddle: the first one after it, unstable unless it is where the body snaps to.
         iterations: of the search.
     """
 
     share: float
+    before: Equilibrium
     saddle: Equilibrium
     iterations: int
 
@@ -239,7 +344,7 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
         ends = [here.state.carried(pose @ here.world_from_flange.inverse()) for here in (first, last)]
         start = 0.5 * (ends[0].positions + ends[1].positions) if last.negative_pivots else ends[0].positions
         try:
-            found = follower.solve(ends[0], pose, loads, start)
+            found = _solved(follower, ends[0], pose, loads, start)
         except ConvergenceError:
             break
         spent += found.iterations
@@ -248,7 +353,54 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
             high, last = middle, found
         else:
             low, first = middle, found
-    return _Fork(high, last, spent)
+    return _Fork(high, first, last, spent)
+
+
+def _snapped(follower: BranchFollower, fork: _Fork, found: Equilibrium) -> Equilibrium:
+    """Return an equilibrium that may be far from those before; one near them where that has less energy."""
+    before, after, chosen = fork.before, fork.saddle, SNAPS
+    if not _jumped(before, after):
+        return replace(_again(follower, found), iterations=found.iterations)
+    state = before.state.carried(after.world_from_flange @ before.world_from_flange.inverse())
+    try:
+        near = follower.solve(state, after.world_from_flange, after.loads)
+    except ConvergenceError:
+        near = after
+    found = replace(found, iterations=found.iterations + near.iterations)
+    if not near.negative_pivots and _motion(near, after) > _FAR * _size(before) > _motion(before, near):
+        if near.potential_J <= after.potential_J:
+            here = follower.follow(near, found.world_from_flange, found.loads)
+            return replace(here, iterations=here.iterations + found.iterations)
+        chosen = LOWER
+    again, snap = _again(follower, found), _snap(follower, fork, chosen)
+    return replace(again, iterations=found.iterations, branchings=(snap,))
+
+
+def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
+    """Return where a body snaps, why, and from where to where."""
+    before, after = fork.before, fork.saddle
+    carried = before.state.carried(after.world_from_flange @ before.world_from_flange.inverse())
+    motion = after.state.positions - carried.positions
+    most = int(np.argmax(np.linalg.norm(motion, axis=1)))
+    mode = motion / np.abs(motion).max()
+    place = place_of_largest(follower.solver.system.body, carried.positions, mode, follower.solver.free)
+    named = _named(follower.solver, carried, after.loads, Softest(0.0, mode, place), 1)
+    x, y, z = (motion[most] / np.linalg.norm(motion[most])).tolist()
+    tips = [_tip(follower, end) for end in (after, before)]
+    return replace(
+        named, load_factor=fork.share, direction=(x, y, z), tip_m=tips[0], other_tip_m=tips[1], chosen=chosen,
+        snap=True,
+    )  # fmt: skip
+
+
+def _solved(
+    follower: BranchFollower, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array
+) -> Equilibrium:
+    """Return the equilibrium near a state; where there is none, as beyond a limit point, the next one."""
+    try:
+        return follower.solve(state, world_from_flange, loads, start)
+    except ConvergenceError:
+        return follower.slide(state, world_from_flange, loads)
 
 
 def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> list[Equilibrium]:
@@ -340,8 +492,8 @@ def _motion(begin: Equilibrium, end: Equilibrium) -> float:
 
 
 def _jumped(begin: Equilibrium, end: Equilibrium) -> bool:
-    """Return whether Newton's method met an indefinite tangent and ended far away."""
-    return end.shifted > 0 and _motion(begin, end) > _FAR * _size(begin)
+    """Return whether Newton's method met an indefinite tangent, or found nothing, and ended far away."""
+    return (end.shifted > 0 or end.slides > 0) and _motion(begin, end) > _FAR * _size(begin)
 
 
 def _load_change(begin: Equilibrium, end: Equilibrium) -> float:
