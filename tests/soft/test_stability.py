@@ -48,6 +48,34 @@ def test_each_buckling_load_passed_adds_a_negative_pivot(share: float, ways_down
     assert here.negative_pivots == ways_down, "it comes with the solution"
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_unstable_equilibrium_is_missed_on_an_uneven_way(seed: int) -> None:
+    # factorisations are kept over solutions; steps from 0.1 % to 50 % of Euler's load, there and back
+    strip = STRIP.specimen()
+    kept = EquilibriumSolver(strip.newton, NO_CLAMP, replace(strip.equilibria.options, reuse_max=6))
+    steps = np.random.default_rng(seed).choice([0.001, 0.01, 0.02, 0.1, 0.5], 60)
+    shares = np.abs(np.cumsum(steps) % 3.0 - 1.5)
+    here, state, seen = None, strip.drawn(), []
+    for share in shares:
+        here = kept.solve(state, Pose(), pushed(share * EULER_N))
+        assert here.negative_pivots == negative_pivots(strip.newton, here), f"at {share} of Euler's load"
+        state = here.state
+        seen.append(here.negative_pivots)
+    assert {0, 1} <= set(seen)
+
+
+def test_small_steps_need_no_look_at_every_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
+    strip, looks = STRIP.specimen(), []
+    kept = EquilibriumSolver(strip.newton, NO_CLAMP, replace(strip.equilibria.options, reuse_max=6))
+    look = strip.newton.factorise
+    monkeypatch.setattr(strip.newton, "factorise", lambda *given: looks.append(1) or look(*given))
+    state = strip.drawn()
+    for share in np.linspace(0.0, 0.9, 91):
+        state = kept.solve(state, Pose(), pushed(share * EULER_N)).state
+    # the factors of Newton's method say the rest; one look an increment before
+    assert len(looks) < 30
+
+
 @pytest.mark.parametrize("share", [1.2, 1.5, 3.0])
 def test_eulers_load_is_found_as_a_branching_of_one_large_step(share: float) -> None:
     specimen = STRIP.specimen()

@@ -193,6 +193,17 @@ class EnvelopeCholesky(LinearSolver):
         return EnvelopeEntries(source, place, first, ends)
 
     @property
+    def pivots(self) -> Array:
+        """(size,) of the factor, squares of the diagonal of L, part after part."""
+        return np.asarray(1.0 / self._inverse[self._diagonal] ** 2)
+
+    @cached_property
+    def _diagonal(self) -> IntArray:
+        tiled = self._table[:-1, TILED].tolist()
+        own = zip(tiled, self._parts, strict=True)
+        return np.concatenate([_TILE * begin + np.arange(len(part.dofs)) for begin, part in own])
+
+    @property
     def lent(self) -> bool:
         """Whether a saved state holds the factor, which is not to be written to then."""
         return self._lent

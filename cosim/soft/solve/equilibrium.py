@@ -333,7 +333,7 @@ class EquilibriumSolver:
         films, obstacles = self.self_contact, self.obstacles
         if films is None and obstacles is None and not self.solver.system.freshens:
             return self._newton(start, memory, loads, frame), loads
-        pairs, spent, shifted, trail = None, 0, 0, []
+        pairs, spent, shifted, trail, ways = None, 0, 0, [], None
         for round_ in range(CONTACT_ROUNDS_MAX):
             if films is not None:
                 # a foot at the edge of two triangles could change sides for ever: it sticks more and more
@@ -344,11 +344,13 @@ class EquilibriumSolver:
             settled = round_ > 0 and result.iterations == 0
             spent, shifted = spent + result.iterations, shifted + result.shifted
             if settled or not result.converged:
-                return replace(result, iterations=spent, shifted=shifted), loads
-            start, memory = result.positions, result.memory
+                ways = ways if settled else result.negative_pivots
+                return replace(result, iterations=spent, shifted=shifted, negative_pivots=ways), loads
+            start, memory, ways = result.positions, result.memory, result.negative_pivots
             if obstacles is not None:
                 trail.append(start)
                 start = end_of(trail)
+                ways = ways if start is result.positions else None
         raise ConvergenceError(
             f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(pairs or ())} pairs of films, {len(planes or ())} points near obstacles; try smaller "

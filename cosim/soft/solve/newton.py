@@ -31,6 +31,7 @@ from cosim.soft.film.step_arrays import (
     NODES,
     PAIRS_KNOWN,
     PATTERN,
+    RUN,
     SEARCHES,
     SOLUTION,
     SOLVED,
@@ -51,6 +52,7 @@ from cosim.soft.film.step_arrays import (
 from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
 from cosim.soft.linear.kept_factor import (
     OUTSIDE,
+    DefiniteTangent,
     KeptEnvelope,
     KeptFactor,
     NewtonState,
@@ -162,6 +164,7 @@ class NewtonSolver:
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
+        self._definite: DefiniteTangent | None = None
         self._last_wide: tuple[BlockPattern, WideTangent] | None = None
         self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
 
@@ -204,15 +207,38 @@ class NewtonSolver:
             system.evaluate(x, loads, share, reference, inertia=inertia, hessian=False)
             motion.new_memory[:] = system.memory
         found = solution.result(outcome)
-        # a new tangent that is kept was positive definite one step before the end
-        definite = (
-            solution.tangents > 0
-            and not solution.reused
-            and self._kept[0] is not None
-            and len(self._kept) == 1
-        )
-        stable = inertia is None and system.conservative and found.converged and definite
-        return replace(found, negative_pivots=0) if stable else found
+        stable = inertia is None and system.conservative and found.converged
+        if stable and self._stays_definite(solution, start):
+            return replace(found, negative_pivots=0)
+        return found
+
+    def _stays_definite(self, solution: NewtonProgress, start: Array) -> bool:
+        """Return whether the tangent at the end of a static solution is seen to be positive definite.
+
+        One that was made on the way was so. From there on pivots fall as they fell since the one before it;
+        where that is not known, or by too much, the end has to be looked at.
+
+        Args:
+            solution: which has converged.
+            start: (n, 3) [m], where it began.
+        """
+        if not all(self._kept):
+            return False
+        envelope, end = self.linear, self._seen(solution.motion.new_x, solution.frame)
+        if not isinstance(envelope, EnvelopeCholesky) or envelope.correction is not None:
+            return solution.tangents > 0 and not solution.reused and len(self._kept) == 1
+        if not solution.tangents:
+            return self._definite is not None and self._definite.reaches(end)
+        # the only one was made at the start unless a kept one served before; others somewhere beyond
+        at_start = solution.tangents == 1 and solution.reused == self.parts[:, RUN].max()
+        begin = self._seen(start, solution.frame)
+        last = end if not at_start else begin
+        self._definite = made = DefiniteTangent.after(self._definite, envelope.pivots, begin, last)
+        return made.reaches(end, begin)
+
+    def _seen(self, positions: Array, frame: Array) -> Array:
+        """Return positions (n, 3) [m] as `DefiniteTangent` has them."""
+        return np.asarray((positions - positions.mean(axis=0)) @ frame)
 
     def numbers(
         self, options: NewtonOptions, loads: Loads, step: tuple[bool, float, float, float, float] = _STATICS
@@ -375,6 +401,9 @@ class NewtonSolver:
         definite = self._fitted_solver(positions).factor(system.tangent_blocks, low_rank=system.low_rank)
         kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
         self.keep(KeptFactor(kind, frame) if definite else None)
+        if inertia is None and definite and isinstance(self.linear, EnvelopeCholesky):
+            place = self._seen(positions, frame)
+            self._definite = DefiniteTangent.after(self._definite, self.linear.pivots, place, place)
         return definite
 
     @property
@@ -390,7 +419,7 @@ class NewtonSolver:
         """Return what the next solution depends on besides its arguments."""
         factor = self.linear.save_state() if any(self._kept) else None
         wide = None if self.linear is self._narrow else self.linear.pattern
-        return NewtonState(self._kept, factor, self.system.gradient.copy(), wide)
+        return NewtonState(self._kept, factor, self.system.gradient.copy(), wide, self._definite)
 
     def restore_state(self, state: NewtonState) -> None:
         """Return to a state of `save_state`, of a solver with the same clamp."""
@@ -404,7 +433,7 @@ class NewtonSolver:
         self._kept = state.kept
         if state.factor is not None:
             self.linear.restore_state(state.factor)
-        self.system.gradient[:] = state.gradient
+        self.system.gradient[:], self._definite = state.gradient, state.definite
 
     def take_over(self, kept: KeptEnvelope, kind: float) -> None:
         """Take in which parts of the factorisation the kernel has made anew, or lost, and how others served.
