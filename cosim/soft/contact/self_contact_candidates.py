@@ -190,6 +190,14 @@ class NearList(NamedTuple):
     bounds: Vector
 
 
+@device_function
+def _keep_places(x: Matrix, near: NearList) -> None:
+    """Keep where the nodes are as a list is made."""
+    for n in range(x.shape[0]):
+        for r in range(3):
+            near.before[n, r] = x[n, r]
+
+
 _MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
 VALLEY: Final = int(Relation.VALLEY)
@@ -383,12 +391,14 @@ class FilmLists(NamedTuple):
         meet: (u, u), which units can.
         long: made of the film.
         short: made of the long one.
+        quiet: without entries: how long nothing of the short one is over a triangle, see `keep_quiet`.
         points: that have an entry in the short list.
         used: triangles that have one.
         counts: (2,), how many points and triangles these are.
         sides: (t, 13), see `_measure_side`; scratch.
         lowest: (t, 2), see `_fill_lowest`; scratch.
         moved: (u, 2) [m], deviation and radius of each unit; scratch.
+        went: (u, u) [m], how far two units have moved against each other, in the upper triangle; scratch.
         rigid: (u, 5, 3), mean now and before of each unit, and its rotation in between; scratch.
     """
 
@@ -396,28 +406,32 @@ class FilmLists(NamedTuple):
     meet: Masks
     long: NearList
     short: NearList
+    quiet: NearList
     points: Indices
     used: Indices
     counts: Indices
     sides: Matrix
     lowest: Matrix
     moved: Matrix
+    went: Matrix
     rigid: Blocks
 
     @classmethod
     def room(cls, rows: FilmRows, meet: Mask, nodes: int) -> FilmLists:
         """Return room for the lists of a film with so many nodes, in which there is nothing yet."""
         points, triangles, units = len(rows.nodes), len(rows.triangles), len(rows.units_from) - 1
-        long, short = (
+        lists = (
             NearList(
-                np.zeros(points + 1, np.int64), np.empty(8 * points, np.int64), np.empty((nodes, 3)),
+                np.zeros(points + 1, np.int64), np.empty(each * points, np.int64), np.empty((nodes, 3)),
                 np.empty((units, units)), np.full(2, -1.0),
             )
-            for _ in range(2)
+            for each in (8, 8, 0)
         )  # fmt: skip
         places = np.zeros(points, np.int64), np.zeros(triangles, np.int64), np.zeros(2, np.int64)
         scratch = np.empty((triangles, 13)), np.empty((triangles, 2)), np.empty((units, 2))
-        return cls(rows, meet, long, short, *places, *scratch, np.empty((units, 5, 3)))
+        return cls(
+            rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3))
+        )
 
     def made(self, positions: Array, room_m: float) -> FilmLists:
         """Return the lists with a new long one, with twice the room that it takes now where that is too little.
@@ -436,7 +450,7 @@ class FilmLists(NamedTuple):
         return lists
 
 
-@kernel(allocates=True)
+@kernel(allocates=True, taken_in=True)
 def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
     """Make a new long list; return how many entries it has, where that is no more than there is room for.
 
@@ -448,7 +462,8 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
     rows, long, short = lists.rows, lists.long, lists.short
     room = room_m + _MARGIN_M + 2.0 * BEYOND_EDGES * _longest_edge(x, rows.triangles)
     needed = _fill_list(x, rows, room, long.first, long.listed)
-    long.bounds[0], long.bounds[1], short.bounds[0], short.bounds[1] = -1.0, -1.0, -1.0, -1.0
+    for near in (long, short, lists.quiet):
+        near.bounds[0], near.bounds[1] = -1.0, -1.0
     if needed > long.listed.shape[0]:
         return needed
     boxes = np.empty((rows.units_from.shape[0] - 1, 6))
@@ -462,9 +477,7 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
             # where the long list has pairs, it leaves a little to the short one, elsewhere half of what it allows
             short.allowed[a, b] = 0.5 * allowed if further > 0.0 else _MOTION_M
             long.allowed[a, b] = 0.5 * allowed if further > 0.0 else allowed - _MOTION_M
-    for n in range(x.shape[0]):
-        for r in range(3):
-            long.before[n, r] = x[n, r]
+    _keep_places(x, long)
     long.bounds[0], long.bounds[1] = room_m, room_m
     return needed
 
@@ -558,10 +571,9 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
         if lists.used[t]:
             lists.used[lists.counts[1]] = t
             lists.counts[1] += 1
+    lists.went[:] = 0.0
     short.bounds[0], short.bounds[1] = reach, behind
-    for n in range(x.shape[0]):
-        for r in range(3):
-            short.before[n, r] = x[n, r]
+    _keep_places(x, short)
 
 
 @device_function
@@ -580,11 +592,13 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
         moved[a, 1] = _radius(before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
         for b in range(a + 1, units):
-            allowed = near.allowed[a, b] - less - moved[a, 0]
-            if moved[b, 0] + _rigid_difference(rigid[a], rigid[b], moved[b, 1]) <= allowed:
-                continue
-            if not _deviation(x, before, nodes, start[b], start[b + 1], rigid[a]) <= allowed:
+            allowed = near.allowed[a, b] - less
+            went = moved[a, 0] + moved[b, 0] + _rigid_difference(rigid[a], rigid[b], moved[b, 1])
+            if not went <= allowed:
+                went = moved[a, 0] + _deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
+            if not went <= allowed:
                 return False
+            lists.went[a, b] = went
     return True
 
 
@@ -613,3 +627,51 @@ def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
         return False
     _shorten(x, lists, further, behind)
     return True
+
+
+@device_function
+def stays_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> bool:
+    """Return whether nothing can be over a triangle, by what `keep_quiet` has left."""
+    quiet = lists.quiet
+    return reach <= quiet.bounds[0] and behind <= quiet.bounds[1] and _units_stay(x, lists, quiet, 0.0)
+
+
+@device_function
+def _clearance(side: Vector, d: float, weight: float, reach: float, behind: float) -> float:
+    """Return for how small a motion [m] a point does not come over a triangle, by its present place.
+
+    By its distance, or by how far its foot is beside the triangle: with s the steepest slope, M s in a motion
+    m is at most m s (1.36 + 2.6 s |d|) as long as m s is no more than 1/10.
+    """
+    steepest = _steepest_slope(side)
+    beside = (-BEYOND_EDGES - weight) / (1.36 + 2.6 * steepest * abs(d))
+    return max(max(d - reach, -behind - d) / FEET_FOLLOW, min(beside, 0.1) / steepest)
+
+
+@device_function
+def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
+    """Fill for how small a motion nothing comes over a triangle, of a short list in which nothing is now.
+
+    Args:
+        x: (n, 3) [m], for which the lists serve.
+        lists: filled.
+        reach: largest distance in front of a triangle [m].
+        behind: the same behind it [m].
+    """
+    rows, short, quiet, place = lists.rows, lists.short, lists.quiet, small_vector(3)
+    for a in range(lists.went.shape[0]):
+        for b in range(lists.went.shape[0]):
+            quiet.allowed[a, b] = short.allowed[a, b] - lists.went[min(a, b), max(a, b)]
+    for k in range(lists.counts[0]):
+        p = lists.points[k]
+        fill_point(x, rows.nodes[p], rows.weights[p], place)
+        for entry in range(short.first[p], short.first[p + 1]):
+            t = short.listed[entry]
+            a, b = min(rows.homes[p, 1], rows.films[t, 1]), max(rows.homes[p, 1], rows.films[t, 1])
+            d = over_plane(lists.sides[t], place[0], place[1], place[2])
+            if quiet.allowed[a, b] * FEET_FOLLOW > d - reach:
+                weight = least_weight(lists.sides[t], place[0], place[1], place[2])
+                free = _clearance(lists.sides[t], d, weight, reach, behind)
+                quiet.allowed[a, b] = min(quiet.allowed[a, b], max(free, 0.0))
+    quiet.bounds[0], quiet.bounds[1] = reach, behind
+    _keep_places(x, quiet)
