@@ -33,10 +33,13 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import (
+    Blocks,
     IndexTable,
     Indices,
+    Masks,
     Matrix,
     Vector,
+    allocating,
     device_function,
     kernel,
     small_matrix,
@@ -90,7 +93,7 @@ def _make_rotation(turn: Matrix, minors: Matrix) -> None:
             determinant += turn[r, 0] * minors[r, 0]
         if not determinant > _FLAT * size * np.sqrt(size):
             break
-        scale = (area / size) ** 0.25 / np.sqrt(determinant)
+        scale = np.sqrt(np.sqrt(area / size) / determinant)
         for r in range(3):
             for c in range(3):
                 value = 0.5 * (scale * turn[r, c] + minors[r, c] / (scale * determinant))
@@ -102,45 +105,70 @@ def _make_rotation(turn: Matrix, minors: Matrix) -> None:
 
 @device_function
 def _fit(
-    x: Matrix,
-    before: Matrix,
-    nodes: Indices,
-    begin: int,
-    end: int,
-    mean: Matrix,
-    turn: Matrix,
-    minors: Matrix,
+    x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix, minors: Matrix
 ) -> None:
-    """Fill the means (2, 3) of some nodes, now and before, and the rotation between."""
-    for r in range(3):
-        mean[0, r] = mean[1, r] = 0.0
+    """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`."""
+    for r in range(2):
         for c in range(3):
-            turn[r, c] = 0.0
+            rigid[r, c] = 0.0
+    share = 1.0 / (end - begin)
     for k in range(begin, end):
+        n = nodes[k]
         for r in range(3):
-            mean[0, r] += x[nodes[k], r] / (end - begin)
-            mean[1, r] += before[nodes[k], r] / (end - begin)
+            rigid[0, r] += share * x[n, r]
+            rigid[1, r] += share * before[n, r]
+    a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(begin, end):
-        for r in range(3):
-            for c in range(3):
-                turn[r, c] += (x[nodes[k], r] - mean[0, r]) * (before[nodes[k], c] - mean[1, c])
+        n = nodes[k]
+        u, v, w = before[n, 0] - rigid[1, 0], before[n, 1] - rigid[1, 1], before[n, 2] - rigid[1, 2]
+        p, q, s = x[n, 0] - rigid[0, 0], x[n, 1] - rigid[0, 1], x[n, 2] - rigid[0, 2]
+        a, b, c = a + p * u, b + p * v, c + p * w
+        d, e, f = d + q * u, e + q * v, f + q * w
+        g, h, i = g + s * u, h + s * v, i + s * w
+    turn = rigid[2:]
+    turn[0, 0], turn[0, 1], turn[0, 2] = a, b, c
+    turn[1, 0], turn[1, 1], turn[1, 2] = d, e, f
+    turn[2, 0], turn[2, 1], turn[2, 2] = g, h, i
     _make_rotation(turn, minors)
 
 
 @device_function
-def _deviation(
-    x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, mean: Matrix, turn: Matrix
-) -> float:
-    """Return how far some nodes are at most from where the rigid motion takes them."""
+def _deviation(x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
+    """Return how far some nodes are at most from where a rigid motion takes them."""
     most = 0.0
     for k in range(begin, end):
         square, n = 0.0, nodes[k]
-        u, v, w = before[n, 0] - mean[1, 0], before[n, 1] - mean[1, 1], before[n, 2] - mean[1, 2]
+        u, v, w = before[n, 0] - rigid[1, 0], before[n, 1] - rigid[1, 1], before[n, 2] - rigid[1, 2]
         for r in range(3):
-            off = x[n, r] - mean[0, r] - turn[r, 0] * u - turn[r, 1] * v - turn[r, 2] * w
+            off = x[n, r] - rigid[0, r] - rigid[2 + r, 0] * u - rigid[2 + r, 1] * v - rigid[2 + r, 2] * w
             square += off * off
         most = max(most, square)
     return np.sqrt(most)
+
+
+@device_function
+def _radius(before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
+    """Return how far some nodes were at most from their mean."""
+    most = 0.0
+    for k in range(begin, end):
+        square = 0.0
+        for r in range(3):
+            square += (before[nodes[k], r] - rigid[1, r]) ** 2
+        most = max(most, square)
+    return np.sqrt(most)
+
+
+@device_function
+def _rigid_difference(one: Matrix, other: Matrix, radius: float) -> float:
+    """Return by how much two rigid motions differ at most within a ball around what the other has moved."""
+    apart, turned = 0.0, 0.0
+    for r in range(3):
+        off = other[0, r] - one[0, r]
+        for c in range(3):
+            off -= one[2 + r, c] * (other[1, c] - one[1, c])
+            turned += (other[2 + r, c] - one[2 + r, c]) ** 2
+        apart += off * off
+    return np.sqrt(apart) + radius * np.sqrt(0.5 * turned)
 
 
 class NearList(NamedTuple):
@@ -160,6 +188,14 @@ class NearList(NamedTuple):
     before: Matrix
     allowed: Matrix
     bounds: Vector
+
+
+@device_function
+def _keep_places(x: Matrix, near: NearList) -> None:
+    """Keep where the nodes are as a list is made."""
+    for n in range(x.shape[0]):
+        for r in range(3):
+            near.before[n, r] = x[n, r]
 
 
 _MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
@@ -208,18 +244,6 @@ class FilmRows(NamedTuple):
             *points.around, *runs, np.concatenate(units), np.cumsum([0, *map(len, units)], dtype=np.int64),
         )  # fmt: skip
 
-    def gaps(self, positions: Array, meet: Mask) -> Array:
-        """Return how far units are at least from one another (u, u) [m]; infinite for those that never meet.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-            meet: (u, u), which units can.
-        """
-        x, first = positions[self.unit_nodes], self.units_from[:-1]
-        low, high = np.minimum.reduceat(x, first), np.maximum.reduceat(x, first)
-        apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])
-        return np.where(meet, np.linalg.norm(np.maximum(apart, 0.0), axis=2), np.inf)
-
 
 def _runs(face: IntArray, most: int) -> IntArray:
     """Return where runs of one face begin (k + 1,), none longer than `most`, and where the last one ends."""
@@ -227,7 +251,7 @@ def _runs(face: IntArray, most: int) -> IntArray:
     return np.array([*(k for a, b in pairwise(ends) for k in range(a, b, most)), len(face)], np.int64)
 
 
-@kernel
+@device_function
 def _longest_edge(x: Matrix, triangles: IndexTable) -> float:
     """Return the length [m] of the longest edge."""
     most = 0.0
@@ -287,6 +311,18 @@ def _fill_boxes(x: Matrix, rows: FilmRows, points: Matrix, triangles: Matrix, bu
 
 
 @device_function
+def _fill_unit_boxes(x: Matrix, rows: FilmRows, boxes: Matrix) -> None:
+    """Fill the boxes (u, 6) of units."""
+    for unit in range(boxes.shape[0]):
+        for r in range(3):
+            boxes[unit, r], boxes[unit, 3 + r] = np.inf, -np.inf
+        for k in range(rows.units_from[unit], rows.units_from[unit + 1]):
+            for r in range(3):
+                value = x[rows.unit_nodes[k], r]
+                boxes[unit, r], boxes[unit, 3 + r] = min(boxes[unit, r], value), max(boxes[unit, 3 + r], value)
+
+
+@device_function
 def _fill_near(rows: FilmRows, bundles: Matrix, box: Vector, face: int, limit: float, near: Indices) -> int:
     """Fill which runs of triangles can meet a face's points in a box; return how many."""
     count, own = 0, (box[0], box[1], box[2], box[3], box[4], box[5])
@@ -326,7 +362,7 @@ def _list_point(
     return total
 
 
-@kernel(allocates=True)
+@allocating
 def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: Indices) -> int:
     """Fill each point's triangles, in ascending order; return how many there are.
 
@@ -352,63 +388,98 @@ class FilmLists(NamedTuple):
 
     Args:
         rows: of the film.
+        meet: (u, u), which units can.
         long: made of the film.
         short: made of the long one.
-        sides: (t, 13), see `_measure_sides`; scratch.
+        quiet: without entries: how long nothing of the short one is over a triangle, see `keep_quiet`.
+        points: that have an entry in the short list.
+        used: triangles that have one.
+        counts: (2,), how many points and triangles these are.
+        sides: (t, 13), see `_measure_side`; scratch.
         lowest: (t, 2), see `_fill_lowest`; scratch.
-        moved: (u,) [m]; scratch.
+        moved: (u, 2) [m], deviation and radius of each unit; scratch.
+        went: (u, u) [m], how far two units have moved against each other, in the upper triangle; scratch.
+        rigid: (u, 5, 3), mean now and before of each unit, and its rotation in between; scratch.
     """
 
     rows: FilmRows
+    meet: Masks
     long: NearList
     short: NearList
+    quiet: NearList
+    points: Indices
+    used: Indices
+    counts: Indices
     sides: Matrix
     lowest: Matrix
-    moved: Vector
+    moved: Matrix
+    went: Matrix
+    rigid: Blocks
 
     @classmethod
-    def room(cls, rows: FilmRows, nodes: int) -> FilmLists:
+    def room(cls, rows: FilmRows, meet: Mask, nodes: int) -> FilmLists:
         """Return room for the lists of a film with so many nodes, in which there is nothing yet."""
-        points, units = len(rows.nodes), len(rows.units_from) - 1
-        long, short = (
+        points, triangles, units = len(rows.nodes), len(rows.triangles), len(rows.units_from) - 1
+        lists = (
             NearList(
-                np.zeros(points + 1, np.int64), np.empty(8 * points, np.int64), np.empty((nodes, 3)),
+                np.zeros(points + 1, np.int64), np.empty(each * points, np.int64), np.empty((nodes, 3)),
                 np.empty((units, units)), np.full(2, -1.0),
             )
-            for _ in range(2)
+            for each in (8, 8, 0)
         )  # fmt: skip
-        sides, lowest = (np.empty((len(rows.triangles), columns)) for columns in (13, 2))
-        return cls(rows, long, short, sides, lowest, np.empty(units))
+        places = np.zeros(points, np.int64), np.zeros(triangles, np.int64), np.zeros(2, np.int64)
+        scratch = np.empty((triangles, 13)), np.empty((triangles, 2)), np.empty((units, 2))
+        return cls(
+            rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3))
+        )
 
-    def made(self, positions: Array, meet: Mask, room_m: float) -> FilmLists:
-        """Return the lists with a new long one.
+    def made(self, positions: Array, room_m: float) -> FilmLists:
+        """Return the lists with a new long one, with twice the room that it takes now where that is too little.
 
         Args:
             positions: (n, 3) [m], of the nodes.
-            meet: (u, u), which units can.
             room_m: largest distance of a point from a triangle that is asked for.
         """
-        rows, long, short, room, listed = (
-            self.rows,
-            self.long,
-            self.short,
-            room_m + _MARGIN_M,
-            self.long.listed,
-        )
-        room += 2.0 * BEYOND_EDGES * _longest_edge(positions, rows.triangles)
-        while (needed := _fill_list(positions, rows, room, long.first, listed)) > len(listed):
-            listed = np.empty(2 * needed, np.int64)
-        further = np.maximum(rows.gaps(positions, meet) - room, 0.0)
-        allowed = (_MARGIN_M + further) / FEET_FOLLOW
-        # where the long list has pairs, it leaves a little to the short one, elsewhere half of what it allows
-        short.allowed[:] = np.where(further > 0.0, 0.5 * allowed, _MOTION_M)
-        long.allowed[:] = np.where(further > 0.0, 0.5 * allowed, allowed - _MOTION_M)
-        long.before[:], long.bounds[:], short.bounds[:] = positions, room_m, -1.0
-        if listed is long.listed:
-            return self
-        return self._replace(
-            long=long._replace(listed=listed), short=short._replace(listed=np.empty_like(listed))
-        )
+        lists = self
+        while (needed := make_lists(positions, lists, room_m)) > len(lists.long.listed):
+            listed = (np.empty(2 * needed, np.int64) for _ in range(2))
+            long, short = (
+                near._replace(listed=room) for near, room in zip((self.long, self.short), listed, strict=True)
+            )
+            lists = self._replace(long=long, short=short)
+        return lists
+
+
+@kernel(allocates=True, taken_in=True)
+def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
+    """Make a new long list; return how many entries it has, where that is no more than there is room for.
+
+    Args:
+        x: (n, 3) [m].
+        lists: filled.
+        room_m: largest distance of a point from a triangle that is asked for [m].
+    """
+    rows, long, short = lists.rows, lists.long, lists.short
+    room = room_m + _MARGIN_M + 2.0 * BEYOND_EDGES * _longest_edge(x, rows.triangles)
+    needed = _fill_list(x, rows, room, long.first, long.listed)
+    for near in (long, short, lists.quiet):
+        near.bounds[0], near.bounds[1] = -1.0, -1.0
+    if needed > long.listed.shape[0]:
+        return needed
+    boxes = np.empty((rows.units_from.shape[0] - 1, 6))
+    _fill_unit_boxes(x, rows, boxes)
+    for a in range(boxes.shape[0]):
+        for b in range(boxes.shape[0]):
+            low, high = boxes[b], boxes[b, 3:]
+            square = _square_between(boxes, a, low[0], low[1], low[2], high[0], high[1], high[2])
+            further = max(np.sqrt(square) - room, 0.0) if lists.meet[a, b] else np.inf
+            allowed = (_MARGIN_M + further) / FEET_FOLLOW
+            # where the long list has pairs, it leaves a little to the short one, elsewhere half of what it allows
+            short.allowed[a, b] = 0.5 * allowed if further > 0.0 else _MOTION_M
+            long.allowed[a, b] = 0.5 * allowed if further > 0.0 else allowed - _MOTION_M
+    _keep_places(x, long)
+    long.bounds[0], long.bounds[1] = room_m, room_m
+    return needed
 
 
 _MOTION_M: Final = 0.2e-3  # more of it lengthens the short list, less makes it anew more often
@@ -416,16 +487,15 @@ _FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what i
 
 
 @device_function
-def _measure_sides(x: Matrix, triangles: IndexTable, sides: Matrix) -> None:
-    """Fill sides (t, 13): a corner of each triangle, normal, slopes of others' weights, twice the area."""
+def _measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
+    """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
-    for t in range(triangles.shape[0]):
-        shrink = plane_of(x, triangles[t], n)
-        fill_slopes(x, triangles[t], n, shrink, slope)
-        sides[t, 12] = 1.0 / shrink
-        for r in range(3):
-            sides[t, r], sides[t, 3 + r] = x[triangles[t, 0], r], n[r]
-            sides[t, 6 + r], sides[t, 9 + r] = slope[1, r], slope[2, r]
+    shrink = plane_of(x, corners, n)
+    fill_slopes(x, corners, n, shrink, slope)
+    side[12] = 1.0 / shrink
+    for r in range(3):
+        side[r], side[3 + r] = x[corners[0], r], n[r]
+        side[6 + r], side[9 + r] = slope[1, r], slope[2, r]
 
 
 @device_function
@@ -473,7 +543,10 @@ def _fill_lowest(sides: Matrix, lowest: Matrix) -> None:
 def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
     """Fill the short list with what may come within reach in front of a triangle, or behind it."""
     rows, long, short, sides, count = lists.rows, lists.long, lists.short, lists.sides, 0
-    across, place, lowest = FEET_FOLLOW * _MOTION_M, small_vector(3), lists.lowest
+    across, place, lowest, points = FEET_FOLLOW * _MOTION_M, small_vector(3), lists.lowest, 0
+    for t in range(sides.shape[0]):
+        _measure_side(x, rows.triangles[t], sides[t])
+        lists.used[t] = 0
     _fill_lowest(sides, lowest)
     for p in range(rows.nodes.shape[0]):
         short.first[p] = count
@@ -488,13 +561,19 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
             if not -behind - across <= d <= (reach if valley else max(reach, behind)) + across:
                 continue
             if least_weight(sides[t], px, py, pz) >= lowest[t, 0] + lowest[t, 1] * abs(d):
-                short.listed[count] = t
+                short.listed[count], lists.used[t] = t, 1
                 count += 1
-    short.first[rows.nodes.shape[0]] = count
+        if count > short.first[p]:
+            lists.points[points] = p
+            points += 1
+    short.first[rows.nodes.shape[0]], lists.counts[0], lists.counts[1] = count, points, 0
+    for t in range(sides.shape[0]):
+        if lists.used[t]:
+            lists.used[lists.counts[1]] = t
+            lists.counts[1] += 1
+    lists.went[:] = 0.0
     short.bounds[0], short.bounds[1] = reach, behind
-    for n in range(x.shape[0]):
-        for r in range(3):
-            short.before[n, r] = x[n, r]
+    _keep_places(x, short)
 
 
 @device_function
@@ -502,26 +581,24 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
     """Return whether no two units have moved against each other by more than a list allows, less a bit.
 
     The motion of two is what a node of the one has gone at most and one of the other, together, besides a
-    rigid motion of both: that of the whole film, or else that of the one.
+    rigid motion of both: that of the one. A bound of it, of how rigid motions differ, tells most pairs.
     """
     nodes, start, before, moved = lists.rows.unit_nodes, lists.rows.units_from, near.before, lists.moved
-    mean, turn, minors = small_matrix(2, 3), small_matrix(3, 3), small_matrix(3, 3)
+    minors, rigid = small_matrix(3, 3), lists.rigid
     units = start.shape[0] - 1
-    _fit(x, before, nodes, 0, start[units], mean, turn, minors)
     for a in range(units):
-        moved[a] = _deviation(x, before, nodes, start[a], start[a + 1], mean, turn)
+        _fit(x, before, nodes, start[a], start[a + 1], rigid[a], minors)
+        moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+        moved[a, 1] = _radius(before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
-        own = -1.0
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
-            if moved[a] + moved[b] <= allowed:
-                continue
-            if own < 0.0:
-                _fit(x, before, nodes, start[a], start[a + 1], mean, turn, minors)
-                own = _deviation(x, before, nodes, start[a], start[a + 1], mean, turn)
-            other = _deviation(x, before, nodes, start[b], start[b + 1], mean, turn)
-            if not own + other <= allowed:
+            went = moved[a, 0] + moved[b, 0] + _rigid_difference(rigid[a], rigid[b], moved[b, 1])
+            if not went <= allowed:
+                went = moved[a, 0] + _deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
+            if not went <= allowed:
                 return False
+            lists.went[a, b] = went
     return True
 
 
@@ -529,7 +606,7 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
 def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> bool:
     """Return whether the short list holds all that may be over a triangle, if need be made of the long one.
 
-    Fills the triangles' sides in any case.
+    Fills the sides of its triangles.
 
     Args:
         x: (n, 3) [m].
@@ -538,9 +615,11 @@ def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
         behind: the same behind it [m].
     """
     rows, long, short, further = lists.rows, lists.long, lists.short, reach + _FURTHER_M
-    _measure_sides(x, rows.triangles, lists.sides)
     within = reach <= short.bounds[0] and behind <= short.bounds[1]
     if within and _units_stay(x, lists, short, 0.0):
+        for k in range(lists.counts[1]):
+            t = lists.used[k]
+            _measure_side(x, rows.triangles[t], lists.sides[t])
         return True
     # pairs of units of which the long list has none may come nearer by what is asked for beyond its room
     less = max(max(further, behind) - long.bounds[0], 0.0) / FEET_FOLLOW
@@ -548,3 +627,51 @@ def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
         return False
     _shorten(x, lists, further, behind)
     return True
+
+
+@device_function
+def stays_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> bool:
+    """Return whether nothing can be over a triangle, by what `keep_quiet` has left."""
+    quiet = lists.quiet
+    return reach <= quiet.bounds[0] and behind <= quiet.bounds[1] and _units_stay(x, lists, quiet, 0.0)
+
+
+@device_function
+def _clearance(side: Vector, d: float, weight: float, reach: float, behind: float) -> float:
+    """Return for how small a motion [m] a point does not come over a triangle, by its present place.
+
+    By its distance, or by how far its foot is beside the triangle: with s the steepest slope, M s in a motion
+    m is at most m s (1.36 + 2.6 s |d|) as long as m s is no more than 1/10.
+    """
+    steepest = _steepest_slope(side)
+    beside = (-BEYOND_EDGES - weight) / (1.36 + 2.6 * steepest * abs(d))
+    return max(max(d - reach, -behind - d) / FEET_FOLLOW, min(beside, 0.1) / steepest)
+
+
+@device_function
+def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
+    """Fill for how small a motion nothing comes over a triangle, of a short list in which nothing is now.
+
+    Args:
+        x: (n, 3) [m], for which the lists serve.
+        lists: filled.
+        reach: largest distance in front of a triangle [m].
+        behind: the same behind it [m].
+    """
+    rows, short, quiet, place = lists.rows, lists.short, lists.quiet, small_vector(3)
+    for a in range(lists.went.shape[0]):
+        for b in range(lists.went.shape[0]):
+            quiet.allowed[a, b] = short.allowed[a, b] - lists.went[min(a, b), max(a, b)]
+    for k in range(lists.counts[0]):
+        p = lists.points[k]
+        fill_point(x, rows.nodes[p], rows.weights[p], place)
+        for entry in range(short.first[p], short.first[p + 1]):
+            t = short.listed[entry]
+            a, b = min(rows.homes[p, 1], rows.films[t, 1]), max(rows.homes[p, 1], rows.films[t, 1])
+            d = over_plane(lists.sides[t], place[0], place[1], place[2])
+            if quiet.allowed[a, b] * FEET_FOLLOW > d - reach:
+                weight = least_weight(lists.sides[t], place[0], place[1], place[2])
+                free = _clearance(lists.sides[t], d, weight, reach, behind)
+                quiet.allowed[a, b] = min(quiet.allowed[a, b], max(free, 0.0))
+    quiet.bounds[0], quiet.bounds[1] = reach, behind
+    _keep_places(x, quiet)

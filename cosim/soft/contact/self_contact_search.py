@@ -12,18 +12,31 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector, inlined, kernel, small_vector
+from cosim.base.kernels import (
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
+    device_function,
+    inlined,
+    kernel,
+    small_vector,
+)
+from cosim.base.numba_insides import caller
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
-from cosim.soft.contact.point_kernels import fill_point
+from cosim.soft.contact.point_kernels import fill_point, plane_of
 from cosim.soft.contact.self_contact_candidates import (
     BEYOND_EDGES,
     VALLEY,
     FilmLists,
     FilmRows,
+    keep_quiet,
     least_weight,
     lists_serve,
+    make_lists,
     over_plane,
+    stays_quiet,
 )
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.solve.branching import FilmOverlap
@@ -34,15 +47,19 @@ _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the
 _FACING_VALLEY, _FACING_APART = 0.0, 0.5  # largest cosine of the two outer normals, by `Relation`
 
 
-@inlined
-def _fill_outward(lists: FilmLists, p: int, outward: Vector) -> None:
+@device_function
+def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
     """Fill a point's outer normal, of unit length."""
-    rows, sides, ox, oy, oz = lists.rows, lists.sides, 0.0, 0.0, 0.0
+    normal, square = small_vector(3), 0.0
+    outward[:] = 0.0
     for k in range(rows.start[p], rows.start[p + 1]):
-        side = sides[rows.around[k]]
-        ox, oy, oz = ox + side[12] * side[3], oy + side[12] * side[4], oz + side[12] * side[5]
-    length = np.sqrt(ox * ox + oy * oy + oz * oz)
-    outward[0], outward[1], outward[2] = ox / length, oy / length, oz / length
+        shrink = plane_of(x, rows.triangles[rows.around[k]], normal)
+        for r in range(3):
+            outward[r] += normal[r] / shrink
+    for r in range(3):
+        square += outward[r] * outward[r]
+    for r in range(3):
+        outward[r] /= np.sqrt(square)
 
 
 @inlined
@@ -80,7 +97,7 @@ def _choose(
         if not least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
             continue
         if not known:
-            _fill_outward(lists, p, outward)
+            _fill_outward(x, rows, p, outward)
             known = True
         cosine = outward[0] * sides[t, 3] + outward[1] * sides[t, 4] + outward[2] * sides[t, 5]
         facing = cosine < (_FACING_VALLEY if valley else _FACING_APART)
@@ -118,10 +135,9 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
         return -1
     chosen, units = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR, np.int64)
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
-    rows, short, room, count = lists.rows, lists.short, (best, distance, chosen, units), 0
-    for p in range(rows.nodes.shape[0]):
-        if short.first[p] == short.first[p + 1]:
-            continue
+    rows, room, count = lists.rows, (best, distance, chosen, units), 0
+    for k in range(lists.counts[0]):
+        p = lists.points[k]
         near, begin = _choose(x, lists, p, reach, behind, room), count
         for slot in range(near):
             if chosen[slot] < 0 or not distance[slot] < reach:
@@ -133,6 +149,38 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
                     at -= 1
                 out[count, 0], out[at, 1] = p, chosen[slot]
             count += 1
+    return count
+
+
+_find_over = caller(find_over)
+
+
+@kernel(allocates=True)
+def any_over(
+    x: Matrix, lists: FilmLists, reach: float, behind: float, find: int, room: IndexTable
+) -> int:
+    """Return over how many triangles points are, none where nothing has come near since that was so.
+
+    Args:
+        x: (n, 3) [m].
+        lists: filled.
+        reach: largest distance in front of a triangle [m].
+        behind: the same behind it [m].
+        find: address of `find_over`.
+        room: (0, 2).
+
+    Returns:
+        How many rows `find_over` fills; -1 where there is too little room for a new long list.
+    """
+    if stays_quiet(x, lists, reach, behind):
+        return 0
+    count = _find_over(find, (x, lists, reach, behind, room))
+    if count < 0:
+        if make_lists(x, lists, behind) > lists.long.listed.shape[0]:
+            return -1
+        count = _find_over(find, (x, lists, reach, behind, room))
+    if count == 0:
+        keep_quiet(x, lists, reach, behind)
     return count
 
 
@@ -150,8 +198,8 @@ class FilmLook:
     def __init__(self, body: SoftBody) -> None:
         faces = FilmFaces.of(body)
         points = FilmPoints.of(faces, body.positions)
-        self._body, self._meet, self._can_meet = body, faces.units_meet, faces.can_meet
-        self._lists = FilmLists.room(FilmRows.of(faces, points), body.nodes)
+        self._body, self._can_meet = body, faces.can_meet
+        self._lists = FilmLists.room(FilmRows.of(faces, points), faces.units_meet, body.nodes)
         self._out = np.zeros((2 * len(points), 2), np.int64)
 
     def overlap(self, positions: Array) -> FilmOverlap | None:
@@ -163,7 +211,7 @@ class FilmLook:
         if not self._can_meet:
             return None
         while (count := find_over(positions, self._lists, 0.0, BEHIND_M, self._out)) < 0:
-            self._lists = self._lists.made(positions, self._meet, BEHIND_M)
+            self._lists = self._lists.made(positions, BEHIND_M)
         if count > len(self._out):
             self._out = np.zeros((2 * count, 2), np.int64)
             return self.overlap(positions)

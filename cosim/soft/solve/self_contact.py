@@ -168,9 +168,8 @@ class SelfContact:
         self.law, self.faces = law.law, FilmFaces.of(body)
         points = FilmPoints.of(self.faces, body.positions)
         calls = np.array([address_of(called) for called in (find_pairs, settle_pairs, add_pairs, find_over)])
-        self._meet = self.faces.units_meet
         self.contacts = FilmContacts(
-            FilmLists.room(FilmRows.of(self.faces, points), body.nodes),
+            FilmLists.room(FilmRows.of(self.faces, points), self.faces.units_meet, body.nodes),
             _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
             *self._room(len(points)), np.zeros(2, np.int64), calls,
         )  # fmt: skip
@@ -241,7 +240,7 @@ class SelfContact:
             else:
                 drift = np.linalg.norm(velocities - velocities.mean(axis=0), axis=1).max()
                 room = max(rest_m + ahead_s * float(drift), BEHIND_M)
-                lists = self.contacts.lists.made(x, self._meet, room)
+                lists = self.contacts.lists.made(x, room)
                 self.contacts = self.contacts._replace(lists=lists)
         films = self.contacts
         if not count:
