@@ -155,7 +155,7 @@ def _add_run(commands: Any) -> None:
         "--web", action="store_true", help="the same in a browser on this machine, until Ctrl-C after the run"
     )
     run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
-    run.add_argument("--quiet", action="store_true", help="show errors only")
+    run.add_argument("--quiet", action="store_true", help="show errors, and one line at the end")
 
 
 def _add_sweep(commands: Any) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, final
+from typing import TYPE_CHECKING, TextIO, final
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
 from cosim.app.driver import (
@@ -20,7 +20,7 @@ from cosim.app.driver import (
     rerun_recorder,
 )
 from cosim.app.progress import ProgressLine
-from cosim.app.run_files import SCENARIO, SUMMARY, check_directory, default_directory, recordings
+from cosim.app.run_files import SCENARIO, check_directory, default_directory, recordings
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
 from cosim.cli.screen import Interruption, draw, tell
@@ -28,9 +28,8 @@ from cosim.config.loading import load_scenario
 from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
-from cosim.plan.arm_limits import PLANNED
 from cosim.plan.decision import SECTION_RANGE
-from cosim.telemetry.figures import branching_lines, overlap_lines
+from cosim.telemetry.closing import closing_lines, quiet_line
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -89,7 +88,7 @@ class RunOptions:
 
     Args:
         recording: whether to write one.
-        quiet: show errors only.
+        quiet: show errors, and one line at the end.
         checkpoint_every_s: wall time between two checkpoints.
         live: shows the run while it lasts; None: nothing does.
         watchers: shown every tick, besides those on the screen.
@@ -172,9 +171,10 @@ def _ignore(_text: str) -> None:
 
 
 def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
+    summary = outcome.summary
     if not quiet:
-        tell(_closing_lines(outcome.summary, directory))
-    if outcome.summary["status"] == "interrupted":
+        tell("\n".join(closing_lines(summary, directory, recordings(directory))))
+    if summary["status"] == "interrupted":
         tell(
             f"cosim: interrupted; what was simulated is in {directory}; go on: cosim run --resume {directory}"
         )
@@ -182,23 +182,6 @@ def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *,
     if outcome.error is not None:
         tell(f"cosim: what was simulated is in {directory}")
         raise outcome.error
+    if quiet:
+        tell(quiet_line(summary, directory))
     return 0
-
-
-def _closing_lines(summary: dict[str, Any], directory: Path) -> str:
-    factor = summary["real_time_factor"] or 0.0
-    warnings = summary["warnings"]
-    many = f", with {len(warnings)} warning{'s'[: len(warnings) > 1]}" if warnings else ""
-    lines = [
-        f"{summary['status']}{many}: {summary['simulated_s']:.2f} s simulated in {summary['wall_s']:.2f} s "
-        f"(x{factor:.2f} real time), {summary['newton_iterations']} Newton iterations",
-        # those of the plan have been shown before the run
-        *(f"warning: {line}" for line in warnings if not line.startswith(PLANNED)),
-        *(f"stability: {line}" for line in branching_lines(summary["branchings"])),
-        *(f"overlap:   {line}" for line in overlap_lines(summary["overlaps"])),
-        f"figures:   {directory / SUMMARY}",
-    ]
-    written = recordings(directory)
-    if written:
-        lines.append(f"recording: {written[-1]}   open it: cosim view {directory}")
-    return "\n".join(lines)

@@ -145,6 +145,7 @@ class SummaryBuilder:
         self._max_power_error_W = 0.0
         self._max_stability_ratio = 0.0
         self._exchange = ExchangeFigures()
+        self._contact_since_s = math.nan
         self._max_contact_force_N = 0.0
         self._max_contact_depth_m = 0.0
         self._max_self_contact_force_N = 0.0
@@ -178,6 +179,8 @@ class SummaryBuilder:
         if self._stage.arm is not None:
             dynamic = self._stage.mode == "dynamic"
             self._arm = self._arm.after(batch, self._stage.arm.limits, dynamic=dynamic)
+        if math.isnan(self._contact_since_s) and batch.contacts.any():
+            self._contact_since_s = batch.time_s.item(int(np.argmax(batch.contacts > 0)))
         self._max_power_error_W = largest(self._max_power_error_W, np.abs(batch.power_error_W))
         for name in _LARGEST:
             here = f"_max_{name}"
@@ -245,6 +248,7 @@ class SummaryBuilder:
             "max_interface_power_error_W": self._max_power_error_W,
             "max_stability_ratio": self._max_stability_ratio,
             **self._exchange.summary(),
+            "contact_since_s": self._contact_since_s,
             "max_contact_force_N": self._max_contact_force_N,
             "max_contact_depth_m": self._max_contact_depth_m,
             "max_self_contact_force_N": self._max_self_contact_force_N,

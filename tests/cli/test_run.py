@@ -95,9 +95,23 @@ def test_no_recording_means_none(run: Callable[..., tuple[int, Path]]) -> None:
     assert files_in(out) == ["scenario.toml", "summary.json"]
 
 
-def test_quiet_says_nothing(run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("--quiet")[0] == 0
-    assert capsys.readouterr() == ("", "")
+def test_quiet_says_one_line(
+    run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out = run("--quiet")
+    assert code == 0
+    assert capsys.readouterr() == ("", f"completed, no warnings: {out}\n")
+
+
+def test_a_run_ends_with_six_lines(
+    run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, out = run()
+    lines = capsys.readouterr().err.splitlines()[-6:]
+    heads = ["modelled", "stability", "overlap", "error", "warnings", "files"]
+    assert [line.split(":")[0] for line in lines] == heads
+    assert lines[4].split() == ["warnings:", "none"]
+    assert f"{out}: summary.json, recording.rrd; open it: cosim view {out}; completed" in lines[5]
 
 
 def test_a_run_says_where_its_files_are(

@@ -116,3 +116,36 @@ def test_every_snippet_of_a_page_runs(
             before = Path(named[2]).read_text(encoding="utf-8") if named[1] else ""
             Path(named[2]).write_text(before + text, encoding="utf-8")
     capsys.readouterr()
+
+
+ENDS = {
+    name: re.findall(r"^```text\n(modelled:.*?)^```$", PAGES[name].read_text("utf-8"), re.M | re.S)
+    for name in PAGES
+}
+"""What pages show of the end of a run."""
+
+
+def _in_words(line: str) -> str:
+    """Return a line with its numbers left out: they are those of a machine, or change with the model."""
+    return re.sub(r"\d+(\.\d+)?", "#", line)
+
+
+@pytest.mark.parametrize("page", ["README", "install", "own_scenario"])
+def test_pages_show_all_six_lines_of_the_end_of_a_run(page: str) -> None:
+    (shown,) = ENDS[page]
+    heads = [line.split(":")[0] for line in shown.splitlines()]
+    assert heads == ["modelled", "stability", "overlap", "error", "warnings", "files"]
+
+
+def test_the_end_of_the_first_own_run_is_as_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    toml = re.search(
+        r"^```toml\n(# mine\.toml\n.*?)^```$", PAGES["own_scenario"].read_text("utf-8"), re.M | re.S
+    )
+    assert toml is not None
+    Path("mine.toml").write_text(toml[1], encoding="utf-8")
+    assert main(["run", "mine.toml", "--out", "runs/mine"]) == 0
+    said = capsys.readouterr().err.splitlines()[-6:]
+    assert list(map(_in_words, said)) == list(map(_in_words, ENDS["own_scenario"][0].splitlines()))

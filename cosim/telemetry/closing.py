@@ -1,0 +1,106 @@
+"""What a run says at its end, in six lines: each from the summary alone, which holds the details."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from cosim.plan.arm_limits import PLANNED
+from cosim.telemetry.figures import branching_lines, overlap_lines, undecided_warnings
+
+_ITSELF: Final = "contact with itself"
+_WIDTH: Final = len("stability: ")
+
+
+def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
+    """Return the six lines that end a run on screen.
+
+    Args:
+        summary: of the run.
+        directory: that its files are in.
+        recordings: those of the run, oldest first.
+    """
+    lines = {
+        "modelled": modelled_line(summary),
+        "stability": stability_line(summary),
+        "overlap": overlap_line(summary),
+        "error": error_line(summary),
+        "warnings": warnings_line(summary),
+        "files": files_line(summary, directory, recordings),
+    }
+    return [f"{name + ':':<{_WIDTH}}{text}" for name, text in lines.items()]
+
+
+def quiet_line(summary: dict[str, Any], directory: Path) -> str:
+    """Return the one line that ends a run where nothing else is shown."""
+    found = [_counted(len(summary["warnings"]), "warning")]
+    found += [_counted(len(summary["branchings"]), "branching")] if summary["branchings"] else []
+    depth_m = max((row["depth_m"] for row in summary["overlaps"]), default=None)
+    found += [] if depth_m is None else [f"films overlap by {1e3 * depth_m:.2g} mm"]
+    return f"{summary['status']}, {', '.join(found)}: {directory}"
+
+
+def modelled_line(summary: dict[str, Any]) -> str:
+    """Return what was modelled, and what was left out."""
+    rows = summary["modelled"]
+    modelled, left = ([row["what"] for row in rows if row["included"] is kept] for kept in (True, False))
+    return f"{', '.join(modelled) or 'nothing'}; left out: {', '.join(left) or 'nothing'}"
+
+
+def stability_line(summary: dict[str, Any]) -> str:
+    """Return where the soft robot was unstable, and how it was gone on; else its lowest frequency."""
+    rows = summary["branchings"]
+    lines = [*branching_lines(rows), *undecided_warnings(rows)]
+    if lines:
+        more = f"; {len(lines) - 1} more: branchings in the summary" if len(lines) > 1 else ""
+        return lines[0] + more
+    known = [phase for phase in summary["phases"] if phase["lowest_frequency_Hz"] is not None]
+    if not known:
+        return "no unstable state was seen; no natural frequency is known"
+    lowest = min(known, key=lambda phase: float(phase["lowest_frequency_Hz"]))
+    frequency = f"{lowest['lowest_frequency_Hz']:.3g} Hz (phase '{lowest['name']}')"
+    return f"no unstable state was seen; lowest natural frequency {frequency}"
+
+
+def overlap_line(summary: dict[str, Any]) -> str:
+    """Return whether films passed through one another, or how hard they press where that is modelled."""
+    lines = overlap_lines(summary["overlaps"])
+    if lines:
+        return lines[0]
+    force_N, depth_m = summary["max_self_contact_force_N"], summary["max_self_contact_depth_m"]
+    if force_N:
+        return f"none: films press on one another with up to {force_N:.3g} N, {1e3 * depth_m:.2g} mm deep"
+    row = next((row for row in summary["modelled"] if row["what"] == _ITSELF), None)
+    if row is None or row["included"]:
+        return "none: films do not touch one another"
+    return f"none was seen; {_ITSELF}: {row['reason']}"
+
+
+def error_line(summary: dict[str, Any]) -> str:
+    """Return how far the figures may be off."""
+    return "not worked out"
+
+
+def warnings_line(summary: dict[str, Any]) -> str:
+    """Return how many there are, and the first that has not been shown before the run."""
+    texts = summary["warnings"]
+    if not texts:
+        return "none"
+    first = next((text for text in texts if not text.startswith(PLANNED)), texts[0])
+    return f"1: {first}" if len(texts) == 1 else f"{len(texts)}, all in the summary; {first}"
+
+
+def files_line(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> str:
+    """Return how the run ended, and what it left."""
+    factor = summary["real_time_factor"] or 0.0
+    names = ["summary.json", *(path.name for path in recordings[-1:])]
+    look = f"; open it: cosim view {directory}" if recordings else ""
+    return (
+        f"{directory}: {', '.join(names)}{look}; {summary['status']}, {summary['simulated_s']:.2f} s in "
+        f"{summary['wall_s']:.2f} s (x{factor:.2f} real time)"
+    )
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'s'[: count != 1]}"
