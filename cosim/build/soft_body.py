@@ -60,6 +60,7 @@ from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
     "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule", "stiffener",
+    "cable.losses", "cable.eyelet_loss_N",
 )  # fmt: skip
 """Keys of a robot's file that the paper's model does not look at."""
 
@@ -78,6 +79,7 @@ def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
         film=_published_film(robot.film),
         groups=groups,
         hinge=replace(robot.hinge, rule="uniform"),
+        cables=tuple(replace(cable, losses="one_way", eyelet_loss_N=0.0) for cable in robot.cables),
         stiffener=StiffenerTable(),
     )
 
@@ -421,6 +423,8 @@ def _cable(mesh: NamedMesh, entry: CableTable) -> Cable:
         1.0 if entry.capstan_factor is None else entry.capstan_factor,
         entry.friction_coefficient or 0.0,
         entry.stiffness_N_m,
+        entry.eyelet_loss_N,
+        entry.losses == "directed",
     )
 
 

@@ -33,6 +33,7 @@ from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import CLOSED_FRACTION
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
@@ -160,6 +161,9 @@ def section_model(
     """
     if body is None:
         body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
+    # a section model's cables lose one way: energies are condensed along one way of loading
+    one_way = (replace(cable, directed=False, loss_N=0.0) for cable in body.cables)
+    body = body.with_other(Cable, *one_way)
     largest = largest_covered(scenario)
     path = cache_directory() / f"section_model_{content_hash(body, largest)}.kept"
     found = kept(path, unpacking(SectionModel))

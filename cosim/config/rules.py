@@ -186,6 +186,11 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
         yield "soft_robot.attach", f"has no section model: it is of one stack of units; {_TAKE}"
     if robot.base != (FIRST_RING,):
         yield "soft_robot.base", f"is {list(robot.base)}; a section model needs ['{FIRST_RING}'] alone"
+    for cable in [cable for cable in robot.cables if cable.eyelet_loss_N > 0.0][:1]:
+        yield Fault(
+            f"soft_robot.cable.{cable.name}.eyelet_loss_N",
+            f"is not in a section model, whose cables lose a share of their tension one way; {_TAKE}, or 0",
+        )
 
 
 @rule

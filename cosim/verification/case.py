@@ -297,14 +297,15 @@ class Specimen:
     def gradient(self, equilibrium: Equilibrium) -> Array:
         """Return the gradient of the potential (n, 3) [N]: what the supports supply."""
         x, loads = equilibrium.state.positions, equilibrium.loads
-        tension = self.system.segment_share(x, loads)
-        self.system.evaluate(x, loads, tension, equilibrium.state.memory, hessian=False)
+        memory = equilibrium.state.memory
+        tension = self.system.segment_share(x, loads, memory)
+        self.system.evaluate(x, loads, tension, memory, hessian=False)
         return self.system.gradient.copy()
 
     def stable(self, equilibrium: Equilibrium) -> bool:
         """Return whether the tangent stiffness is positive definite there."""
-        x, loads = equilibrium.state.positions, equilibrium.loads
-        self.system.evaluate(x, loads, self.system.segment_share(x, loads), equilibrium.state.memory)
+        x, loads, memory = equilibrium.state.positions, equilibrium.loads, equilibrium.state.memory
+        self.system.evaluate(x, loads, self.system.segment_share(x, loads, memory), memory)
         return self.newton.linear.factor(self.system.blocks, low_rank=self.system.low_rank)
 
     def critical(self, low: float, high: float, loads: Callable[[float], Loads]) -> float:
@@ -323,8 +324,9 @@ class Specimen:
 
     def stiffness(self, equilibrium: Equilibrium) -> Array:
         """Return the dense tangent stiffness (3 n, 3 n) [N/m] of all components, free or not."""
-        x, loads, pattern = equilibrium.state.positions, equilibrium.loads, self.system.pattern
-        self.system.evaluate(x, loads, self.system.segment_share(x, loads), equilibrium.state.memory)
+        x, loads, memory = equilibrium.state.positions, equilibrium.loads, equilibrium.state.memory
+        pattern = self.system.pattern
+        self.system.evaluate(x, loads, self.system.segment_share(x, loads, memory), memory)
         dense = np.zeros((pattern.nodes, 3, pattern.nodes, 3))
         dense[pattern.row, :, pattern.column] = self.system.blocks
         dense[pattern.column, :, pattern.row] = self.system.blocks.transpose(0, 2, 1)

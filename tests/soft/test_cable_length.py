@@ -12,6 +12,7 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, TRANSITION_m, base_tension, onset, stretch_at
+from cosim.soft.elements.eyelets import SHARE
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
@@ -151,8 +152,8 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
     # losses are frozen while a step is solved; left there, the tension is off by k x (change of L_w - L)
     frozen, true = list[Array](), SoftSystem.segment_share
 
-    def recorded(system: SoftSystem, x: Array, loads: Loads) -> Array:
-        frozen.append(true(system, x, loads))
+    def recorded(system: SoftSystem, x: Array, loads: Loads, memory: Array) -> Array:
+        frozen.append(true(system, x, loads, memory))
         return frozen[-1]
 
     monkeypatch.setattr(SoftSystem, "segment_share", recorded)
@@ -164,7 +165,7 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
     for _ in range(5):
         state, _ = stepper.step(state, HANGING, loads, 0.02)
         tension = base_tension(first, state.positions, loads.cable_length_m[0] or 0.0)
-        weight, lengths = frozen[-1][: len(first.segments)], first.segment_lengths(state.positions)
+        weight, lengths = frozen[-1][: len(first.segments), SHARE], first.segment_lengths(state.positions)
         force = onset(float(weight @ lengths) - (loads.cable_length_m[0] or 0.0))[1]
         assert first.stiffness_N_m * force == pytest.approx(tension, abs=1e-3)
         assert tension > 0.5

@@ -253,7 +253,7 @@ LEAST_NODE_MASS_kg: Final = 1e-12
 class CableTable:
     """A cable along one corner line of a stack, through the outer rings of a range of units, or another line.
 
-    Exactly one of the two loss models is given.
+    Exactly one of capstan_factor and friction_coefficient is given; a constant loss comes on top.
 
     Args:
         name: of the cable; tensions and lengths are given by it.
@@ -262,7 +262,12 @@ class CableTable:
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
         line: a set of nodes in order, base to tip, where no stack draws the film: without corner and units.
-        stiffness_N_m: tension per stretch of the whole cable; matters only where its length is commanded.
+        stiffness_N_m: tension per stretch of the whole cable; matters where its length is commanded, and
+            where it sticks at eyelets.
+        eyelet_loss_N: tension lost at each eyelet besides, whatever the tension.
+        losses: "directed": against the way the cable slides, with stick and slip of its own at each eyelet;
+            "one_way": tension falls from the base on, whichever way it slides, as in the paper's model and in
+            section models.
     """
 
     name: Name
@@ -272,6 +277,8 @@ class CableTable:
     capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
     friction_coefficient: NonNegative | None = None
     stiffness_N_m: Positive = 1e4
+    eyelet_loss_N: NonNegative = 0.0
+    losses: Literal["directed", "one_way"] = "directed"
 
     @rule
     def _runs_along_a_stack(self, robot: SoftRobotTable) -> Told:
@@ -303,6 +310,8 @@ class CableTable:
         if (self.capstan_factor is None) == (self.friction_coefficient is None):
             given = "neither" if self.capstan_factor is None else "both"
             yield "", f"give capstan_factor or friction_coefficient; {given} is given"
+        if self.eyelet_loss_N > 0.0 and self.losses == "one_way":
+            yield "eyelet_loss_N", "opposes the way the cable slides; it needs losses = 'directed'"
 
 
 ARM_CHAMBER: Final = "arm"

@@ -319,7 +319,10 @@ def _fill_unit_boxes(x: Matrix, rows: FilmRows, boxes: Matrix) -> None:
         for k in range(rows.units_from[unit], rows.units_from[unit + 1]):
             for r in range(3):
                 value = x[rows.unit_nodes[k], r]
-                boxes[unit, r], boxes[unit, 3 + r] = min(boxes[unit, r], value), max(boxes[unit, 3 + r], value)
+                boxes[unit, r], boxes[unit, 3 + r] = (
+                    min(boxes[unit, r], value),
+                    max(boxes[unit, 3 + r], value),
+                )
 
 
 @device_function
@@ -429,9 +432,7 @@ class FilmLists(NamedTuple):
         )  # fmt: skip
         places = np.zeros(points, np.int64), np.zeros(triangles, np.int64), np.zeros(2, np.int64)
         scratch = np.empty((triangles, 13)), np.empty((triangles, 2)), np.empty((units, 2))
-        return cls(
-            rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3))
-        )
+        return cls(rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3)))
 
     def made(self, positions: Array, room_m: float) -> FilmLists:
         """Return the lists with a new long one, with twice the room that it takes now where that is too little.

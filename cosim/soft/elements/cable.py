@@ -5,7 +5,7 @@ Cables commanded by their unstretched length, as a winch does, instead of by the
 The tension at the base end is T_0 = k f(L - L_0), L the length of the route, L_0 the commanded length, k the
 stiffness of the cable, and f(s) = max(s, 0) with a transition of width d in which a slack cable gets taut:
     f = 0 for s < -d/2,  (s + d/2)^2 / (2 d) for |s| < d/2,  s beyond.
-Segment i carries T_i = c_i T_0 (losses at the eyelets, see `cable`). For one solution the losses are frozen;
+Segment i carries T_i = c_i T_0 (losses at the eyelets, see below). For one solution the losses are frozen;
 with w_i = c_i / m and m = sum c_i L_i / sum L_i at its start, the term has the potential
     energy = k m F(L_w - L_0), L_w = sum w_i L_i, F' = f,
     gradient = T_i t_i on the far node and -T_i t_i on the near one, T_i = k m f w_i,
@@ -24,7 +24,8 @@ below e = 0.1 mm, a film's thickness, L_i stands for the rounded length
     l = e (3/8 + 3/4 s^2 - 1/8 s^4),   s = L_i / e,
 which joins L_i with its first two derivatives.
 Equal and opposite pairs: a cable adds no net force or moment. c_i = c^(i+1) with a loss factor c per
-eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan). A cable
+eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan): so a cable
+that knows no direction loses, and one that knows it (`eyelets`) as long as it slides to the base. A cable
 cannot push: negative tensions are refused, zero tension is a slack cable.
 """
 
@@ -134,6 +135,10 @@ def add_segments(
     return energy
 
 
+UNSLID_m: Final = 1.0
+"""By how far an anchor is ahead where the cable is pulled taut anew, see `eyelets`: beyond every limit."""
+
+
 @final
 @dataclass(frozen=True)
 class Cable(Element):
@@ -143,8 +148,11 @@ class Cable(Element):
         nodes: (eyelets,) node indices, base to tip; the last one is the anchor.
         loss_factor: c, tension ratio per eyelet passed (1 for none).
         friction_coefficient: mu of the capstan law; 0 for none.
-        stiffness_N_m: tension per stretch of the whole cable, E A over its length; acts only where its length
-            is commanded.
+        stiffness_N_m: tension per stretch of the whole cable, E A over its length; acts where its length is
+            commanded, and where the cable sticks at eyelets.
+        loss_N: F, constant loss per eyelet, of a cable that knows which way it slides.
+        directed: whether losses oppose the way it slides, see `eyelets`; otherwise tension falls from the
+            base on whichever way that is.
     """
 
     label: ClassVar[str] = "cable"
@@ -155,6 +163,8 @@ class Cable(Element):
     loss_factor: float = 1.0
     friction_coefficient: float = 0.0
     stiffness_N_m: float = 1e4
+    loss_N: float = 0.0
+    directed: bool = False
 
     def __post_init__(self) -> None:
         if len(self.nodes) < 2 or len(set(np.asarray(self.nodes).tolist())) != len(self.nodes):
@@ -168,10 +178,34 @@ class Cable(Element):
             raise InputError(f"cable friction coefficient {self.friction_coefficient} must not be negative")
         if not 0.0 < self.stiffness_N_m < np.inf:
             raise InputError(f"cable stiffness {self.stiffness_N_m} N/m must be positive and finite")
+        if not 0.0 <= self.loss_N < np.inf:
+            raise InputError(f"cable loss {self.loss_N} N per eyelet must be 0 or more, and finite")
 
     @property
     def coupled(self) -> IntArray:
         return self.segments
+
+    @property
+    def remembers(self) -> bool:
+        """Whether its eyelets remember which way it has slid."""
+        return self.directed and self.lossy
+
+    @property
+    def lossy(self) -> bool:
+        """Whether tension is lost at its eyelets."""
+        return self.loss_factor < 1.0 or self.friction_coefficient > 0.0 or self.loss_N > 0.0
+
+    @property
+    def law(self) -> tuple[float, float, float, float]:
+        """c, mu, F [N] and k [N/m] of its eyelets, see `eyelets`."""
+        stiffness = self.stiffness_N_m * (len(self.nodes) - 1)
+        return self.loss_factor, self.friction_coefficient, self.loss_N, stiffness
+
+    def first_memory(self, positions: Array) -> Array:
+        """Return the anchors (eyelets - 1,) [m] of a cable that is pulled taut; of others nothing."""
+        if not self.remembers:
+            return np.zeros(0)
+        return UNSLID_m + np.cumsum(self.segment_lengths(positions)[::-1])[::-1]
 
     @classmethod
     def bound(cls, alike: Sequence[Cable], sums: Sums) -> Sequence[Term]:
@@ -223,35 +257,7 @@ def base_tension(cable: Cable, positions: Array, length_m: float) -> float:
     return cable.stiffness_N_m * onset(cable.length(positions) - length_m)[1]
 
 
-def segment_weight(cable: Cable, positions: Array) -> Array:
-    """Return w_i = c_i / m (segments,), losses frozen at the given shape (n, 3) [m]."""
-    ratio, length = cable.tension_ratio(positions), cable.segment_lengths(positions)
-    return np.asarray(ratio * (length.sum() / (ratio @ length)))
-
-
 def losses_follow(cables: tuple[Cable, ...], lengths_m: tuple[float | None, ...]) -> bool:
     """Return whether a solution with given lengths (or none) has frozen losses that it changes itself."""
     pairs = zip(cables, lengths_m or (None,) * len(cables), strict=True)
-    return any(
-        length is not None and (cable.loss_factor < 1.0 or cable.friction_coefficient > 0.0)
-        for cable, length in pairs
-    )
-
-
-def segment_share(cables: tuple[Cable, ...], positions: Array, lengths_m: tuple[float | None, ...]) -> Array:
-    """Return what losses at a given shape make of each cable in its segments (segments,).
-
-    The tension over that at the base end; of a cable whose length is commanded the weight w_i (see
-    cables of commanded length).
-
-    Args:
-        cables: of a body.
-        positions: (n, 3) [m].
-        lengths_m: commanded length of each cable or None; empty where none is.
-    """
-    pairs = zip(cables, lengths_m or (None,) * len(cables), strict=True)
-    parts = [
-        cable.tension_ratio(positions) if length is None else segment_weight(cable, positions)
-        for cable, length in pairs
-    ]
-    return np.concatenate([np.zeros(0), *parts])
+    return any(length is not None and cable.lossy for cable, length in pairs)

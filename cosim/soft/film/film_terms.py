@@ -21,6 +21,7 @@ from cosim.soft.elements import gas
 from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import Remembered
+from cosim.soft.elements.eyelets import STICKS, pull_eyelets
 from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
@@ -47,13 +48,14 @@ gas_potential = device_function(gas.gas_potential)
 
 _CALLED = (
     add_membranes, add_hinges, add_segments, add_pressure, add_cap, add_cap_force, add_gravity, add_inertia,
+    pull_eyelets,
 )  # fmt: skip
-_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _BEAMS, _FRAMES = range(
+_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _EYELETS, _BEAMS, _FRAMES = range(
     len(_CALLED) + 2
 )
 (
     _add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_cap_force, _add_gravity,
-    _add_inertia,
+    _add_inertia, _pull_eyelets,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_beam_rings, _add_frame_rings, _add_contacts, _add_pairs = map(
     caller, (add_beam_rings, add_frames, add_contacts, add_pairs)
@@ -77,7 +79,7 @@ class FilmActing(NamedTuple):
 
 
 def term_calls(*, beams: bool, frames: bool) -> list[int]:
-    """Return the addresses (10,) of the kernels of the terms; of beams and frames 0 where there are none."""
+    """Return the addresses (11,) of the kernels of the terms; of beams and frames 0 where there are none."""
     some = (add_beam_rings, beams), (add_frames, frames)
     return [*map(address_of, _CALLED), *(address_of(called) if there else 0 for called, there in some)]
 
@@ -164,9 +166,16 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
     loads, more, pull, energy = acting.loads, acting.more, point.pull, 0.0
     for s in range(first, last):
         pull[s] = loads.tension[film.cable[s]] * more.share[s]
+    with_hessian, routes = slots.diagonal.shape[0] > 0, film.eyelets.routes
     for c in range(more.length.shape[0]):
-        if first <= film.routes[c] < last and not math.isnan(more.length[c]):
-            energy += _pull_cable(film, c, more, slots.diagonal.shape[0] > 0, point)
+        if first <= routes[c] < last and not math.isnan(more.length[c]):
+            energy += _pull_cable(film, c, more, with_hessian, point)
+    for c in range(routes.shape[0] - 1 if more.eyelets.shape[0] > 0 else 0):
+        if first <= routes[c] < last and film.eyelets.places[routes[c]] >= 0:
+            lost = point.x, film.eyelets, more.eyelets, c, point.tracked, pull
+            energy += _pull_eyelets(film.calls[_EYELETS], lost)
+            if with_hessian:
+                _hold_eyelets(film, routes[c], routes[c + 1], more, point)
     segments = film.segments[first:last], pull[first:last], slots.segments[first:last]
     filled = point.gradient, point.blocks
     return energy + _add_segments(film.calls[_SEGMENTS], (point.x, *segments, *filled))
@@ -175,7 +184,7 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
 @device_function
 def _pull_cable(film: Any, c: int, more: FilmLoads, with_hessian: bool, point: Any) -> float:
     """Fill the tensions of a cable of commanded length; return its energy [J] less sum T_i L_i."""
-    first, last = film.routes[c], film.routes[c + 1]
+    first, last = film.eyelets.routes[c], film.eyelets.routes[c + 1]
     weighted = 0.0
     for s in range(first, last):
         weighted += more.share[s] * segment_length(point.x, film.segments[s, 0], film.segments[s, 1])
@@ -190,6 +199,20 @@ def _pull_cable(film: Any, c: int, more: FilmLoads, with_hessian: bool, point: A
             added = point.x, *weights, more.vectors[c], film.no_blocks
             _add_segments(film.calls[_SEGMENTS], added)
     return more.spring[c] * (energy - force * weighted)
+
+
+@device_function
+def _hold_eyelets(film: Any, first: int, last: int, more: FilmLoads, point: Any) -> None:
+    """Fill what those eyelets of a cable that stick add to a Hessian."""
+    for s in range(first, last):
+        row = more.length.shape[0] + s
+        more.coefficients[row] = 0.0
+        if more.eyelets[s, STICKS] > 0.0:
+            more.coefficients[row] = film.eyelets.laws[s, 3]
+            more.vectors[row, :, :] = 0.0
+            beyond = film.segments[s:last], film.eyelets.ones[s:last], film.no_slots.segments
+            added = point.x, *beyond, more.vectors[row], film.no_blocks
+            _add_segments(film.calls[_SEGMENTS], added)
 
 
 @device_function

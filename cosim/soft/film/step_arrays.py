@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
+from cosim.soft.elements.eyelets import EyeletLaws
 from cosim.soft.linear.pattern import PatternRows
 from cosim.soft.linear.secant_pairs import SecantPairs
 
@@ -90,7 +91,7 @@ class FilmArrays(NamedTuple):
     """Films, hinges, cables, beams, chambers and masses of one body.
 
     Args:
-        calls: (10,) addresses of the kernels.
+        calls: (11,) addresses of the kernels.
         triangles: (m, 3), film after film.
         shape_gradients: (m, 3, 2), see `Membranes`.
         areas: (m,) [m^2].
@@ -107,7 +108,7 @@ class FilmArrays(NamedTuple):
         angles: (2,), where the hinges' memory begins and ends.
         segments: (s, 2), of all cables.
         cable: (s,), of which each is.
-        routes: (cables + 1,), where the segments of each cable begin.
+        eyelets: of the cables.
         beams: stiffeners.
         frames: that keep their shape.
         gas_triangles: (t, 3), chamber after chamber.
@@ -139,7 +140,7 @@ class FilmArrays(NamedTuple):
     angles: Indices
     segments: IndexTable
     cable: Indices
-    routes: Indices
+    eyelets: EyeletLaws
     beams: FilmBeams
     frames: FilmFrames
     gas_triangles: IndexTable
@@ -177,16 +178,19 @@ class FilmLoads(NamedTuple):
         spring: (cables,) [N/m], k m of those.
         gas: (chambers, 4), of what is sealed in each: absolute pressure [Pa], volume [m^3], exponent, ambient
             pressure; zero where the pressure is given; empty where it is in all.
+        eyelets: (s, COLUMNS), losses frozen as well; empty where no cable remembers, see `eyelets`.
         force: (n, 3) [N], on the nodes; empty for none.
         found: (chambers, 2), filled with gauge pressure [Pa] and volume [m^3] of each.
-        vectors: (cables + chambers, n, 3), filled with what a Hessian has of dense terms.
-        coefficients: (cables + chambers,), of these; 0 for none.
+        vectors: (cables + s + chambers, n, 3), filled with what a Hessian has of dense terms, of each kind
+            where there are some.
+        coefficients: (cables + s + chambers,), of these; 0 for none.
     """
 
     share: Vector
     length: Vector
     spring: Vector
     gas: Matrix
+    eyelets: Matrix
     force: Matrix
     found: Matrix
     vectors: Blocks

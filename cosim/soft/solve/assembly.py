@@ -19,8 +19,9 @@ from cosim.errors import InputError
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import Cable, segment_share
+from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.element import Element, Instant, Sums, Term
+from cosim.soft.elements.eyelets import COLUMNS, RATIO, SHARE, eyelet_laws, eyelet_loss, frozen_losses
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.mass_terms import Inertia
@@ -40,6 +41,7 @@ from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
 _NO_SLOTS = np.zeros(0, np.int64)
+_NO_MEMORY = np.zeros(0)
 _NO_BED = StepBed(np.zeros(0), np.zeros((0, 3)), False)
 
 
@@ -139,9 +141,44 @@ class SoftSystem:
         far = [element.coupled for element in self.body.elements if element.far]
         return np.unique(np.concatenate([_NO_SLOTS, *(np.ravel(nodes) for nodes in far)]))
 
-    def segment_share(self, positions: Array, loads: Loads) -> Array:
-        """Return what losses at a given shape make of cables in every segment (segments,)."""
-        return segment_share(self.body.cables, positions, loads.cable_length_m)
+    def segment_share(self, positions: Array, loads: Loads, memory: Array | None = None) -> Array:
+        """Return what losses at a given shape make of cables in every segment (segments, COLUMNS).
+
+        Args:
+            positions: (n, 3) [m].
+            loads: that act.
+            memory: (values,), of the last accepted state; as of cables that are pulled taut unless given.
+        """
+        body = self.body
+        before = body.first_memory() if memory is None and self.slides else memory
+        pulls = loads.cable_tension_N, loads.cable_length_m
+        return frozen_losses(
+            self.film.eyelets, body.cables, positions, _NO_MEMORY if before is None else before, pulls
+        )
+
+    @cached_property
+    def slides(self) -> bool:
+        """Whether some cable remembers which way it has slid."""
+        return any(cable.remembers for cable in self.body.cables)
+
+    def unslid(self, memory: Array, accepted: Array) -> Array:
+        """Return memory (values,) tracked by a solution, with eyelets as in the accepted state before it."""
+        if not self.slides:
+            return memory
+        places = self.film.eyelets.places
+        result, places = memory.copy(), places[places >= 0]
+        result[places] = accepted[places]
+        return result
+
+    def lost_at_eyelets(self, positions: Array, before: Array, after: Array) -> float:
+        """Return the work lost at eyelets [J] from one accepted state to the next.
+
+        Args:
+            positions: (n, 3) [m], at the end.
+            before: (values,), what elements remember at the beginning.
+            after: the same at the end.
+        """
+        return eyelet_loss(positions, self.film.eyelets, before, after) if self.slides else 0.0
 
     def advanced(self, positions: Array, memory: Array) -> Array:
         """Return what the elements remember (values,) once a step has ended.
@@ -184,7 +221,7 @@ class SoftSystem:
         Args:
             positions: (n, 3) [m], world, C-contiguous.
             loads: pressure, tension, gravity, nodal forces.
-            share: (segments,), from `segment_share`.
+            share: (segments, COLUMNS), from `segment_share`.
             memory: (values,), what the elements remember of the last accepted state; hinge angles are
                 unwrapped against it.
             inertia: of an implicit step; None in statics.
@@ -267,6 +304,8 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
     )
     hinges, cables, bent = body.hinges, body.cables, len(body.hinges.coupled)
     angles = body.memory_places[body.elements.index(hinges)]
+    places = zip(body.elements, body.memory_places, strict=True)
+    routes = tuple(own for element, own in places if isinstance(element, Cable))
     gas, caps = zip(*body.enclosures, strict=True)
     rings = [ring for those in caps for ring in those]
     no_pairs, none = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
@@ -282,7 +321,7 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
         hinges.coupled, hinges.stiffness[:bent], hinges.rest_angle[:bent],
         np.array([hinges.fold_barrier_rad]), np.array([angles.start, angles.start + bent]), segments,
         np.repeat(np.arange(len(cables)), [len(cable.segments) for cable in cables]),
-        _firsts([cable.segments for cable in cables]), beams, frames, np.concatenate(gas),
+        eyelet_laws(cables, routes), beams, frames, np.concatenate(gas),
         np.concatenate([none, *rings]), _firsts(rings), np.stack([_firsts(gas), _firsts(caps)], axis=1),
         np.full(len(rings), not body.closed, np.int64), body.node_mass, _parts(rows, apart),
         _no_slots(len(rings)), np.zeros((0, 3, 3)),
@@ -308,14 +347,15 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
     Args:
         body: of which films.
         loads: that act.
-        share: (segments,), see `segment_share`.
+        share: (segments, COLUMNS), see `segment_share`.
     """
-    cables, chambers = body.cables, len(body.gas_chambers)
+    cables, chambers, rows = body.cables, len(body.gas_chambers), share.reshape(-1, COLUMNS)
     lengths, spring, gas = loads.cable_length_m, np.zeros(0), np.zeros((0, 4))
     if any(length is not None for length in lengths):
         firsts = _firsts([cable.segments for cable in cables])[:-1]
-        # the first segment has w_1 = c / m, so that m follows from it
-        spring = np.array([c.stiffness_N_m * c.loss_factor for c in cables]) / share[firsts]
+        # the first segment has w_1 = r_1 / m, so that m follows from it
+        stiffness = np.array([c.stiffness_N_m for c in cables])
+        spring = stiffness * rows[firsts, RATIO] / rows[firsts, SHARE]
     else:
         lengths = ()
     if any(loads.gas):
@@ -324,10 +364,12 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
             raise InputError("a sealed gas needs a closed body; this one has open caps")
         nothing = (0.0, 0.0, 0.0, 0.0)
         gas = np.array([nothing if each is None else each.numbers for each in sealed])
-    dense = len(lengths) + len(gas)
+    eyelets = rows if any(cable.remembers for cable in cables) else rows[:0]
+    dense = len(lengths) + len(eyelets) + len(gas)
     force = np.zeros((0, 3)) if loads.nodal_force is None else np.array(loads.nodal_force, order="C")
     return FilmLoads(
-        share, np.array([np.nan if length is None else length for length in lengths]), spring, gas, force,
+        rows[:, SHARE].copy(), np.array([np.nan if length is None else length for length in lengths]), spring,
+        gas, eyelets, force,
         np.zeros((chambers, 2)), np.zeros((dense, body.nodes if dense else 0, 3)), np.zeros(dense),
     )  # fmt: skip
 

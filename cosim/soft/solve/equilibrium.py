@@ -156,7 +156,7 @@ class EquilibriumSolver:
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
         frame = world_from_flange.rotation
         result, loads = self._settle_contacts(guess, state.memory, loads, frame)
-        result = self._settle_friction(result, loads, frame)
+        result = self._settle_friction(result, state.memory, loads, frame)
         if not result.converged:
             system = self.solver.system
             raise ConvergenceError(
@@ -346,7 +346,8 @@ class EquilibriumSolver:
             if settled or not result.converged:
                 ways = ways if settled else result.negative_pivots
                 return replace(result, iterations=spent, shifted=shifted, negative_pivots=ways), loads
-            start, memory, ways = result.positions, result.memory, result.negative_pivots
+            start, ways = result.positions, result.negative_pivots
+            memory = self.solver.system.unslid(result.memory, memory)
             if obstacles is not None:
                 trail.append(start)
                 start = end_of(trail)
@@ -359,14 +360,17 @@ class EquilibriumSolver:
             spent,
         )
 
-    def _settle_friction(self, result: NewtonResult, loads: Loads, frame: Array) -> NewtonResult:
+    def _settle_friction(
+        self, result: NewtonResult, accepted: Array, loads: Loads, frame: Array
+    ) -> NewtonResult:
         """Repeat while losses along the cables change with the shape: friction has no potential."""
-        cables = self.solver.system.body.cables
-        friction = any(cable.friction_coefficient for cable in cables)
+        system, cables = self.solver.system, self.solver.system.body.cables
+        friction = any(cable.friction_coefficient for cable in cables) or system.slides
         if not friction and not losses_follow(cables, loads.cable_length_m):
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
-            again = self._newton(result.positions, result.memory, loads, frame)
+            memory = system.unslid(result.memory, accepted)
+            again = self._newton(result.positions, memory, loads, frame)
             if not again.converged:
                 return again
             settled = again.iterations == 0

@@ -86,7 +86,7 @@ class NewtonTask:
 
     Args:
         loads: that act.
-        share: (segments,), see `SoftSystem.segment_share`.
+        share: (segments, COLUMNS), see `SoftSystem.segment_share`.
         inertia: of an implicit step; None in statics.
         kind: tells apart tangents that cannot stand for each other: statics, or the step's inertia.
         numbers: of the iteration.
@@ -197,7 +197,7 @@ class NewtonSolver:
         flange[1:] = np.eye(3) if frame is None else frame.T
         motion = StepMotion(x, x, x, x, remembered, flange, x, x, remembered)
         kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
-        share = system.segment_share(x, loads)
+        share = system.segment_share(x, loads, remembered)
         solution = NewtonProgress(
             NewtonTask(loads, share, inertia, kind, self.numbers(options, loads)), motion, options
         )
@@ -374,7 +374,8 @@ class NewtonSolver:
         """
         system = self.system
         gradient, tracked = system.gradient.copy(), system.memory.copy()
-        system.evaluate(positions, loads, system.segment_share(positions, loads), memory)
+        share = system.segment_share(positions, loads, memory)
+        system.evaluate(positions, loads, share, memory)
         system.gradient[:], system.memory[:] = gradient, tracked
         system.add_open_caps(positions)
         return negative_pivots(system.tangent_pattern, self.free, system.tangent_blocks, system.low_rank)
@@ -392,7 +393,7 @@ class NewtonSolver:
             frame: (3, 3), rotation of the flange.
         """
         system = self.system
-        gradient, share = system.gradient.copy(), system.segment_share(positions, loads)
+        gradient, share = system.gradient.copy(), system.segment_share(positions, loads, memory)
         system.serving = self.linear.pattern
         system.evaluate(positions, loads, share, memory, inertia=inertia)
         system.gradient[:] = gradient

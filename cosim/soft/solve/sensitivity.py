@@ -6,6 +6,7 @@ free nodes. One factorisation serves all parameters.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -14,6 +15,7 @@ from cosim.base.frames import Array
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import add_segments
+from cosim.soft.elements.eyelets import RATIO
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium
 
@@ -62,6 +64,8 @@ class Sensitivity:
     def to_tension(self) -> Array:
         """Return d(tip motion)/d(cable tension) (6, cables) [m/N, rad/N]; the flange stays.
 
+        Where a cable has slid through an eyelet, it is taken to slide on; back, it would stick at first.
+
         Raises:
             InputError: a cable's length is commanded, so that its tension is not free.
         """
@@ -71,9 +75,11 @@ class Sensitivity:
                 "cable tensions are looked for while a cable's length is commanded "
                 f"({self._equilibrium.loads.cable_length_m} m); command its tension first"
             )
-        for cable in self._solver.system.body.cables:
-            gradient = np.zeros_like(self._positions)
-            ratio = cable.tension_ratio(self._positions)
+        system, here = self._solver.system, self._equilibrium
+        rows = system.segment_share(self._positions, here.loads, here.state.memory)
+        routes = system.film.eyelets.routes.tolist()
+        for cable, (first, last) in zip(system.body.cables, pairwise(routes), strict=True):
+            gradient, ratio = np.zeros_like(self._positions), rows[first:last, RATIO].copy()
             add_segments(self._positions, cable.segments, ratio, _NO_SLOTS, gradient, _NO_BLOCKS)
             columns.append(self._tip_motion(-gradient))
         return np.stack(columns, axis=1) if columns else np.zeros((6, 0))

@@ -84,7 +84,7 @@ class FilmSides:
         """Whether kernels know all that the body is made of, and cables lose the same in all its shapes."""
         system = self._solver.system
         frictionless = all(cable.friction_coefficient == 0.0 for cable in system.body.cables)
-        return system.complete and system.conservative and frictionless
+        return system.complete and system.conservative and frictionless and not system.slides
 
     @property
     def knows_factor(self) -> bool:
@@ -96,7 +96,7 @@ class FilmSides:
 
         Args:
             loads: that act.
-            share: (segments,), see `SoftSystem.segment_share`.
+            share: (segments, COLUMNS), see `SoftSystem.segment_share`.
             scheme: of the step.
             step_s: h [s].
         """
@@ -104,7 +104,7 @@ class FilmSides:
         step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
-        coupled = any(loads.gas) or any(loads.cable_length_m)
+        coupled = any(loads.gas) or any(loads.cable_length_m) or self._solver.system.slides
         apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
@@ -183,7 +183,7 @@ class QuickStepper:
         motion = StepMotion(
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
-        share = system.segment_share(state.positions, loads)
+        share = system.segment_share(state.positions, loads, state.memory)
         solution = NewtonProgress(self.sides.task(loads, share, scheme, step_s), motion, options.newton)
         # a contact that is half solved would push with a force of its own making
         films, lenient = loads.self_contact, loads.contact is None and loads.self_contact is None
@@ -305,7 +305,7 @@ class ImplicitStepper:
         for free in starts:
             placed = self.clamp.place(free, world_from_flange)
             result = self._solve(placed, state, world_from_flange, loads, inertia, aim, whole=jumps)
-            result = self._with_losses(result, world_from_flange, loads, inertia, aim)
+            result = self._with_losses(result, (state, world_from_flange, loads), inertia, aim)
             if result.converged or self._acceptable(result, aim):
                 break
         else:
@@ -353,7 +353,7 @@ class ImplicitStepper:
         """
         system, positions = self.solver.system, state.positions
         carried = np.ascontiguousarray((after @ before.inverse()).apply(positions))
-        share = system.segment_share(positions, loads)
+        share = system.segment_share(positions, loads, state.memory)
 
         def potential(start: Array) -> float:
             placed = self.clamp.place(start, after)
@@ -415,21 +415,28 @@ class ImplicitStepper:
         if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
             return result
         spent = result.iterations
-        result = self.solver.solve(result.positions, result.memory, loads, self._whole, inertia, frame)
+        memory = self.solver.system.unslid(result.memory, state.memory)
+        result = self.solver.solve(result.positions, memory, loads, self._whole, inertia, frame)
         return replace(result, iterations=spent + result.iterations)
 
     def _with_losses(
-        self, result: NewtonResult, flange: Pose, loads: Loads, inertia: Inertia, aim: StepAim | None
+        self,
+        result: NewtonResult,
+        drive: tuple[SoftState, Pose, Loads],
+        inertia: Inertia,
+        aim: StepAim | None,
     ) -> NewtonResult:
         """Repeat while the shape changes the losses of cables of commanded length: stiff ones feel that."""
-        if not losses_follow(self.solver.system.body.cables, loads.cable_length_m):
+        (state, flange, loads), system = drive, self.solver.system
+        if not losses_follow(system.body.cables, loads.cable_length_m):
             return result
         bound, frame = self.options.tolerance_N if aim is None else aim.tolerance_N, flange.rotation
         options = replace(self.options.newton, tolerance_N=bound, start_tolerance_N=bound)
         for _ in range(_LOSS_ROUNDS_MAX):
             if not (result.converged or self._acceptable(result, aim)):
                 break
-            again = self.solver.solve(result.positions, result.memory, loads, options, inertia, frame)
+            memory = system.unslid(result.memory, state.memory)
+            again = self.solver.solve(result.positions, memory, loads, options, inertia, frame)
             if not again.converged:
                 break
             spent = result.iterations + again.iterations

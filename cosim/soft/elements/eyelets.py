@@ -1,0 +1,257 @@
+"""What a cable loses at its eyelets, whichever way it slides: stick and slip with a memory per eyelet.
+
+Eyelet j is where segment j begins; T_j-1 is the tension before it, of the first the tension T_0 at the base
+end. The cable beyond it is R_j = sum_(i >= j) L_i long, which is how far it has slid: it slides to the base
+where R_j falls. The difference d_j = T_j-1 - T_j moves elastically with that, between limits,
+
+    d_j = k (A_j - R_j)   within   T_j-1 (1 - 1/f) - F/f  <=  d_j  <=  min(T_j-1 (1 - f) + F, T_j-1),
+
+f = c exp(-mu theta_j) with the loss factor c, the coefficient mu and the angle theta_j by which the cable
+turns there, F a constant loss: at the upper limit T_j = f T_j-1 - F as the cable slides to the base, at the
+lower one T_j-1 = f T_j - F as it slides to the tip. Beyond a limit the anchor A_j comes along, as a plastic
+strain does (return mapping): A_j is what an eyelet remembers. The cable slides through it by the change of
+A_j, and loses d_j times that, never less than nothing.
+
+k is the stiffness of a segment, the cable's own times their number: a cable that sticks at both ends of a
+segment is a spring of that stiffness, so that a newton lets it give by hundredths of a millimetre before
+it slides. A cable's own stretch does not slide it.
+
+For one solution limits are frozen where it begins. Then all d_j have one potential,
+    energy = sum_j phi_j(A_j - R_j),  phi_j' = d_j:  a parabola between two straight lines,
+    gradient = -d_j dR_j/dx,
+    Hessian = k g_j g_j^T, g_j = dR_j/dx, of those that stick, one dense term each; the rest is in the
+    segments' tensions T_i = T_0 - sum_(j <= i) d_j.
+Those that slip as a solution begins follow T_0 as far as f says (share r_i = T_i / T_0 of factors alone), so
+that a tension or a length that is commanded at the base is felt beyond. A solution that moves away from
+there is repeated in statics, and wherever lengths are commanded, until it moves no more; in motion limits
+follow a step later. A cable that hangs slack is pulled taut anew: its eyelets begin as ones that slide to
+the base.
+Sources: Simo and Hughes, Computational Inelasticity, 1998, chapter 1; Wriggers, Computational Contact
+Mechanics, 2nd ed., section 5.2 (frozen limits).
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.base.kernels import IndexTable, Indices, Matrix, Vector, kernel
+from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_length
+
+SHARE, RATIO, ANCHOR, LOWER, UPPER, GIVEN, STICKS = range(7)
+"""What columns of frozen losses are, segment by segment: what it carries of the tension at the base end (of
+a commanded length: weight w_i, see `cable`), r_i, and of the eyelet where it begins A [m], limits [N], what
+of d is in r_i T_0 as a solution begins [N], and whether it sticks, which is filled as forces are."""
+COLUMNS: Final = STICKS + 1
+
+Pulls: TypeAlias = tuple[tuple[float, ...], tuple[float | None, ...]]
+
+_SLIPS: Final = 1.0 - 1e-9  # of a limit: what has slid up to here goes on to slide
+
+
+class EyeletLaws(NamedTuple):
+    """Cables and what they lose at their eyelets, for kernels; segment by segment where nothing else is said.
+
+    Args:
+        segments: (s, 2), of all cables.
+        routes: (cables + 1,), where the segments of each cable begin.
+        places: (s,), where the eyelet's anchor is in the memory, -1 where it remembers nothing.
+        laws: (s, 4), c, mu, F [N] and k [N/m].
+        ones: (s,).
+    """
+
+    segments: IndexTable
+    routes: Indices
+    places: Indices
+    laws: Matrix
+    ones: Vector
+
+
+@kernel
+def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, rows: Matrix) -> None:
+    """Fill the rows (s, COLUMNS) of cables that remember; share is r_i.
+
+    Args:
+        x: (n, 3) [m].
+        eyelets: see `EyeletLaws`.
+        memory: (values,), of the last accepted state.
+        base: (cables,) [N], T_0.
+        rows: filled.
+    """
+    segments = eyelets.segments
+    for cable in range(eyelets.routes.shape[0] - 1):
+        first, last = eyelets.routes[cable], eyelets.routes[cable + 1]
+        if eyelets.places[first] < 0:
+            continue
+        beyond = 0.0
+        for s in range(first, last):
+            beyond += segment_length(x, segments[s, 0], segments[s, 1])
+        pull, ratio, taken = max(base[cable], 0.0), 1.0, 0.0
+        for s in range(first, last):
+            factor, friction, constant, k = eyelets.laws[s]
+            if friction > 0.0 and s > first:
+                along = before = square = 0.0
+                for r in range(3):
+                    one, two = (
+                        x[segments[s, 1], r] - x[segments[s, 0], r],
+                        x[segments[s - 1, 1], r] - x[segments[s - 1, 0], r],
+                    )
+                    along, before, square = along + one * two, before + one * one, square + two * two
+                cosine = along / max(math.sqrt(before * square), 1e-300)
+                factor *= math.exp(-friction * math.acos(min(1.0, max(-1.0, cosine))))
+            upper = min(pull * (1.0 - factor) + constant, pull)
+            lower = pull * (1.0 - 1.0 / factor) - constant / factor
+            anchor = memory[eyelets.places[s]]
+            ahead = anchor - beyond
+            d = k * ahead
+            if ahead > 0.5 * UNSLID_m or d >= _SLIPS * upper:
+                d = upper
+            elif d <= _SLIPS * lower:
+                d = lower
+            slope = 1.0
+            if d == upper and (d < pull or pull == 0.0):
+                slope = factor
+            elif d == lower:
+                slope = 1.0 / factor
+            fixed = d - (1.0 - slope) * (pull + taken)
+            ratio, taken = ratio * slope, taken + fixed
+            rows[s, SHARE] = rows[s, RATIO] = ratio
+            rows[s, ANCHOR], rows[s, LOWER], rows[s, UPPER] = anchor, lower, upper
+            rows[s, GIVEN], rows[s, STICKS] = d - fixed, 0.0
+            pull = max(pull - d, 0.0)
+            beyond -= segment_length(x, segments[s, 0], segments[s, 1])
+
+
+@kernel
+def pull_eyelets(
+    x: Matrix, eyelets: EyeletLaws, rows: Matrix, cable: int, tracked: Vector, pull: Vector
+) -> float:
+    """Take what is lost at a cable's eyelets from its segments' tensions, beyond what their shares know.
+
+    Args:
+        x: (n, 3) [m].
+        eyelets: see `EyeletLaws`.
+        rows: (s, COLUMNS), frozen; which eyelets stick is filled.
+        cable: which one.
+        tracked: (values,), filled with its anchors.
+        pull: (s,) [N], r_i T_0 before.
+
+    Returns:
+        The energy [J] less what the change of pull adds to sum T_i L_i.
+    """
+    first, last = eyelets.routes[cable], eyelets.routes[cable + 1]
+    beyond, energy, lost = 0.0, 0.0, 0.0
+    for s in range(first, last):
+        beyond += segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
+    for s in range(first, last):
+        k, lower, upper = eyelets.laws[s, 3], rows[s, LOWER], rows[s, UPPER]
+        ahead = rows[s, ANCHOR] - beyond
+        fresh, elastic = ahead > 0.5 * UNSLID_m, k * ahead
+        d = upper if fresh else min(upper, max(lower, elastic))
+        # phi, without what is the same at all shapes; d R goes with the sum of T_i L_i
+        energy += d * (rows[s, ANCHOR] - 0.5 * d / k)
+        rows[s, STICKS] = 1.0 if _SLIPS * lower < elastic < _SLIPS * upper else 0.0
+        slack = upper <= 0.0 and (fresh or lower >= 0.0)
+        tracked[eyelets.places[s]] = beyond + (UNSLID_m if slack else d / k)
+        lost += d - rows[s, GIVEN]
+        pull[s] -= lost
+        beyond -= segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
+    return energy
+
+
+@kernel
+def eyelet_loss(x: Matrix, eyelets: EyeletLaws, before: Vector, after: Vector) -> float:
+    """Return the work lost at all eyelets [J] from one accepted state to the next.
+
+    Args:
+        x: (n, 3) [m], at the end.
+        eyelets: see `EyeletLaws`.
+        before: (values,), what elements remember at the beginning.
+        after: the same at the end.
+    """
+    work = 0.0
+    for cable in range(eyelets.routes.shape[0] - 1):
+        beyond, first = 0.0, eyelets.routes[cable]
+        for s in range(eyelets.routes[cable + 1] - 1, first - 1, -1):
+            beyond += segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
+            place = eyelets.places[s]
+            if place >= 0 and max(before[place], after[place]) - beyond < 0.5 * UNSLID_m:
+                work += eyelets.laws[s, 3] * (after[place] - beyond) * (before[place] - after[place])
+    return work
+
+
+def eyelet_laws(cables: tuple[Cable, ...], places: tuple[slice, ...]) -> EyeletLaws:
+    """Return the eyelets of cables as kernels take them.
+
+    Args:
+        cables: of a body.
+        places: of each in the memory.
+    """
+    none, pairs = np.zeros(0, np.int64), np.zeros((0, 2), np.int64)
+    counts = [len(cable.segments) for cable in cables]
+    where = [
+        np.arange(own.start, own.stop) if cable.remembers else np.full(count, -1)
+        for cable, own, count in zip(cables, places, counts, strict=True)
+    ]
+    laws = [np.tile(cable.law, (count, 1)) for cable, count in zip(cables, counts, strict=True)]
+    return EyeletLaws(
+        np.concatenate([pairs, *(cable.segments for cable in cables)]),
+        np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64),
+        np.concatenate([none, *where]),
+        np.concatenate([np.zeros((0, 4)), *laws]),
+        np.ones(sum(counts)),
+    )
+
+
+def frozen_losses(
+    eyelets: EyeletLaws, cables: tuple[Cable, ...], positions: Array, memory: Array, pulls: Pulls
+) -> Array:
+    """Return what losses at a given shape make of cables, (segments, COLUMNS).
+
+    The tension over that at the base end; of a cable whose length is commanded the weight w_i (see
+    cables of commanded length).
+
+    Args:
+        eyelets: of all cables.
+        cables: of a body.
+        positions: (n, 3) [m].
+        memory: (values,), what elements remember of the last accepted state.
+        pulls: commanded tensions [N], and lengths [m] or None; the latter empty where none is.
+    """
+    tension, lengths = pulls[0] or (0.0,) * len(cables), pulls[1] or (None,) * len(cables)
+    rows = np.zeros((len(eyelets.segments), COLUMNS))
+    given = list(zip(cables, tension, lengths, pairwise(eyelets.routes.tolist()), strict=True))
+    if any(cable.remembers for cable in cables):
+        base = [
+            pull if length is None else base_tension(cable, positions, length)
+            for cable, pull, length, _ in given
+        ]
+        freeze_losses(positions, eyelets, memory, np.array(base), rows)
+    for cable, _, length, (first, last) in given:
+        own = rows[first:last]
+        if not cable.remembers:
+            own[:, RATIO] = own[:, SHARE] = cable.tension_ratio(positions)
+        if length is not None:
+            lengths_m = cable.segment_lengths(positions)
+            own[:, SHARE] = own[:, RATIO] * (lengths_m.sum() / (own[:, RATIO] @ lengths_m))
+    return rows
+
+
+def tensions(pull_N: float, cable: Cable, positions: Array, memory: Array) -> Array:
+    """Return the tension of every segment (eyelets - 1,) [N] of a cable in an accepted state.
+
+    Args:
+        pull_N: T_0.
+        cable: which one.
+        positions: (n, 3) [m].
+        memory: (eyelets - 1,) [m], what it remembers; empty of a cable that does not.
+    """
+    if not cable.remembers:
+        return pull_N * cable.tension_ratio(positions)
+    beyond = np.cumsum(cable.segment_lengths(positions)[::-1])[::-1]
+    ahead = memory - beyond
+    return np.asarray(pull_N - np.cumsum(np.where(ahead > 0.5 * UNSLID_m, 0.0, cable.law[3] * ahead)))
