@@ -348,10 +348,6 @@ class SoftBody:
         """Return the Green strain (m, 3) of all film triangles at (n, 3) [m], see `Membranes.strain`."""
         return rows_of([film.strain(positions) for film in self.membranes])
 
-    def film_states(self, positions: Array) -> IntArray:
-        """Return SLACK, WRINKLED or TAUT (m,) of all film triangles, see `Membranes.states`."""
-        return rows_of([film.states(positions) for film in self.membranes])
-
     def principal_stress(self, positions: Array) -> Array:
         """Return the principal stresses (m, 2) [Pa] of all film triangles, largest first."""
         return rows_of([film.principal_stress(positions) for film in self.membranes])
