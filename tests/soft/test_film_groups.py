@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import MeshError
-from cosim.soft.body.body import SoftBody
+from cosim.soft.body.body import SoftBody, stored_energy
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
@@ -18,7 +18,6 @@ from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.energy_share import stored_energy
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, shapes
 
