@@ -39,7 +39,7 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, 
         if getattr(value, "fixed_signature", None) is not None and value.__module__ == module.__name__
     }
     kernels = [kernel for kernel in found.values() if not kernel.overloads]
-    missing = [kernel for kernel in kernels if not _is_on_disk(kernel)]
+    missing = [k for k in kernels if k.cache is None or not k.cache.is_there(k.fixed_signature)]
     with _seldom_collecting():
         if missing:
             announce(_sentence(len(missing)))
@@ -56,10 +56,6 @@ def _sentence(kernels: int) -> str:
     return (
         f"Compiling {kernels} kernels, once per machine: about {10 * tens_of_s} s, on a busy one twice that."
     )
-
-
-def _is_on_disk(kernel: Any) -> bool:
-    return kernel.cache is not None and bool(kernel.cache.is_there(kernel.fixed_signature))
 
 
 @contextmanager

@@ -232,17 +232,14 @@ def _closed(corners: Array, name: str) -> TriangleMesh:
     size = float(np.ptp(vertices, axis=0).max())
     if any(abs(shell.volume_m3) < 1e-9 * size**3 for shell in shells):
         raise MeshError(f"{name}: encloses no volume")
-    return _joined([_outside_out(shell) for shell in shells])
+    return _joined(shells)
 
 
-def _outside_out(shell: TriangleMesh) -> TriangleMesh:
-    turned = shell.triangles if shell.volume_m3 > 0.0 else shell.triangles[:, ::-1]
-    return TriangleMesh(shell.vertices, turned)
-
-
-def _joined(shells: list[TriangleMesh]) -> TriangleMesh:
+def _joined(shells: tuple[TriangleMesh, ...]) -> TriangleMesh:
+    """Return shells as one mesh, their triangles counter-clockwise seen from outside."""
     before = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
+    turned = [shell.triangles[:, :: 1 if shell.volume_m3 > 0.0 else -1] for shell in shells]
     return TriangleMesh(
         np.concatenate([shell.vertices for shell in shells]),
-        np.concatenate([shell.triangles + k for shell, k in zip(shells, before, strict=False)]),
+        np.concatenate([triangles + k for triangles, k in zip(turned, before, strict=False)]),
     )

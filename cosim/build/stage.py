@@ -28,9 +28,8 @@ from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
 from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
-from cosim.soft.body.body import SoftBody
+from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.snapshot import RunInfo
 

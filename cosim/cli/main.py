@@ -2,6 +2,8 @@
 
 Looks for garbage only once a run has started: until then objects are made that stay.
 
+Shows how far a sweep is, in one line.
+
 Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
 """
@@ -13,17 +15,18 @@ import gc
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, Final, Self, TextIO, final
 
 from cosim.cli.arguments import parser
-from cosim.cli.screen import mute, open_missing_streams, printable, tell
+from cosim.cli.screen import draw, mute, open_missing_streams, printable, tell
 from cosim.errors import InputError, OutputError, SolverError
 
 if TYPE_CHECKING:
     from cosim.cli.viewing import LiveView
+    from cosim.sweeps.sweeping import SweepProgress
 
 
 @final
@@ -103,25 +106,42 @@ def _flushed(code: int) -> int:
 
 
 def _command(options: argparse.Namespace, started: float) -> int:
+    """Run a command; what it needs is imported here: --help and list load neither numpy nor kernels."""
     _import_kinds(vars(options).get("modules", ()))
-    if options.command == "run":
-        with LateCollection() as collection:
-            return _run(options, started, collection)
-    if options.command == "verify":
-        return _verify(options)
-    if options.command == "trade":
-        return _trade(options)
-    if options.command == "export":
-        return _export(options)
-    if options.command == "sweep":
-        return _sweep(options)
-    if options.command == "replay":
-        return _replay(options)
-    if options.command == "export-path":
-        return _export_path(options)
-    if options.command in ("new", "check", "upgrade", "schema"):
-        return _files(options)
-    return _list(options.kind) if options.command == "list" else _view(options)
+    match options.command:
+        case "run":
+            with LateCollection() as collection:
+                return _run(options, started, collection)
+        case "verify":
+            from cosim.cli.verify import list_command, verify_command
+
+            return list_command() if options.list else verify_command(options.cases, options.json)
+        case "trade":
+            from cosim.cli.trade import trade_command
+
+            return trade_command(options)
+        case "export":
+            from cosim.cli.files import export_command
+
+            wanted = {key: vars(options)[key] for key in ("csv", "vtk", "plot", "times_s")}
+            export_command(options.directory, options.out, **wanted)
+            return EXIT_DONE
+        case "sweep":
+            return _sweep(options)
+        case "replay":
+            return _replay(options)
+        case "export-path":
+            return _export_path(options)
+        case "list":
+            return _list(options.kind)
+        case "view" | "video":
+            from cosim.cli.viewing import video_command, view_command
+
+            if options.command == "video":
+                return video_command(options)
+            return view_command(options.directory, web=options.web)
+        case _:
+            return _files(options)
 
 
 def _import_kinds(modules: Sequence[str]) -> None:
@@ -167,22 +187,75 @@ def _live_view(options: argparse.Namespace) -> AbstractContextManager[LiveView |
     return live_view(web=options.web, recording=not options.no_recording)
 
 
-def _verify(options: argparse.Namespace) -> int:
-    from cosim.cli.verify import list_command, verify_command  # here, because it loads the kernels
-
-    return list_command() if options.list else verify_command(options.cases, options.json)
-
-
-def _trade(options: argparse.Namespace) -> int:
-    from cosim.cli.trade import trade_command  # here, because it loads the kernels
-
-    return trade_command(options)
+PLOT: Final = "sweep.png"
+_REASONS: Final = 3
+"""Of a sweep that are told; all are in the table."""
+_REDRAW_S: Final = 0.2
+_RETOLD_S: Final = 30.0
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    from cosim.cli.sweep import sweep_command  # here, because it loads numpy
+    """Run a study and return the exit code: 1 if none of its designs is completed."""
+    from cosim.base.resources import writing
+    from cosim.sweeps.sweeping import sweep  # here, because it loads numpy
+    from cosim.sweeps.table import TABLE, plot_sweep
 
-    return sweep_command(options)
+    given = {key: vars(options)[key] for key in ("out", "engine", "workers", "modules")}
+    try:
+        outcome = sweep(options.study, tell=None if options.quiet else SweepLine(sys.stderr), **given)
+    except KeyboardInterrupt:
+        tell("cosim: interrupted; the rows so far are kept: the same command goes on")
+        raise
+    if not options.quiet:
+        tell(
+            f"{outcome.count} designs: {_counts(outcome.statuses)}; {outcome.computed} computed, "
+            f"{outcome.reused} known before"
+        )
+        for reason, count in list(outcome.reasons.items())[:_REASONS]:
+            tell(f"{count} times: {reason}")
+        tell(f"table: {outcome.directory / TABLE}")
+    if options.columns:
+        path = outcome.directory / PLOT
+        with writing(path):
+            plot_sweep(outcome.directory, *options.columns).savefig(path, dpi=110)
+        tell(f"plot:  {path}")
+    return EXIT_DONE if outcome.statuses.get("completed") else EXIT_UNSOLVED
+
+
+def _counts(statuses: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
+
+
+@final
+class SweepLine:
+    """Draws one line that renews itself on a terminal; elsewhere a line now and then.
+
+    Args:
+        stream: where to draw, usually stderr.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._terminal = stream, stream.isatty()
+        self._every_s = _REDRAW_S if self._terminal else _RETOLD_S
+        self._drawn = time.perf_counter()
+
+    def __call__(self, progress: SweepProgress) -> None:
+        """Show how far a sweep is."""
+        now, at_end = time.perf_counter(), progress.done == progress.count
+        if now - self._drawn < self._every_s and not at_end:
+            return
+        self._drawn = now
+        start, end = ("\r\x1b[K", "\n" if at_end else "") if self._terminal else ("", "\n")
+        draw(f"{start}{sweep_line(progress)}{end}", self._stream)
+
+
+def sweep_line(progress: SweepProgress) -> str:
+    """Return how far a sweep is, in one line."""
+    from cosim.app.progress import clock  # here, because it loads numpy
+
+    left_s = progress.left_s
+    left = "" if left_s is None or progress.done == progress.count else f", {clock(left_s)} left"
+    return f"{progress.done} of {progress.count} designs: {_counts(progress.statuses)}{left}"
 
 
 def _replay(options: argparse.Namespace) -> int:
@@ -248,11 +321,3 @@ def _list(kind: str) -> int:
     for name in names:
         print(printable(f"{name:<{width}}  {first_comment(path_of(name))}"))
     return EXIT_DONE
-
-
-def _view(options: argparse.Namespace) -> int:
-    from cosim.cli.viewing import video_command, view_command  # here, because it loads the viewer
-
-    if options.command == "video":
-        return video_command(options)
-    return view_command(options.directory, web=options.web)

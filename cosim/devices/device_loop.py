@@ -21,7 +21,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.schema.scenario import ControllerTable, PumpTable, Scenario
+from cosim.config.schema.scenario import ControllerTable, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import (
     CommandsAhead,
@@ -51,18 +51,6 @@ from cosim.plan.plan import (
     TickReferences,
 )
 from cosim.soft.body.body import SoftBody
-
-
-def build_pump(entry: PumpTable, tick_s: float) -> Pump:
-    """Return the pump of a table; its sensor's delay is rounded to whole ticks."""
-    return Pump(
-        flow_kg_s=entry.flow_kg_s,
-        band_Pa=entry.band_Pa,
-        pressure_max_Pa=math.inf if entry.pressure_max_Pa is None else entry.pressure_max_Pa,
-        sensor_delay_ticks=round(entry.sensor_delay_s / tick_s),
-        vent_above_Pa=math.inf if entry.vent_above_Pa is None else entry.vent_above_Pa,
-        vent_kg_s_Pa=entry.vent_kg_s_Pa,
-    )
 
 
 def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[str, ZeroOrderHold]:
@@ -212,7 +200,7 @@ class Actuation:
         chambers = scenario.soft_robot.chamber_names()
         places = [chambers.index(entry.chamber or chambers[0]) for entry in scenario.pumps]
         self.pumps = [
-            PumpDrive(entry.name, build_pump(entry, self._tick_s), place)
+            PumpDrive(Pump(entry, round(entry.sensor_delay_s / self._tick_s)), place)
             for entry, place in zip(scenario.pumps, places, strict=True)
         ]
         self._holds = build_holds(scenario, controllers or {})

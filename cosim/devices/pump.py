@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import final
 
+from cosim.config.schema.scenario import PumpTable
 from cosim.soft.elements.gas import SealedGas, leak
 
 
@@ -23,24 +24,16 @@ class Pump:
     """What a pump, its switch and its valve can do.
 
     Args:
-        flow_kg_s: q, mass flow without counter-pressure.
-        band_Pa: b, between switching on and off.
-        pressure_max_Pa: p_max, gauge pressure against which nothing is delivered; infinite: q always.
-        sensor_delay_ticks: age of what the switch sees.
-        vent_above_Pa: v, above the setpoint; infinite: there is no valve.
-        vent_kg_s_Pa: conductance of the open valve.
+        table: of the scenario.
+        delay_ticks: age of what the switch sees.
     """
 
-    flow_kg_s: float
-    band_Pa: float
-    pressure_max_Pa: float = math.inf
-    sensor_delay_ticks: int = 0
-    vent_above_Pa: float = math.inf
-    vent_kg_s_Pa: float = 0.0
+    table: PumpTable
+    delay_ticks: int = 0
 
     def standing(self, pressure_Pa: float) -> PumpState:
         """Return the state of a pump that is off beside a gauge pressure that has stood for long."""
-        return PumpState(DelayLine.filled(pressure_Pa, self.sensor_delay_ticks))
+        return PumpState(DelayLine.filled(pressure_Pa, self.delay_ticks))
 
     def switched(self, state: PumpState, pressure_Pa: float, setpoint_Pa: float) -> PumpState:
         """Return the state after the switch has taken in one more reading.
@@ -51,9 +44,10 @@ class Pump:
             setpoint_Pa: r.
         """
         seen, sensor = state.sensor.passed(pressure_Pa)
-        half = 0.5 * self.band_Pa
+        half, vent = 0.5 * self.table.band_Pa, self.table.vent_above_Pa
         on = seen < setpoint_Pa - half or (state.on and seen <= setpoint_Pa + half)
-        open_ = seen > setpoint_Pa + self.vent_above_Pa or (state.venting and seen >= setpoint_Pa)
+        above = vent is not None and seen > setpoint_Pa + vent
+        open_ = above or (state.venting and seen >= setpoint_Pa)
         started = state.starts + (on and not state.on)
         return replace(state, sensor=sensor, on=on, venting=open_, starts=started)
 
@@ -69,7 +63,7 @@ class Pump:
             step_s: time.
         """
         if state.venting:
-            gas = leak(gas, volume_m3, self.vent_kg_s_Pa, step_s)
+            gas = leak(gas, volume_m3, self.table.vent_kg_s_Pa, step_s)
         if not state.on:
             return state, gas
         here = gas.at(volume_m3)
@@ -78,11 +72,12 @@ class Pump:
         return done, here.with_mass(here.mass_kg + mass)
 
     def _delivered(self, gas: SealedGas, step_s: float) -> float:
-        if math.isinf(self.pressure_max_Pa):
-            return self.flow_kg_s * step_s
+        flow, most = self.table.flow_kg_s, self.table.pressure_max_Pa
+        if most is None:
+            return flow * step_s
         rise = gas.pressure_Pa / gas.mass_kg  # dp/dm = R T / V
-        room = max(self.pressure_max_Pa - (gas.pressure_Pa - gas.ambient_Pa), 0.0)
-        return -room / rise * math.expm1(-self.flow_kg_s * rise * step_s / self.pressure_max_Pa)
+        room = max(most - (gas.pressure_Pa - gas.ambient_Pa), 0.0)
+        return -room / rise * math.expm1(-flow * rise * step_s / most)
 
 
 @final
@@ -148,13 +143,12 @@ class PumpDrive:
     """One pump.
 
     Args:
-        name: of the pump.
         pump: what it can do.
         chamber: index of the chamber.
     """
 
-    def __init__(self, name: str, pump: Pump, chamber: int) -> None:
-        self.name, self.pump, self.chamber = name, pump, chamber
+    def __init__(self, pump: Pump, chamber: int) -> None:
+        self.name, self.pump, self.chamber = pump.table.name, pump, chamber
         self._state = PumpDriveState()
 
     @property

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
 
 from cosim.base.frames import Array
-from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import WinchTable
 from cosim.plan.plan import PhasePlan
 from cosim.soft.elements.cable import Cable, base_tension, stretch_at
@@ -228,7 +227,8 @@ class LiveOrders:
 def orders_of(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
     """Return what a phase asks of each cable."""
     phase = planned.phase
-    if phase.cable_tension_N is not None or _finds_tensions(phase):
+    target = phase.tip_target
+    if phase.cable_tension_N is not None or (target is not None and target.reach_with == "cables"):
         return [("tension", tension) for tension in planned.end.cable_tension_N]
     lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
     orders: list[Order | None] = []
@@ -238,7 +238,3 @@ def orders_of(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
         else:
             orders.append(("shortening", shortenings[name]) if name in shortenings else None)
     return orders
-
-
-def _finds_tensions(phase: PhaseTable) -> bool:
-    return phase.tip_target is not None and phase.tip_target.reach_with == "cables"

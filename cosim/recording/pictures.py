@@ -78,9 +78,6 @@ class Pictures:
         """
         moment = np.timedelta64(round(min(time_s, self.end_s) * 1e9), "ns")
         self._asked(lambda: self._client.set_time(_TIMELINE, duration=moment, play_state="paused"))
-        return self._shot()
-
-    def _shot(self) -> bytes:
         return bytes(self._asked(self._client.take_screenshot))
 
     def _asked(self, ask: Any) -> Any:

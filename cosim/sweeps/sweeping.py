@@ -360,11 +360,6 @@ class _Sweep:
         self.tell(SweepProgress(len(self.varied), done, computed, dict(self.statuses), elapsed_s))
 
 
-def _default_directory(study: str | Path | Mapping[str, Any], table: StudyTable) -> Path:
-    name = f"sweep_{Path(table.scenario).stem}" if isinstance(study, Mapping) else Path(study).stem
-    return Path("runs", name)
-
-
 def _tell_nobody(_what: Any) -> None:
     """Do nothing; of what a worker would tell, who started the sweep has been told."""
 
@@ -404,7 +399,8 @@ def sweep(
         check_travels(measure)
     chosen = Engine(engine, workers)
     function = measure_named(table.measure) if table.measure is not None else measure
-    where = Path(out) if out is not None else _default_directory(study, table)
+    name = f"sweep_{Path(table.scenario).stem}" if isinstance(study, Mapping) else Path(study).stem
+    where = Path(out) if out is not None else Path("runs", name)
     with OutputDirectory(where) as directory:
         directory.make()
         directory.claim(JOURNAL, TABLE)

@@ -15,8 +15,8 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import StiffenerTable
 from cosim.plan.clearance import film_reach
 from cosim.plan.decision import CONTACT, Decision
+from cosim.soft.body.body import hinge_energy_share
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.energy_share import hinge_energy_share
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import SoftState
 from tests.soft.bodies import held, hexagon_arm

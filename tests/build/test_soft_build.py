@@ -15,12 +15,11 @@ from cosim.config.schema.scenario import ModelTable
 from cosim.config.schema.soft_robot import SoftRobotTable, StiffenerTable
 from cosim.config.schema.stack import NeckTable
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
-from cosim.soft.body.body import SoftBody
+from cosim.soft.body.body import SoftBody, stored_energy
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.hinge import bending_measure
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.energy_share import stored_energy
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 

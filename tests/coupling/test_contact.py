@@ -14,7 +14,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError, SolverError
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles, near_film
+from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -23,6 +23,7 @@ from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
+from tests.coupling.nearest_film import nearest_film
 from tests.coupling.pads import GRASP, Grasp
 from tests.soft.bodies import icosphere
 
@@ -143,7 +144,7 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
         soft.advance(Pose(np.eye(3), np.array([0.0, 0.0, height])), replace(loads, contact=planes), 2e-3)
         report = exchange.settle(soft.state.positions)
         film = FilmTriangles(soft.state.positions, soft.body.triangles)
-        found = near_film(corner, film, FilmReach(0.02, 0.02))
+        found = nearest_film(corner, film, FilmReach(0.02, 0.02))
         worst, pressed = max(worst, -float(found.distance[0])), max(pressed, report.normal_force_N)
         if report.count and found.distance[0] > -0.4 * exchange.law.smoothing_m:
             brushing.extend(exchange.memory.triangle.tolist())

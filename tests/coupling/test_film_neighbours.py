@@ -10,12 +10,13 @@ from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_kernels import find_near
 from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles, near_film
+from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.assembly import SoftSystem
+from tests.coupling.nearest_film import nearest_film
 from tests.soft.bodies import icosphere
 
 REACH_M, BEHIND_M, MARGIN_M, RADIUS_M = 1.5e-3, 5e-3, 8e-3, 0.03
@@ -68,7 +69,7 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
         chosen = query.features.of(active)
         places = query.feature_positions(chosen)
         within = FilmReach(REACH_M, BEHIND_M, extent.low - REACH_M, extent.high + REACH_M)
-        seen = near_film(places, FilmTriangles(x, surface.triangles), within)
+        seen = nearest_film(places, FilmTriangles(x, surface.triangles), within)
         np.testing.assert_array_equal(rows.feature, chosen[seen.point])
         np.testing.assert_array_equal(rows.triangle, seen.triangle)
         np.testing.assert_array_equal(rows.film_distance, seen.distance)

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
+from cosim.config.schema.scenario import PumpTable
 from cosim.devices.pump import DelayLine, Pump, PumpState
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, leak
 
 VOLUME_m3 = 4e-4
 TICK_s = 1e-3
-PUMP = Pump(flow_kg_s=2e-5, band_Pa=400.0)
+TABLE = PumpTable("pump", 2e-5, band_Pa=400.0)
+PUMP = Pump(TABLE)
 AMBIENT = SealedGas(STANDARD_ATMOSPHERE_Pa, VOLUME_m3)
-RISE_Pa_s = PUMP.flow_kg_s * AMBIENT.gas_constant_J_kg_K * AMBIENT.temperature_K / VOLUME_m3
+RISE_Pa_s = TABLE.flow_kg_s * AMBIENT.gas_constant_J_kg_K * AMBIENT.temperature_K / VOLUME_m3
 
 
 def run(
@@ -47,13 +49,13 @@ def test_a_rigid_volume_fills_at_the_rate_of_the_gas_law() -> None:
     pressure, on, state = run(PUMP, 1e9, 500)
     assert on.all()
     assert pressure == pytest.approx(RISE_Pa_s * TICK_s * np.arange(1, 501), rel=1e-9)
-    assert state.delivered_kg == pytest.approx(0.5 * PUMP.flow_kg_s)
+    assert state.delivered_kg == pytest.approx(0.5 * TABLE.flow_kg_s)
     assert state.on_s == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.05])
 def test_against_counter_pressure_filling_is_exponential_whatever_the_step(step: float) -> None:
-    pump, gas = replace(PUMP, pressure_max_Pa=30e3), AMBIENT
+    pump, gas = Pump(replace(TABLE, pressure_max_Pa=30e3)), AMBIENT
     state = replace(pump.standing(0.0), on=True)
     for _ in range(round(2.0 / step)):
         state, gas = pump.worked(state, gas, VOLUME_m3, step)
@@ -62,7 +64,7 @@ def test_against_counter_pressure_filling_is_exponential_whatever_the_step(step:
 
 
 def test_a_pump_that_runs_against_too_much_pressure_takes_nothing_out() -> None:
-    pump, full = replace(PUMP, pressure_max_Pa=20e3), AMBIENT.with_mass(1.3 * AMBIENT.mass_kg)
+    pump, full = Pump(replace(TABLE, pressure_max_Pa=20e3)), AMBIENT.with_mass(1.3 * AMBIENT.mass_kg)
     state, gas = pump.worked(replace(pump.standing(30e3), on=True), full, VOLUME_m3, TICK_s)
     assert gas.mass_kg == pytest.approx(full.mass_kg, rel=1e-15)
     assert state.delivered_kg == 0.0
@@ -73,7 +75,7 @@ def test_limit_cycle_of_a_delayed_switch(delay: int) -> None:
     # on: dp/dt = a - p/tau, off: dp/dt = -p/tau; the switch acts on a pressure `lag` old
     conductance = 5e-10
     per_s = conductance * AMBIENT.gas_constant_J_kg_K * AMBIENT.temperature_K / VOLUME_m3
-    pump = replace(PUMP, sensor_delay_ticks=delay)
+    pump = Pump(TABLE, delay)
     pressure, on, state = run(pump, 20e3, 30_000, conductance)
     assert state.starts == 1 + np.count_nonzero(np.diff(on.astype(int)) == 1)  # on from the first tick
     # the switch reads before the tick, and acts on average half a tick after the crossing
@@ -101,7 +103,7 @@ def test_inside_its_band_the_switch_stays_as_it_is() -> None:
 
 
 def test_the_valve_lets_a_pressure_down_to_the_setpoint() -> None:
-    pump = replace(PUMP, vent_above_Pa=1e3, vent_kg_s_Pa=2e-8)
+    pump = Pump(replace(TABLE, vent_above_Pa=1e3, vent_kg_s_Pa=2e-8))
     full = AMBIENT.with_mass(1.3 * AMBIENT.mass_kg)
     pressure, on, state = run(pump, 20e3, 2000, gas=full)
     assert not on.any()
@@ -109,4 +111,4 @@ def test_the_valve_lets_a_pressure_down_to_the_setpoint() -> None:
     # closed at the first reading below the setpoint
     assert pressure[-1] < 20e3
     assert pressure[-1] == pytest.approx(20e3, abs=60.0)
-    assert run(replace(pump, vent_above_Pa=math.inf), 20e3, 5, gas=full)[0][-1] > 30e3
+    assert run(Pump(replace(pump.table, vent_above_Pa=None)), 20e3, 5, gas=full)[0][-1] > 30e3

@@ -12,7 +12,6 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.elements.wrinkling import SLACK, TAUT, WRINKLED
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 
@@ -102,10 +101,15 @@ def test_without_slots_the_gradient_is_the_same(law: str) -> None:
     assert not blocks.any()
 
 
+def pulls(x: Array) -> int:
+    """Return in how many directions a film pulls that bears no compression."""
+    return int((one_triangle(film("tension field")).principal_stress(x) > 0.0).sum())
+
+
 @pytest.mark.parametrize("state", STATES)
 def test_states_are_told_apart(state: str) -> None:
-    expected = {"taut": TAUT, "wrinkled": WRINKLED, "slack": SLACK}[state.split(",")[0]]
-    assert one_triangle(FILM).states(strained(STATES[state])).tolist() == [expected]
+    expected = {"taut": 2, "wrinkled": 1, "slack": 0}[state.split(",")[0]]
+    assert pulls(strained(STATES[state])) == expected
 
 
 @pytest.mark.parametrize("angle", np.linspace(0.0, np.pi, 7))
@@ -153,7 +157,7 @@ def test_forces_are_continuous_where_the_state_changes(border: tuple[float, floa
         energy, gradient, _ = evaluation(membranes, 3)(x)
         energies.append(energy)
         forces.append(gradient)
-        states.append(int(membranes.states(x)[0]))
+        states.append(pulls(x))
     assert states[0] < states[1]
     young_t = FILM.young_modulus_Pa * FILM.thickness_m
     # a change of strain by 2e-9 may change forces by E t 2e-9 times an edge of 12 mm

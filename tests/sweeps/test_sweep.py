@@ -14,8 +14,7 @@ import pytest
 from pyarrow import parquet
 
 import cosim
-from cosim.cli.main import main
-from cosim.cli.sweep import sweep_line
+from cosim.cli.main import main, sweep_line
 from cosim.sweeps import sweeping as worker
 from cosim.sweeps.sweeping import SweepProgress
 

@@ -116,7 +116,8 @@ def read_urdf(source: ArmSource) -> ArmFile:
         is_link = element.tag == "link" and element.get("name") in links
         if not (is_link or element in joints or element.tag == "material"):
             robot.remove(element)
-            if element.tag == "link" and _has_mass(element):
+            masses = [mass.get("value", "0").strip() for mass in element.iter("mass")]
+            if element.tag == "link" and any(mass not in ("0", "0.0") for mass in masses):
                 left_out.append(element.get("name", ""))
     meshes = find_meshes(robot, path, source.package_folders)
     notes = (f"flange '{flange}', {how}", *replace_unreadable(robot))
@@ -204,10 +205,6 @@ def _limit_of(joint: ElementTree.Element) -> ElementTree.Element:
     """Return the limit of a joint, added if it has none."""
     found = joint.find("limit")
     return ElementTree.SubElement(joint, "limit") if found is None else found
-
-
-def _has_mass(link: ElementTree.Element) -> bool:
-    return any(mass.get("value", "0").strip() not in ("0", "0.0") for mass in link.iter("mass"))
 
 
 def _where(joint: ElementTree.Element, path: Path) -> str:

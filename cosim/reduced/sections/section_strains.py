@@ -174,8 +174,14 @@ def _add_pull(
 
 
 @device_function
-def _strain_slopes(frames: Blocks, s: int, d: Vector, h: Matrix, jac: Matrix, turned: Matrix) -> None:
-    """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b), and h jac; r_a has the opposite sign of r_b.
+def _product(a: Matrix, b: Matrix, row: int, i: int, k: int) -> float:
+    """Return the product of columns i of a and k of b, over three rows from `row` on."""
+    return a[row, i] * b[row, k] + a[row + 1, i] * b[row + 1, k] + a[row + 2, i] * b[row + 2, k]
+
+
+@device_function
+def _fill_slopes(frames: Blocks, s: int, d: Vector, jac: Matrix) -> None:
+    """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b.
 
     Its last three rows are zero by r_b, and by phi_b the opposite of those by phi_a.
     """
@@ -190,29 +196,18 @@ def _strain_slopes(frames: Blocks, s: int, d: Vector, h: Matrix, jac: Matrix, tu
                 frames[s, k, m] * frames[s + 1, j, n] - frames[s, k, n] * frames[s + 1, j, m]
                 - frames[s, j, m] * frames[s + 1, k, n] + frames[s, j, n] * frames[s + 1, k, m]
             )  # fmt: skip
+
+
+@device_function
+def _add_stiffness(jac: Matrix, h: Matrix, turned: Matrix, s: int, diagonal: Blocks, off: Blocks) -> None:
+    """Add jac^T h jac to the blocks of the frames beside section s; the block between them is new."""
     for i in range(6):
+        for k in range(9):
+            turned[i, k] = h[i, 0] * jac[0, k] + h[i, 1] * jac[1, k] + h[i, 2] * jac[2, k]
         for k in range(3):
             bent = h[i, 3] * jac[3, 3 + k] + h[i, 4] * jac[4, 3 + k] + h[i, 5] * jac[5, 3 + k]
-            turned[i, k] = _dot(h, i, jac, k)
-            turned[i, 3 + k] = _dot(h, i, jac, 3 + k) + bent
-            turned[i, 6 + k] = _dot(h, i, jac, 6 + k) - bent
-
-
-@device_function
-def _dot(a: Matrix, i: int, b: Matrix, k: int) -> float:
-    """Return the product of row i of a and column k of b, over three entries."""
-    return a[i, 0] * b[0, k] + a[i, 1] * b[1, k] + a[i, 2] * b[2, k]
-
-
-@device_function
-def _product(a: Matrix, b: Matrix, row: int, i: int, k: int) -> float:
-    """Return the product of columns i of a and k of b, over three rows from `row` on."""
-    return a[row, i] * b[row, k] + a[row + 1, i] * b[row + 1, k] + a[row + 2, i] * b[row + 2, k]
-
-
-@device_function
-def _add_stiffness(jac: Matrix, turned: Matrix, s: int, diagonal: Blocks, off: Blocks) -> None:
-    """Add jac^T turned to the blocks of the frames beside section s; the block between them is new."""
+            turned[i, 3 + k] += bent
+            turned[i, 6 + k] -= bent
     b = s + 1
     for i in range(3):
         for k in range(3):
@@ -283,8 +278,8 @@ def add_sections(
         energy += section_energy(c, s, x, inverse_length[s], g, h)
         _add_pull(frames, s, d, g, gradient, (lean, turn))
         if hessian:
-            _strain_slopes(frames, s, d, h, jac, turned)
-            _add_stiffness(jac, turned, s, work.diagonal, work.off)
+            _fill_slopes(frames, s, d, jac)
+            _add_stiffness(jac, h, turned, s, work.diagonal, work.off)
             _add_geometric(s, d, lean, turn, work.diagonal, work.off)
     return energy
 

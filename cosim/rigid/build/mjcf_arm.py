@@ -123,7 +123,8 @@ def read_mjcf(source: ArmSource) -> ArmFile:
         joint = _joint_of(model, body, path)
         moving += [] if joint is None else [joint]
         parent, outer = _add_link(robot, model, body, joint, parent, outer)
-    end = _free_name(flange.name, [link.get("name", "") for link in robot.findall("link")])
+    taken = flange.name in [link.get("name", "") for link in robot.findall("link")]
+    end = f"{flange.name}_frame" if taken else flange.name
     ElementTree.SubElement(robot, "link", name=end)
     _add_joint(robot, f"{end}_fixed", FIXED, parent, end, outer.inverse() @ flange.pose)
     joints = robot.findall("joint")
@@ -296,7 +297,3 @@ def _home(model: mujoco.MjModel, joints: list[int]) -> Array | None:
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     """Return the name of something, or what stands for one."""
     return mujoco.mj_id2name(model, kind, index) or f"{kind.name.removeprefix('mjOBJ_').lower()}_{index}"
-
-
-def _free_name(name: str, taken: list[str]) -> str:
-    return f"{name}_frame" if name in taken else name

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import NamedTuple
 
 import numpy as np
 
@@ -230,55 +229,3 @@ def film_near(
             )
         count += 1
     return count
-
-
-@final
-@dataclass(frozen=True)
-class SceneHits:
-    """Pairs of a feature point and the film triangle nearest to it.
-
-    Args:
-        point: (k,) index of the feature point.
-        triangle: (k,) index of the triangle.
-        weight: (k, 3) barycentric weights of the nearest point on it.
-        distance: (k,) [m], negative where the point is behind the film.
-        normal: (k, 3), unit, out of the film there.
-    """
-
-    point: IntArray
-    triangle: IntArray
-    weight: Array
-    distance: Array
-    normal: Array
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-
-def near_film(
-    points: Array,
-    film: FilmTriangles,
-    reach: FilmReach,
-    lists: TriangleLists | None = None,
-    held: IntArray | None = None,
-) -> SceneHits:
-    """Return for each point the film triangle nearest to it, where it is near enough.
-
-    Args:
-        points: (k, 3) [m], world.
-        film: its surface.
-        reach: where points count.
-        lists: of the triangles that may be near; found unless given.
-        held: (k,) the triangle that has held each point back until now, -1 for none; none unless given.
-    """
-    room = len(points)
-    if held is None:
-        held = np.full(room, -1)
-    if lists is None:
-        lists = TriangleLists.around(points, *film, max(reach.front_m, reach.depth_m))
-    rows = FeatureRows(
-        np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4))
-    )
-    count = film_near(np.ascontiguousarray(points), film, lists, reach, held, rows)
-    found, first = rows.found[:count], (rows.point[:count], rows.triangle[:count], rows.weight[:count])
-    return SceneHits(*first, found[:, 0].copy(), found[:, 1:].copy())

@@ -154,14 +154,6 @@ class Bodies:
         """Return where the centres of mass of bodies (b,) are (b, 3) [m], world."""
         return np.array(self._data.xipos[bodies])
 
-    def origins(self, bodies: IntArray) -> Array:
-        """Return where the frames of bodies (b,) are (b, 3) [m], world."""
-        return np.array(self._data.xpos[bodies])
-
-    def rotations(self, bodies: IntArray) -> Array:
-        """Return world from body (b, 3, 3)."""
-        return np.array(self._data.xmat[bodies]).reshape(-1, 3, 3)
-
     def apply(self, bodies: IntArray, force: Array, torque: Array) -> None:
         """Set the loads on bodies from now on; those that were loaded before and are not named get none.
 

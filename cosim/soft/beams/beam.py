@@ -374,7 +374,7 @@ def differentiate(rigidities: Vector, s: Vector, fraction: float) -> None:
 
 @device_function
 def _read_lanes(s: Vector, w: BeamWork) -> None:
-    """Fill what the groups hold of all beams, and the factors of the angles with both derivatives."""
+    """Fill what the groups hold of all beams, factors of angles, and the derivatives of the measures."""
     for e in range(w.hessian.shape[0]):
         lane, first, m = lane_of(e), w.first[e], w.measures[e]
         m[STRETCH], first[STRETCH] = s[LENGTH + lane], s[PULL + lane]
@@ -392,13 +392,7 @@ def _read_lanes(s: Vector, w: BeamWork) -> None:
             for k in range(2):
                 w.turn[e, a, k] = s[BENT + k * LANES + at]
             w.factor[e, a, 0], w.factor[e, a, 1], w.factor[e, a, 2] = angle_factor(m[1 + 3 * a])
-
-
-@device_function
-def _fill_jacobians(w: BeamWork) -> None:
-    """Fill the derivatives of the measures."""
-    for e in range(w.hessian.shape[0]):
-        d, j, m, t = w.directors[e], w.jacobian[e], w.measures[e], w.direction[e]
+        d, j, t = w.directors[e], w.jacobian[e], w.direction[e]
         for r in range(3):
             p, q = (r + 1) % 3, (r + 2) % 3
             j[STRETCH, r] = t[r]
@@ -509,7 +503,6 @@ def fill_hessians(rigidities: Vector, lengths: Vector, s: Vector, w: BeamWork, w
     """
     _read_lanes(s, w)
     fill_second(rigidities, lengths, w)
-    _fill_jacobians(w)
     _fill_products(w, 0 if whole else 3)
     _add_by_turned_chords(w, whole)
     _add_by_twists(w)

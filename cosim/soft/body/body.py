@@ -3,6 +3,8 @@
 Gas chambers: which film and which caps of a body enclose the gas of each.
 
 Which triangles of a body are of which film: all of one, or each face group of its own.
+
+How the elastic energy of a body is shared between its film and its hinges.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from cosim.base.frames import Array, IntArray, cross
 from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
 from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.element import Element
+from cosim.soft.elements.element import DirectElement, Element, Instant
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.material import Film
@@ -348,10 +350,6 @@ class SoftBody:
         """Return the Green strain (m, 3) of all film triangles at (n, 3) [m], see `Membranes.strain`."""
         return rows_of([film.strain(positions) for film in self.membranes])
 
-    def film_states(self, positions: Array) -> IntArray:
-        """Return SLACK, WRINKLED or TAUT (m,) of all film triangles, see `Membranes.states`."""
-        return rows_of([film.states(positions) for film in self.membranes])
-
     def principal_stress(self, positions: Array) -> Array:
         """Return the principal stresses (m, 2) [Pa] of all film triangles, largest first."""
         return rows_of([film.principal_stress(positions) for film in self.membranes])
@@ -392,3 +390,35 @@ def _nodes(what: str, values: object, count: int) -> IntArray:
 def _indices(values: object) -> IntArray:
     """Return a copy that can be written to: of one that can't, kernels would be compiled a second time."""
     return np.array(() if values is None else values, dtype=np.int64, order="C")
+
+
+_ROUNDING_J = 1e-15
+
+
+def stored_energy(body: SoftBody, positions: Array) -> dict[type[DirectElement], float]:
+    """Return the energy [J] that the elements of each kind store at rest, whatever acts on the body.
+
+    Args:
+        body: whose elements.
+        positions: (n, 3) [m].
+    """
+    x = np.array(positions, order="C")  # kernels take none that is read-only
+    no_slots, unused, no_blocks = np.zeros((0, 0), np.int64), np.zeros_like(x), np.zeros((0, 3, 3))
+    energy: dict[type[DirectElement], float] = {}
+    for element in body.of_kind(DirectElement):  # type: ignore[type-abstract]
+        memory = element.first_memory(body.positions)
+        added = element.add(x, no_slots, unused, no_blocks, Instant(memory, memory.copy()))
+        energy[type(element)] = energy.get(type(element), 0.0) + added
+    return energy
+
+
+def hinge_energy_share(body: SoftBody, positions: Array) -> float:
+    """Return U_hinges / (U_hinges + U_film); 0 where there is no elastic energy.
+
+    Args:
+        body: whose film and hinges.
+        positions: (n, 3) [m].
+    """
+    energy = stored_energy(body, positions)
+    bending, total = energy[Hinges], energy[Membranes] + energy[Hinges]
+    return bending / total if total > _ROUNDING_J else 0.0

@@ -171,27 +171,6 @@ def load(springs: HingeRows, angles: Remembered, first: int, lanes: int, s: Vect
     return total
 
 
-@device_function
-def scatter(hinges: IndexTable, first: int, lanes: int, s: Vector, gradient: Matrix) -> None:
-    """Add a group to gradient."""
-    for r in range(3):
-        for lane in range(LANES):
-            moment, alpha, beta = s[MOMENT + lane], s[ALPHA + lane], s[BETA + lane]
-            a, b = moment * s[A + r * LANES + lane], moment * s[B + r * LANES + lane]
-            s[FORCE + 4 * r * LANES + lane], s[FORCE + (4 * r + 1) * LANES + lane] = a, b
-            s[FORCE + (4 * r + 2) * LANES + lane] = (alpha - 1.0) * a - beta * b
-            s[FORCE + (4 * r + 3) * LANES + lane] = (beta - 1.0) * b - alpha * a
-    for lane in range(LANES):
-        if lane == lanes:
-            break
-        i, j, k, m = nodes_of(hinges, first + lane)
-        for r in range(3):
-            gradient[i, r] += s[FORCE + 4 * r * LANES + lane]
-            gradient[m, r] += s[FORCE + (4 * r + 1) * LANES + lane]
-            gradient[j, r] += s[FORCE + (4 * r + 2) * LANES + lane]
-            gradient[k, r] += s[FORCE + (4 * r + 3) * LANES + lane]
-
-
 # Entry (r, c) of pair p is at h[(9 p + 3 r + c) * _FEW + lane]; pairs ii ji jj ki kj kk li lj lk ll.
 _FEW = 16
 _ENTRIES = 90 * _FEW
@@ -295,7 +274,22 @@ def _add_group(
     lanes = min(LANES, springs.nodes.shape[0] - first)
     differentiate(x, springs.nodes, first, lanes, s)
     energy = load(springs, angles, first, lanes, s)
-    scatter(springs.nodes, first, lanes, s, gradient)
+    for r in range(3):
+        for lane in range(LANES):
+            moment, alpha, beta = s[MOMENT + lane], s[ALPHA + lane], s[BETA + lane]
+            a, b = moment * s[A + r * LANES + lane], moment * s[B + r * LANES + lane]
+            s[FORCE + 4 * r * LANES + lane], s[FORCE + (4 * r + 1) * LANES + lane] = a, b
+            s[FORCE + (4 * r + 2) * LANES + lane] = (alpha - 1.0) * a - beta * b
+            s[FORCE + (4 * r + 3) * LANES + lane] = (beta - 1.0) * b - alpha * a
+    for lane in range(LANES):
+        if lane == lanes:
+            break
+        i, j, k, m = nodes_of(springs.nodes, first + lane)
+        for r in range(3):
+            gradient[i, r] += s[FORCE + 4 * r * LANES + lane]
+            gradient[m, r] += s[FORCE + (4 * r + 1) * LANES + lane]
+            gradient[j, r] += s[FORCE + (4 * r + 2) * LANES + lane]
+            gradient[k, r] += s[FORCE + (4 * r + 3) * LANES + lane]
     return energy
 
 

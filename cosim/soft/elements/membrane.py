@@ -39,7 +39,6 @@ from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Insta
 from cosim.soft.elements.material import PLAIN, TENSION_FIELD, WRINKLING, Film
 from cosim.soft.elements.wrinkling import (
     density,
-    film_states,
     hide_across,
     principal,
     tension_field,
@@ -466,14 +465,6 @@ class Membranes(DirectElement):
         f = np.einsum("mak,mai->mik", positions[self.triangles], self.shape_gradients)
         metric = np.einsum("mik,mjk->mij", f, f)
         return np.stack([0.5 * (metric[:, 0, 0] - 1), 0.5 * (metric[:, 1, 1] - 1), metric[:, 0, 1]], axis=1)
-
-    def states(self, positions: Array) -> IntArray:
-        """Return SLACK, WRINKLED or TAUT (m,), as a tension field would have each triangle.
-
-        Args:
-            positions: (n, 3) [m].
-        """
-        return film_states(self.strain(positions), self.film.poisson_ratio)
 
     def principal_stress(self, positions: Array) -> Array:
         """Return the principal second Piola-Kirchhoff stresses (m, 2) [Pa] of the law, largest first.

@@ -42,13 +42,9 @@ from typing import Final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array
 from cosim.base.kernels import Matrix, Vector, device_function, inlined
 from cosim.base.numba_insides import same_bits
-
-SLACK: Final = 0
-WRINKLED: Final = 1
-TAUT: Final = 2
 
 
 @device_function
@@ -111,23 +107,6 @@ def tension_field(
     c[1, 2] += c12
     c[2, 1] += c12
     return density + 0.5 * tension * first * first
-
-
-def film_states(strain: Array, poisson_ratio: float) -> IntArray:
-    """Return SLACK, WRINKLED or TAUT for each strain.
-
-    Args:
-        strain: (m, 3), Green strain as (E11, E22, 2 E12).
-        poisson_ratio: nu.
-
-    Returns:
-        (m,) states.
-    """
-    mean, half = 0.5 * (strain[:, 0] + strain[:, 1]), 0.5 * (strain[:, 0] - strain[:, 1])
-    radius = np.hypot(half, 0.5 * strain[:, 2])
-    first, second = mean + radius, mean - radius
-    taut = (first > 0.0) & (second + poisson_ratio * first > 0.0)
-    return np.where(taut, TAUT, np.where(first > 0.0, WRINKLED, SLACK))
 
 
 HARDENING: Final = 2.0 * 6.0**0.5 * 0.05 ** (1.0 / 6.0)

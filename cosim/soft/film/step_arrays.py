@@ -8,7 +8,7 @@ listed follows in one stretch.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from cosim.soft.linear.secant_pairs import SecantPairs
 
 NODES, FILMS, HINGES, SEGMENTS, BEAMS, FRAMES, CHAMBERS = range(7)
 """What columns of `FilmArrays.parts` are."""
-PART_COLUMNS: Final = 7
 
 
 class FilmBeams(NamedTuple):
