@@ -50,6 +50,7 @@ class Branching:
     losses_held: bool = False
 
 
+STAYS: Final = "a section model stays on it; with fidelity = 'lumped' it is left"
 DISTURBED: Final = 1e-6
 """Of the load on each node, by how much it may be off in a `Footing`."""
 _MOVES_m, _NEAR = 1e-3, 0.05
