@@ -283,19 +283,16 @@ def test_it_says_so_where_it_becomes_unstable() -> None:
     assert "fidelity = 'lumped'" in here.branchings[0].chosen
 
 
-def test_sealed_gas_makes_it_as_stiff_as_the_film() -> None:
-    frequencies, given = [], []
+def test_sealed_gas_stiffens_it_as_it_does_the_film() -> None:
     for arm in arms():
         begin = arm.start(FLANGE, Loads((25e3,), (0.0, 0.0)))
         arm.settle(begin)
+        arm.settle(arm.follow(begin, SIDEWAYS, Loads((25e3,), (2.0, 0.0))))
         gas = SealedGas(101325.0 + 25e3, arm.volumes_m3[0], 1.4)
-        sealed = arm.solve(begin.state, FLANGE, Loads((), (0.0, 0.0), gas=(gas,)))
-        push = np.zeros((body().nodes, 3))
-        push[body().tip, 2] = 5.0 / len(body().tip)
-        for loads, kept in ((begin.loads, given), (sealed.loads, frequencies)):
-            arm.settle(arm.follow(begin, FLANGE, replace(loads, nodal_force=push)))
-            footing = arm.footing(arm.shape_now(), FLANGE, replace(loads, nodal_force=push))
+        found = []
+        for loads in (Loads((25e3,), (2.0, 0.0)), Loads((), (2.0, 0.0), gas=(gas,))):
+            footing = arm.footing(arm.shape_now(), SIDEWAYS, loads)
             assert footing is not None
-            kept.append(footing.lowest_frequency_Hz)
-    assert frequencies[0] == pytest.approx(frequencies[1], rel=0.05)
-    assert frequencies[0] != pytest.approx(given[0], rel=1e-3)
+            found.append(footing.lowest_frequency_Hz)
+        # bent, its volume changes as it swings, by little
+        assert 1.001 * found[0] < found[1] < 1.005 * found[0]

@@ -23,6 +23,7 @@ from cosim.soft.solve.stability import Softest, driven, grown, margin_by, nodal_
 
 _PROBE_Pa: Final = 1.0
 _SHARE: Final = 1e-3  # of the loads, in a look ahead
+_ROUNDS: Final = 4  # until a gas has its pressure to rounding
 
 
 @final
@@ -79,7 +80,7 @@ class ChainStiffness:
         step.reshape(-1)[self._free] = answer
         moved = np.empty_like(frames)
         change_frames(frames, step, _SHARE, moved)
-        after = self._tangent(moved, *self._grown(_SHARE))
+        after = self._tangent(moved, *self._grown(_SHARE, moved))
         stiff, stiff_after = (float(mode @ matrix @ mode) for matrix in (self._matrix, after))
         mass = self._mass
         snaps = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
@@ -110,15 +111,24 @@ class ChainStiffness:
         mode, place = motion / scale, place_of_largest(section.body, x, motion, free)
         return Softest(float(value[0]), mode, place), vector[:, 0]
 
-    def _grown(self, share: float) -> tuple[Loads, float]:
-        """Return loads and pressure grown by a share."""
-        loads = grown(replace(self._loads, gas=()), share, ())
-        return replace(loads, gas=self._loads.gas), (1.0 + share) * self._pressure
+    def _grown(self, share: float, frames: Array) -> tuple[Loads, float]:
+        """Return loads grown by a share, and the gas pressure that they have at frames (f, 4, 3)."""
+        volume, pressure = self._solver.volume(self._frames, self._pressure), self._pressure
+        loads = grown(self._loads, share, (volume,))
+        gas = loads.gases(1)[0]
+        if gas is None:
+            return loads, loads.pressures(1)[0]
+        for _ in range(_ROUNDS):
+            ends = [self._solver.volume(frames, pressure + off) for off in (_PROBE_Pa, -_PROBE_Pa)]
+            swelling, volume = (ends[0] - ends[1]) / (2.0 * _PROBE_Pa), 0.5 * (ends[0] + ends[1])
+            falls = gas.exponent * gas.absolute_pressure(volume) / volume
+            pressure += (gas.gauge_pressure(volume) - pressure) / (1.0 + falls * swelling)
+        return loads, pressure
 
     def _more_load(self, share: float) -> Array:
         """Return the forces [N, N m] that loads grown by a share add on what can move."""
         found = []
-        for loads, pressure in ((self._loads, self._pressure), self._grown(share)):
+        for loads, pressure in (self._grown(0.0, self._frames), self._grown(share, self._frames)):
             given, _ = given_tensions(self._solver, self._frames, loads, pressure)
             found.append(self._solver.evaluate(self._frames, given, pressure).ravel()[self._free])
         return np.asarray(found[0] - found[1])

@@ -249,7 +249,7 @@ def driven(product: float, size_of_mode: float, size_of_answer: float) -> bool:
 
 
 def margin_by(before: float, after: float, share: float, *, snaps: bool) -> float:
-    """Return by what share loads may grow until a stiffness is zero, from what it is before and after a bit.
+    """Return by what share, below 1, loads may grow until a stiffness is zero, from what it is after a bit.
 
     Args:
         before: stiffness.
@@ -257,9 +257,8 @@ def margin_by(before: float, after: float, share: float, *, snaps: bool) -> floa
         share: of them.
         snaps: towards a limit point it is the square of the stiffness that falls straight with the load.
     """
-    if after == before:
-        return math.inf
-    return before * share / (before - after) / (2.0 if snaps else 1.0)
+    found = math.inf if after == before else before * share / (before - after) / (2.0 if snaps else 1.0)
+    return found if abs(found) < 1.0 else math.inf
 
 
 def grown(loads: Loads, share: float, volumes_m3: tuple[float, ...]) -> Loads:
