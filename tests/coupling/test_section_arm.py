@@ -248,3 +248,51 @@ def test_a_search_for_the_flange_names_the_section_that_held_it_back() -> None:
     reason = r"the limit of 1 iterations was reached; on the way section 2 of 4 .* its model ends at .*lumped"
     with pytest.raises(UnreachableError, match=reason):
         arm.find_flange_pose(here, level, TargetOptions(iterations_max=1))
+
+
+def test_it_stands_as_firmly_as_the_film() -> None:
+    for loads, flange in ((Loads((6e3,), (0.0, 0.0)), FLANGE), (Loads((13e3,), (2.0, 0.0)), SIDEWAYS)):
+        found = []
+        for arm in arms():
+            begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
+            arm.settle(begin)
+            arm.settle(arm.follow(begin, flange, loads))
+            footing = arm.footing(arm.shape_now(), flange, loads)
+            assert footing is not None
+            assert footing.unstable is None
+            found.append((footing.lowest_frequency_Hz, footing.disturbed_tip_m))
+        # as far apart as their stiffness
+        assert found[0] == pytest.approx(found[1], rel=0.08)
+
+
+def test_it_says_so_where_it_becomes_unstable() -> None:
+    # the film pushed back towards its flange buckles at 10.4 N; the section model somewhat before
+    at_most = 10.4
+    arm, _ = arms()
+    begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
+    arm.settle(begin)
+    for push_N, stable in ((0.5 * at_most, True), (at_most, False)):
+        force = np.zeros((body().nodes, 3))
+        force[body().tip, 2] = push_N / len(body().tip)
+        here = arm.follow(begin, FLANGE, Loads((20e3,), (0.0, 0.0), nodal_force=force))
+        assert (here.negative_pivots == 0) is stable
+        assert len(here.branchings) == (not stable)
+        arm.settle(here)
+        footing = arm.footing(arm.shape_now(), FLANGE, here.loads)
+        assert (footing.unstable is None) is stable
+    assert "fidelity = 'lumped'" in here.branchings[0].chosen
+
+
+def test_sealed_gas_stiffens_it_as_it_does_the_film() -> None:
+    for arm in arms():
+        begin = arm.start(FLANGE, Loads((25e3,), (0.0, 0.0)))
+        arm.settle(begin)
+        arm.settle(arm.follow(begin, SIDEWAYS, Loads((25e3,), (2.0, 0.0))))
+        gas = SealedGas(101325.0 + 25e3, arm.volumes_m3[0], 1.4)
+        found = []
+        for loads in (Loads((25e3,), (2.0, 0.0)), Loads((), (2.0, 0.0), gas=(gas,))):
+            footing = arm.footing(arm.shape_now(), SIDEWAYS, loads)
+            assert footing is not None
+            found.append(footing.lowest_frequency_Hz)
+        # bent, its volume changes as it swings, by little
+        assert 1.001 * found[0] < found[1] < 1.005 * found[0]

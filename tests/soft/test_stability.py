@@ -10,9 +10,11 @@ import pytest
 
 from benchmarks.measure.stability import PerturbationOptions, find_lower_state, negative_pivots
 from cosim.base.frames import Array, Pose
+from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
@@ -116,7 +118,7 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
     assert found.lowest_frequency_Hz is None
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
+@pytest.mark.parametrize("share", [0.6, 0.9, 0.98])
 def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
     specimen, here = straight(share)
     found = footing(specimen.newton, here.state, here.loads, np.eye(3))
@@ -193,6 +195,71 @@ def test_what_is_left_until_a_snap_is_told_below_it(share: float) -> None:
     assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.12 * (1.0 - share))
     assert found.stability([]) == ("near a snap" if share > 0.95 else "stable")
     assert found.stability([(0.6, True)]) == ("near a snap" if share > 0.95 else "after a snap")
+
+
+RING_R_m, RING_NODES = 0.05, 32
+STIFFENER = RectangularSection(2e-4, 1e-3, 2e9, 0.3)
+RING_N_m = STIFFENER.rigidities[1] / RING_R_m**3
+AROUND = 2.0 * np.pi / RING_NODES * np.arange(RING_NODES)
+INWARD = np.zeros((RING_NODES + 3, 3))
+"""Of each node; the last three are those of a film, as a body needs one, held."""
+INWARD[:RING_NODES, :2] = -np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
+
+
+def ring() -> Specimen:
+    """Return a ring of beams, free to become an ellipse in its plane and not to move as a whole."""
+    film = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.1], [0.0, 0.01, 0.1]])
+    positions = np.concatenate([-RING_R_m * INWARD[:RING_NODES], film])
+    plain = SoftBody.from_arrays(positions, np.array([RING_NODES + np.arange(3)]), ROOF)
+    beams = BeamRings.from_shape(positions, np.arange(RING_NODES)[None], STIFFENER)
+    held, quarter = np.zeros(positions.shape, np.bool_), RING_NODES // 4
+    held[RING_NODES:], held[:, 2] = True, True
+    held[[0, 2 * quarter], 1] = held[[quarter, 3 * quarter], 0] = True
+    return Specimen(plain.with_elements(beams), held, NewtonOptions(1e-9, leaves_saddles=True))
+
+
+def test_a_stiffeners_buckling_load_is_found_as_a_branching() -> None:
+    # under radial forces that keep their direction: 4 E I / R^3 a length (Boresi, J. Appl. Mech. 22, 95)
+    specimen, share = ring(), 1.03
+    force = share * 4.0 * RING_N_m * (2.0 * np.pi * RING_R_m / RING_NODES) * INWARD
+    begin = specimen.solve(specimen.drawn(), UNLOADED)
+    found = specimen.equilibria.follow(begin, Pose(), replace(UNLOADED, nodal_force=force))
+    first = found.branchings[0]
+    assert first.load_factor * share == pytest.approx(1.0, abs=0.01)
+    assert first.ways == 1
+    assert not first.snap
+    assert found.negative_pivots == 0
+
+
+class OuterPressure:
+    """Pressure on the ring that stays normal to it: its potential is that times the polygon's area."""
+
+    def __init__(self, pressure_N_m: float) -> None:
+        self._pressure = pressure_N_m
+
+    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+        """Add gradient and Hessian."""
+        here = np.arange(RING_NODES)
+        after = (here + 1) % RING_NODES
+        (x, y), half = positions[:RING_NODES, :2].T, 0.5 * self._pressure
+        sums.gradient[:RING_NODES, 0] += half * (y[after] - np.roll(y, 1))
+        sums.gradient[:RING_NODES, 1] += half * (np.roll(x, 1) - x[after])
+        if hessian:
+            turn = half * np.array(
+                [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+            )  # d2 by this and next
+            for slot in sums.slots(np.stack([here, after], axis=1))[:, 1].tolist():  # of next and this
+                block = turn.T if slot >= 0 else turn
+                sums.blocks[slot if slot >= 0 else -1 - slot] += block
+        return float(half * (x * y[after] - x[after] * y).sum())
+
+
+@pytest.mark.parametrize(("share", "ways_down"), [(0.99, 0), (1.01, 1)])
+def test_a_stiffener_buckles_under_pressure_that_stays_normal_to_it(share: float, ways_down: int) -> None:
+    # 3 E I / R^3 a length (Timoshenko and Gere, Theory of Elastic Stability, 7.4)
+    specimen = ring()
+    loads = replace(UNLOADED, extra=OuterPressure(share * 3.0 * RING_N_m))
+    assert specimen.solve(specimen.drawn(), loads).negative_pivots == ways_down
 
 
 def stayed(stiffness_N_m: float) -> Specimen:

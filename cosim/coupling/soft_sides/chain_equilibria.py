@@ -22,6 +22,7 @@ from cosim.reduced.solve.clamp import (
     upright,
 )
 from cosim.reduced.solve.newton import ChainSolver, ChainTask
+from cosim.reduced.solve.stability import ChainStiffness
 from cosim.reduced.solve.time_step import solve_loaded
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
@@ -141,6 +142,7 @@ class ChainEquilibria:
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
         film = self._films.film(found.chain, found.pressure_Pa)
+        tangent = ChainStiffness(self._solver, found.frames, clamp.free, loads, found.pressure_Pa)
         return Equilibrium(
             film,
             flange,
@@ -150,6 +152,7 @@ class ChainEquilibria:
             found.iterations,
             found.potential_J,
             found.shifted,
+            negative_pivots=tangent.negative_pivots,
         )
 
     def _settle_contacts(

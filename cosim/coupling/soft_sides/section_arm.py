@@ -28,12 +28,14 @@ from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supp
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, carried, node_motion, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
+from cosim.reduced.solve.stability import ChainStiffness
 from cosim.reduced.solve.time_step import ChainStepper, given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.branching import STAYS, Branching, Footing
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions
 from cosim.soft.targets import tip_search
@@ -272,7 +274,29 @@ class SectionArm(SoftSide):
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
         pressure = self._last.pressure_Pa
-        return self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
+        found = self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
+        return self.leave(begin, found)
+
+    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return an equilibrium as it is; where it has become unstable, with a word on that."""
+        if not found.negative_pivots or (begin is not None and begin.negative_pivots):
+            return found
+        chain, pressure = self._chain_of(found.state, found.world_from_flange)
+        unstable = self._stiffness(ChainShape(chain.frames, pressure), found.loads).unstable
+        named = () if unstable is None else (replace(unstable, chosen=STAYS),)
+        return replace(found, branchings=(*found.branchings, *named))
+
+    def undecided(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Branching | None:
+        """Return in which direction a shape would give way if it was at rest; None: in none."""
+        tangent = self._stiffness(shape, loads)
+        return tangent.unstable if tangent.negative_pivots else None
+
+    def footing(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Footing:
+        """Return how firmly a shape stands, as if it was at rest."""
+        return self._stiffness(shape, loads).footing
+
+    def _stiffness(self, shape: ChainShape, loads: Loads) -> ChainStiffness:
+        return ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)
 
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""

@@ -393,6 +393,27 @@ class ChainSolver:
         self._tension = np.concatenate([tension * ratio for ratio, tension in pulls])
 
 
+def whole_tangent(
+    solver: ChainSolver,
+    frames: Array,
+    acting: tuple[Loads, Array | None],
+    pressure_Pa: float,
+    bed: Bed | None = None,
+) -> Array:
+    """Return the tangent (6 f, 6 f) of a chain, see `ChainTangent`."""
+    loads, extra = acting
+    solver.evaluate(frames, loads, pressure_Pa, bed, hessian=True)
+    count = len(frames)
+    full = np.zeros((count, 6, count, 6))
+    for f in range(count):
+        full[f, :, f] = solver.work.diagonal[f]
+        if f:
+            full[f, :, f - 1] = solver.work.off[f]
+            full[f - 1, :, f] = solver.work.off[f].T
+    matrix = full.reshape(6 * count, -1)
+    return matrix if extra is None else matrix + extra
+
+
 @final
 class ChainTangent:
     """The factorised tangent of a chain.
@@ -418,19 +439,8 @@ class ChainTangent:
         pressure_Pa: float,
         bed: Bed | None = None,
     ) -> None:
-        loads, extra = acting
-        solver.evaluate(frames, loads, pressure_Pa, bed, hessian=True)
-        count = len(frames)
-        full = np.zeros((count, 6, count, 6))
-        for f in range(count):
-            full[f, :, f] = solver.work.diagonal[f]
-            if f:
-                full[f, :, f - 1] = solver.work.off[f]
-                full[f - 1, :, f] = solver.work.off[f].T
         self._free = np.repeat(free, 6)
-        matrix = full.reshape(6 * count, -1)
-        if extra is not None:
-            matrix = matrix + extra
+        matrix = whole_tangent(solver, frames, acting, pressure_Pa, bed)
         self._factor = cho_factor(matrix[np.ix_(self._free, self._free)])
 
     def solve(self, load: Array) -> Array:

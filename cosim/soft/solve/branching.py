@@ -50,6 +50,7 @@ class Branching:
     losses_held: bool = False
 
 
+STAYS: Final = "a section model stays on it; with fidelity = 'lumped' it is left"
 DISTURBED: Final = 1e-6
 """Of the load on each node, by how much it may be off in a `Footing`."""
 _MOVES_m, _NEAR = 1e-3, 0.05
@@ -66,7 +67,7 @@ class Footing:
             of them in the one direction that moves it most; infinite where it is unstable.
         load_margin: by what share all loads may grow, or fall (below 0), until it is no longer stable, if its
             lowest stiffness (where it snaps, the square of that) goes on to change as it does; infinite where
-            it does not change.
+            that is not within 1.
         snaps: whether it is the loads that move it there: it snaps. Else it branches.
         losses_held: whether loads have no potential, so that this is of the symmetric part of its tangent,
             with the losses along cables held.

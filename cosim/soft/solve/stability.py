@@ -14,13 +14,14 @@ from typing import Final, Protocol, final
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
@@ -219,11 +220,86 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     force = growth.force
     disturbance = DISTURBED * np.linalg.norm(force, axis=1)[:, None, None] * np.eye(3)
     answers = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
-    tip = answers[system.body.tip].mean(axis=0, keepdims=True) if len(system.body.tip) else answers
-    moved = float(np.linalg.norm(tip, ord=2, axis=(1, 2)).max())
+    moved = tip_motion(system.body.tip, answers)
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
     frequency = None if weight is None else math.sqrt(lowest.value) / (2.0 * math.pi)
     return Footing(frequency, moved, margin, snaps, held)
+
+
+def tip_motion(tip: IntArray, answers: Array) -> float:
+    """Return how far [m] a tip moves by the worst combination of disturbances; any node if it has none.
+
+    Args:
+        tip: (k,) nodes.
+        answers: (n, 3, 3) [m], of each node to each of three disturbances.
+    """
+    moved = answers[tip].mean(axis=0, keepdims=True) if len(tip) else answers
+    return float(np.linalg.norm(moved, ord=2, axis=(1, 2)).max())
+
+
+def driven(product: float, size_of_mode: float, size_of_answer: float) -> bool:
+    """Return whether the answer of a body to more load is mostly in its lowest mode: it is driven to snap.
+
+    Args:
+        product: of both, weighed by mass.
+        size_of_mode: the same of the mode by itself.
+        size_of_answer: the same of the answer.
+    """
+    return product**2 > _DRIVEN * size_of_mode * size_of_answer
+
+
+def margin_by(before: float, after: float, share: float, *, snaps: bool) -> float:
+    """Return by what share, below 1, loads may grow until a stiffness is zero, from what it is after a bit.
+
+    Args:
+        before: stiffness.
+        after: with loads grown by `share`.
+        share: of them.
+        snaps: towards a limit point it is the square of the stiffness that falls straight with the load.
+    """
+    found = math.inf if after == before else before * share / (before - after) / (2.0 if snaps else 1.0)
+    return found if abs(found) < 1.0 else math.inf
+
+
+def grown(loads: Loads, share: float, volumes_m3: tuple[float, ...]) -> Loads:
+    """Return loads grown by a share; commanded lengths stay, and what is touched.
+
+    Args:
+        loads: that act.
+        share: -1 to take them off.
+        volumes_m3: of the chambers, at which the gauge pressure of sealed gas grows.
+    """
+    factor = 1.0 + share
+    gases = zip(loads.gas, loads.pressures_at(volumes_m3), volumes_m3, strict=True) if loads.gas else ()
+    gx, gy, gz = (factor * component for component in loads.gravity)
+    return replace(
+        loads,
+        pressure_Pa=tuple(factor * p for p in loads.pressure_Pa),
+        cable_tension_N=tuple(factor * tension for tension in loads.cable_tension_N),
+        gravity=(gx, gy, gz),
+        nodal_force=None if loads.nodal_force is None else factor * loads.nodal_force,
+        gas=tuple(
+            None if gas is None else replace(gas.at(volume), pressure_Pa=gas.ambient_Pa + factor * p)
+            for gas, p, volume in gases
+        ),
+    )
+
+
+def nodal_loads(system: SoftSystem, positions: Array, memory: Array, loads: Loads) -> Array:
+    """Return what loads exert on each node (n, 3) [N] by gas, cables of given tension, weight and dead loads.
+
+    Args:
+        system: of the body.
+        positions: (n, 3) [m].
+        memory: (values,), what the elements remember there.
+        loads: that act.
+    """
+    share, found = system.segment_share(positions, loads), []
+    volumes = tuple(system.gas.enclosed_volumes(positions[None])[0].tolist())
+    for part in (-1.0, 0.0):
+        system.evaluate(positions, grown(loads, part, volumes), share, memory.copy(), hessian=False)
+        found.append(system.gradient.copy())
+    return np.asarray(found[0] - found[1])
 
 
 @final
@@ -240,8 +316,8 @@ class _Growth:
         self._solver, self._state, self._loads = solver, state, loads
         volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
         self._volumes = tuple(volumes.tolist())
-        # the gradient is linear in the loads
-        self.force = self._gradient(0.0) - self._gradient(1.0)
+        found = nodal_loads(solver.system, state.positions, state.memory, loads)
+        self.force = np.where(solver.free, found, 0.0)
 
     def margin(self, lowest: Softest, answer: Array, weight: Array | None) -> tuple[float, bool]:
         """Return by what share the loads may grow until the lowest stiffness is zero, and if they drive it.
@@ -256,13 +332,13 @@ class _Growth:
         before = self._stiffness(lowest.mode, 0.0, 0.0 * answer)
         after = self._stiffness(lowest.mode, share, share * answer)
         weights = np.ones(len(answer)) if weight is None else weight
-        product = float(weights @ (lowest.mode * answer).sum(axis=1))
-        sizes = [float(weights @ (each**2).sum(axis=1)) for each in (lowest.mode, answer)]
-        snaps = product**2 > _DRIVEN * sizes[0] * sizes[1]
-        if after == before:
-            return math.inf, snaps
-        # towards a limit point it is the square of the stiffness that falls straight with the load
-        return before * share / (before - after) / (2.0 if snaps else 1.0), snaps
+        snaps = driven(
+            *(
+                float(weights @ (one * other).sum(axis=1))
+                for one, other in ((lowest.mode, answer), (lowest.mode, lowest.mode), (answer, answer))
+            )
+        )
+        return margin_by(before, after, share, snaps=snaps), snaps
 
     def _stiffness(self, mode: Array, share: float, moved: Array) -> float:
         """Return the stiffness along a mode, where the body has moved under loads that have grown."""
@@ -271,28 +347,10 @@ class _Growth:
 
     def _gradient(self, share: float, moved: Array | float = 0.0) -> Array:
         system, x = self._solver.system, np.ascontiguousarray(self._state.positions + moved)
-        loads = self._grown(share)
+        loads = grown(self._loads, share, self._volumes)
         kept = system.segment_share(self._state.positions, loads)
         system.evaluate(x, loads, kept, self._state.memory, hessian=False)
         return np.where(self._solver.free, system.gradient, 0.0)
-
-    def _grown(self, share: float) -> Loads:
-        """Return the loads grown by a share; commanded lengths stay, and what is touched."""
-        loads, factor = self._loads, 1.0 + share
-        gauge = loads.pressures_at(self._volumes)
-        gases = zip(loads.gas, gauge, self._volumes, strict=True) if loads.gas else ()
-        gx, gy, gz = (factor * component for component in loads.gravity)
-        return replace(
-            loads,
-            pressure_Pa=tuple(factor * p for p in loads.pressure_Pa),
-            cable_tension_N=tuple(factor * tension for tension in loads.cable_tension_N),
-            gravity=(gx, gy, gz),
-            nodal_force=None if loads.nodal_force is None else factor * loads.nodal_force,
-            gas=tuple(
-                None if gas is None else replace(gas.at(volume), pressure_Pa=gas.ambient_Pa + factor * p)
-                for gas, p, volume in gases
-            ),
-        )
 
 
 def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:

@@ -1,0 +1,150 @@
+"""How firmly a chain of frames stands: what `soft.solve.stability` says of a film, by its small tangent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final, final
+
+import numpy as np
+from scipy.linalg import eigh
+
+from cosim.base.frames import Array, Mask
+from cosim.reduced.sections.assembly import change_frames
+from cosim.reduced.sections.section_strains import Bed
+from cosim.reduced.solve.clamp import node_motion
+from cosim.reduced.solve.commanded_cables import given_tensions
+from cosim.reduced.solve.newton import ChainSolver, whole_tangent
+from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import place_of_largest
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
+from cosim.soft.solve.stability import Softest, driven, grown, margin_by, nodal_loads, tip_motion
+
+_PROBE_Pa: Final = 1.0
+_SHARE: Final = 1e-3  # of the loads, in a look ahead
+_ROUNDS: Final = 4  # until a gas has its pressure to rounding
+
+
+@final
+class ChainStiffness:
+    """The tangent of a chain at rest, with sealed gas and commanded lengths in it, losses along cables held.
+
+    Args:
+        solver: of the chain.
+        frames: (f, 4, 3), where it is taken.
+        free: (f,) frames that can move.
+        loads: that act.
+        pressure_Pa: of the gas.
+    """
+
+    def __init__(
+        self, solver: ChainSolver, frames: Array, free: Mask, loads: Loads, pressure_Pa: float
+    ) -> None:
+        self._solver, self._frames, self._loads, self._pressure = solver, frames, loads, pressure_Pa
+        self._free = np.repeat(free, 6)
+        self._matrix = self._tangent(frames, loads, pressure_Pa)
+
+    @property
+    def negative_pivots(self) -> int:
+        """In how many directions the potential falls."""
+        return int((np.linalg.eigvalsh(self._matrix) < 0.0).sum())
+
+    @property
+    def unstable(self) -> Branching | None:
+        """In which direction it would give way; None where it is stable."""
+        lowest, _ = self._lowest()
+        if lowest.value > 0.0:
+            return None
+        tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
+        return Branching(
+            1.0, (self._pressure,), tensions, lowest.place, lowest.direction, lowest.extent,
+            self.negative_pivots, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
+        )  # fmt: skip
+
+    @property
+    def footing(self) -> Footing:
+        """How firmly it stands."""
+        held, unstable = self._solver.losses_follow_shape, self.unstable
+        if unstable is not None:
+            return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
+        lowest, mode = self._lowest()
+        section, frames, count = self._solver.section, self._frames, len(self._frames)
+        motion = node_motion(section, frames, self._pressure).reshape(-1, 3, 6 * count)[:, :, self._free]
+        system, x = SoftSystem(section.body), section.positions(frames, self._pressure)
+        loads = replace(self._loads, pressure_Pa=(self._pressure,), gas=(), cable_length_m=())
+        size = DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
+        answers = motion @ np.linalg.solve(self._matrix, np.einsum("n,nkd->dk", size, motion))
+        answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
+        step = np.zeros((count, 6))
+        step.reshape(-1)[self._free] = answer
+        moved = np.empty_like(frames)
+        change_frames(frames, step, _SHARE, moved)
+        after = self._tangent(moved, *self._grown(_SHARE, moved))
+        stiff, stiff_after = (float(mode @ matrix @ mode) for matrix in (self._matrix, after))
+        mass = self._mass
+        snaps = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
+        frequency = math.sqrt(lowest.value) / (2.0 * math.pi)
+        return Footing(
+            frequency, tip_motion(section.body.tip, answers),
+            margin_by(stiff, stiff_after, _SHARE, snaps=snaps), snaps, held,
+        )  # fmt: skip
+
+    @property
+    def _mass(self) -> Array:
+        """Mass matrix of what can move."""
+        still, moving = Bed(0.0, self._frames), Bed(1.0, self._frames)
+        given = given_tensions(self._solver, self._frames, self._loads, self._pressure)
+        found = [
+            whole_tangent(self._solver, self._frames, given, self._pressure, bed) for bed in (moving, still)
+        ]
+        return (found[0] - found[1])[np.ix_(self._free, self._free)]
+
+    def _lowest(self) -> tuple[Softest, Array]:
+        """Return the lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
+        value, vector = eigh(self._matrix, self._mass, subset_by_index=(0, 0))
+        section, whole = self._solver.section, np.zeros(len(self._free))
+        whole[self._free] = vector[:, 0]
+        motion = node_motion(section, self._frames, self._pressure).reshape(-1, 3, len(whole)) @ whole
+        scale = motion.ravel()[np.argmax(np.abs(motion))]
+        x, free = section.positions(self._frames, self._pressure), np.ones(motion.shape, np.bool_)
+        mode, place = motion / scale, place_of_largest(section.body, x, motion, free)
+        return Softest(float(value[0]), mode, place), vector[:, 0]
+
+    def _grown(self, share: float, frames: Array) -> tuple[Loads, float]:
+        """Return loads grown by a share, and the gas pressure that they have at frames (f, 4, 3)."""
+        volume, pressure = self._solver.volume(self._frames, self._pressure), self._pressure
+        loads = grown(self._loads, share, (volume,))
+        gas = loads.gases(1)[0]
+        if gas is None:
+            return loads, loads.pressures(1)[0]
+        for _ in range(_ROUNDS):
+            ends = [self._solver.volume(frames, pressure + off) for off in (_PROBE_Pa, -_PROBE_Pa)]
+            swelling, volume = (ends[0] - ends[1]) / (2.0 * _PROBE_Pa), 0.5 * (ends[0] + ends[1])
+            falls = gas.exponent * gas.absolute_pressure(volume) / volume
+            pressure += (gas.gauge_pressure(volume) - pressure) / (1.0 + falls * swelling)
+        return loads, pressure
+
+    def _more_load(self, share: float) -> Array:
+        """Return the forces [N, N m] that loads grown by a share add on what can move."""
+        found = []
+        for loads, pressure in (self._grown(0.0, self._frames), self._grown(share, self._frames)):
+            given, _ = given_tensions(self._solver, self._frames, loads, pressure)
+            found.append(self._solver.evaluate(self._frames, given, pressure).ravel()[self._free])
+        return np.asarray(found[0] - found[1])
+
+    def _tangent(self, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
+        solver, given = self._solver, given_tensions(self._solver, frames, loads, pressure_Pa)
+        whole = whole_tangent(solver, frames, given, pressure_Pa)
+        gas = loads.gases(1)[0]
+        if gas is not None:
+            # energy at a pressure is less by p V: its slope is -V, of its gradient -dV
+            ends = [
+                (solver.volume(frames, p), solver.evaluate(frames, given[0], p).ravel())
+                for p in (pressure_Pa + _PROBE_Pa, pressure_Pa - _PROBE_Pa)
+            ]
+            swelling, slope = ((a - b) / (2.0 * _PROBE_Pa) for a, b in zip(*ends, strict=True))
+            volume = solver.volume(frames, pressure_Pa)
+            falls = gas.exponent * gas.absolute_pressure(volume) / volume
+            whole = whole + falls / (1.0 + falls * swelling) * np.outer(slope, slope)
+        return np.asarray(whole[np.ix_(self._free, self._free)])
