@@ -28,11 +28,13 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.coupling.contact.contact_arrays import ASKS, LEFT, REMEMBERED, ContactArrays
+from cosim.coupling.contact.contact_arrays import ASKS, LEFT, MET, REMEMBERED, UNKNOWN, ContactArrays
 from cosim.coupling.contact.contact_kernels import (
     FIND_TOUCHED,
+    MEET_TOUCHED,
     SETTLE_TOUCHED,
     find_touched,
+    meet_touched,
     settle_touched,
     touched_planes,
 )
@@ -127,7 +129,7 @@ class FilmSteps(NamedTuple):
 _CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over)
 _STEP, _WRENCH, _MOMENTS, _RIGID, _HAND = range(len(_CALLED))
 _film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over = map(caller, _CALLED)
-_find_touched, _settle_touched = caller(find_touched), caller(settle_touched)
+_find_touched, _settle_touched, _meet_touched = map(caller, (find_touched, settle_touched, meet_touched))
 _find_pairs, _settle_pairs = caller(find_pairs), caller(settle_pairs)
 
 
@@ -192,13 +194,15 @@ def _take_soft_step(
 
 
 @device_function
-def _may_give_way(contact: ContactArrays, found: int) -> bool:
-    """Return whether a body is near that may give way."""
-    ahead, body = contact.bodies.leads.ahead, contact.touched.planes.body
-    near = 0
+def _may_give_way(contact: ContactArrays, found: int) -> int:
+    """Return 1 if a body is near that may give way, 2 if one is that bears a load, and how it does is not known."""
+    bodies, body, near = contact.bodies, contact.touched.planes.body, 0
     for e in range(found):
-        near = max(near, ahead[body[e]])
-    return near > 0
+        b = body[e]
+        if bodies.leads.ahead[b]:
+            unknown = contact.gives[b, 0] == UNKNOWN or contact.counts[MET] >= contact.numbers.renewed_after
+            near = max(near, 2 if bodies.loaded[b] and unknown else 1)
+    return near
 
 
 @device_function
@@ -258,10 +262,14 @@ def _take_tick(
     contact, found = row.contact, _find(row, way.x[k + 1], way.velocity[k + 1])
     if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
-    if _may_give_way(contact, found[0]):
+    near = _may_give_way(contact, found[0])
+    if near > 1:
         return SOFT_HALF_LEFT
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
-        return SOFT_STEP_BEGUN
+        return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
+    tolerance = row.side.numbers.tolerance
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):
+        return SOFT_HALF_LEFT
     acting = row.side.held, row.side.work.gradient
     _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))

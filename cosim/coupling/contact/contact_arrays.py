@@ -14,10 +14,14 @@ from cosim.soft.contact.obstacle_contact import TouchedPlanes
 
 AHEAD_TICKS: Final = 2.0
 """How many ticks' way of the fastest node a film looks ahead."""
-REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT = range(6)
+REMEMBERED, TOUCHES, POINTS, AGE, ASKS, LEFT, MET = range(7)
 """Places in `ContactArrays.counts`: contacts remembered, contacts in the last tick, how many of these are of
 the film's points, ticks of contact since bodies were weighed, whether heavy ones are to be, whether a tick in
-which nothing is touched has something to end."""
+which nothing is touched has something to end, ticks that touched bodies which gave way since these were
+weighed."""
+
+UNKNOWN: Final = 1e30
+"""Of `ContactArrays.gives`: such bodies kernels leave to `LightBodies`."""
 
 
 class NearPoints(NamedTuple):
@@ -245,8 +249,10 @@ class ContactArrays(NamedTuple):
         movable: (f,) bodies that can be touched, and that loads can move.
         heavy: (f,), 1 for those that are met where they are, see `LightBodies`.
         touching: (f,) [N/m], stiffness of their contacts when they were weighed.
+        gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it, for a change of
+            its load in a tick, over what may be; `UNKNOWN` where that is not known.
         speed: (1,) [m/s], of the film's fastest node before the step.
-        counts: (6,).
+        counts: (7,).
         calls: of the kernels that these call.
     """
 
@@ -262,6 +268,7 @@ class ContactArrays(NamedTuple):
     movable: Indices
     heavy: Indices
     touching: Vector
+    gives: Matrix
     speed: Vector
     counts: Indices
     calls: Indices

@@ -26,6 +26,7 @@ from cosim.coupling.contact.contact_arrays import (
     LEFT,
     REMEMBERED,
     TOUCHES,
+    UNKNOWN,
     ContactArrays,
     ContactNumbers,
     EndRows,
@@ -297,8 +298,8 @@ class ContactExchange:
             BodyLoads(
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
-            movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)), np.zeros(1),
-            np.zeros(6, np.int64),
+            movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros(1), np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from cosim.coupling.contact.contact_arrays import (
     AHEAD_TICKS,
     ASKS,
     LEFT,
+    MET,
     POINTS,
     REMEMBERED,
     TOUCHES,
@@ -145,14 +146,16 @@ def find_near(
     return points, _find_features(x, low, high, reach, behind, search)
 
 
+_EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
 _CALLED = (find_near, span, fill_near_box)
-_FIND, _SPAN, _NEAR, FIND_TOUCHED, SETTLE_TOUCHED = range(len(_CALLED) + 2)
+_FIND, _SPAN, _NEAR, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED = range(len(_CALLED) + 3)
 _find_near, _span, _fill_near_box = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (5,) of the kernels of contact, for one another and for who takes a whole tick."""
-    return np.array([address_of(called) for called in (*_CALLED, find_touched, settle_touched)])
+    """Return the addresses (6,) of the kernels of contact, for one another and for who takes a whole tick."""
+    taken = *_CALLED, find_touched, settle_touched, meet_touched
+    return np.array([address_of(called) for called in taken])
 
 
 @device_function
@@ -487,6 +490,43 @@ def _take_for_last(memory: MemoryRows, kept: MemoryRows, pressing: int) -> None:
         memory.triangle[e] = kept.triangle[e]
         for r in range(3):
             memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
+
+
+@device_function
+def _changed(contact: Any, b: int, first: int) -> float:
+    """Return the change of the force (first 0) or torque (3) on a body at the end of a step, about its centre."""
+    load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
+    for r in range(3):
+        s, q = (r + 1) % 3, (r + 2) % 3
+        about = center[s] * load[q] - center[q] * load[s] if first else 0.0
+        square += (load[first + r] - about - contact.bodies.applied[b, first + r]) ** 2
+    return math.sqrt(square)
+
+
+@kernel
+def meet_touched(contact: ContactArrays, x: Matrix, tolerance: float) -> bool:
+    """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
+
+    Args:
+        contact: its end is filled.
+        x: of the film's nodes.
+        tolerance: of the film's forces [N].
+    """
+    counts, end, bodies, touched = contact.counts, contact.end, contact.bodies, 0
+    count = counts[TOUCHES]
+    planes, widths = touched_planes(contact.touched, count).planes, contact.touched.widths
+    ends = counts[POINTS], contact.shapes, widths[0], widths[1], contact.kept, end
+    _conclude(x, planes, _first_ties(contact.ties, count), *ends)
+    for b in range(bodies.loaded.shape[0]):
+        if not bodies.leads.ahead[b] or not (end.acting[b] or bodies.loaded[b]):
+            continue
+        gives, force, torque = contact.gives[b], _changed(contact, b, 0), _changed(contact, b, 3)
+        off, inexact = max(gives[0] * force, gives[1] * torque), gives[0] * tolerance > _EXACTLY
+        if not off <= 1.0 or (inexact and force + torque > 0.0):
+            return False
+        touched = max(touched, end.acting[b])
+    counts[MET] += touched
+    return True
 
 
 @device_function

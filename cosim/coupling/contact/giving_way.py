@@ -29,8 +29,8 @@ from typing import Annotated, Final, Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.contact.contact_arrays import AGE
-from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.contact.contact_arrays import AGE, MET, UNKNOWN
+from cosim.coupling.contact.contact_exchange import RENEW_ABOVE, ContactExchange
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
@@ -200,6 +200,7 @@ class LightBodiesState:
         known: (b,) bodies of the last S.
         stiffness: S (6 b, 6 b).
         held_N_m: trace of the stiffness of the contacts with which it was found.
+        room: how much stiffer their contacts may get until heavy bodies are weighed again.
         age: ticks of contact since that says who has to give way.
     """
 
@@ -209,6 +210,7 @@ class LightBodiesState:
     known: Annotated[IntArray, ("b",)]
     stiffness: Annotated[Array, ("n", "n")]
     held_N_m: float
+    room: float
     age: int
 
 
@@ -396,9 +398,9 @@ class LightBodies:
         self._ahead = arrays.bodies.leads.ahead
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        self._age, self._ticks = 0, min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
+        self._counts, self._gives, self._ticks = arrays.counts, arrays.gives, min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
         exchange.ask_for_weighing_after(self._ticks)
-        self.ratio = 0.0
+        self.ratio, self._room = 0.0, RENEW_ABOVE
         self.trials = 1
         self._meet_ahead()
 
@@ -424,17 +426,19 @@ class LightBodies:
             trial = step.take()
         if len(step.bodies):
             touched = step.touched
-            self._age += len(touched) > 0
+            self._counts[MET] += len(touched) > 0
             # what has been light may be held by something else by now
-            if len(touched) and (self._age > self._ticks or not np.isin(touched, self._known).all()):
+            if len(touched) and (self._counts[MET] > self._ticks or not np.isin(touched, self._known).all()):
                 self._learn(step)
-                self._age = 0
+                self._counts[MET] = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
                     self._meet_ahead()
                     self._soft.restore(step.before)
                     step = _Step(self._exchange, self._soft, tick, aim)
                     trial = step.take()
+                else:
+                    self._tell_kernels()
             if len(step.bodies):
                 trial = self._agree(step, trial)
         assert trial.reply is not None, "the film has stepped"
@@ -453,15 +457,21 @@ class LightBodies:
         if self._heavy[~loaded].any():  # whoever touches them next finds out again
             self._known, self._stiffness = np.zeros(0, np.int64), np.zeros((0, 0))
         self._heavy[~loaded] = 0
-        self._touching[:] = np.where(self._heavy, held, 0.0)
+        # where contacts are as stiff as they were when S was found, that serves; bodies just found heavy have it
+        before = self._touching * RENEW_ABOVE / self._room
+        before = np.where(before > 0.0, before, held)
         exchange.arrays.counts[AGE] = 0
-        touched = self._movable[self._heavy != 0]
+        heavy = self._heavy != 0
+        touched, stiffer = self._movable[heavy], (held > RENEW_ABOVE * before)[heavy].any()
         if planes is not None and len(touched):
-            x = self._soft.state.positions
-            levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
-            stiffness = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
-            if not self._are_heavy(touched, stiffness):
+            if stiffer or not np.isin(touched, self._known).all():
+                x = self._soft.state.positions
+                levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
+                found = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
+                self._known, self._stiffness, self._held, before = touched, found, 0.0, held
+            if not self._are_heavy(touched, self._known_stiffness(touched)):
                 self._heavy[:] = 0
+        self._touching[:] = np.where(self._heavy, before * self._room / RENEW_ABOVE, 0.0)
         self._meet_ahead()
 
     def save_state(self) -> LightBodiesState:
@@ -473,18 +483,40 @@ class LightBodies:
             self._known,
             self._stiffness,
             self._held,
-            self._age,
+            self._room,
+            int(self._counts[MET]),
         )
 
     def restore_state(self, state: LightBodiesState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
         self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
         self._known, self._stiffness, self._held = state.known, state.stiffness, state.held_N_m
-        self._age = state.age
+        self._room = state.room
+        self._counts[MET] = state.age
         self._meet_ahead()
 
     def _meet_ahead(self) -> None:
         self._ahead[self._movable] = 1 - self._heavy
+        self._tell_kernels()
+
+    def _tell_kernels(self) -> None:
+        """Let kernels take ticks in which known bodies go where the film has met them, if nothing holds these.
+
+        What else holds them only makes them go less far.
+        """
+        self._gives[:] = UNKNOWN
+        if not len(self._known) or self.ratio > _VERY_LIGHT:
+            return
+        mobility = self._tick_s**2 * self._exchange.bodies.mobility(self._known, held=False)
+        for k, body in enumerate(self._known.tolist()):
+            own = slice(6 * k, 6 * k + 3)
+            free = np.zeros_like(mobility[own])
+            free[:, own] = mobility[6 * k, 6 * k] * np.eye(3)
+            # on joints, or as one of several, it goes where others go
+            if np.abs(mobility[own] - free).max() < 1e-9 * mobility[6 * k, 6 * k]:
+                turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
+                largest = float(np.linalg.eigvalsh(turn)[-1])
+                self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, _LEVER_M * largest / AGREED_M
 
     def _are_heavy(self, bodies: IntArray, stiffness: Array) -> bool:
         """Return whether bodies (b,) need not give way, by S (6 b, 6 b).
@@ -495,7 +527,7 @@ class LightBodies:
             _ratio(stiffness, self._tick_s**2 * self._exchange.bodies.mobility(bodies, held=held))
             for held in (True, False)
         )
-        self.ratio = free
+        self.ratio, self._room = free, max(RENEW_ABOVE, min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9)))
         return held <= RATIO_BOUND and free <= _HELD_RATIO
 
     def _learn(self, step: _Step) -> None:

@@ -189,7 +189,7 @@ class _FilmHalves(SoftHalves):
     @cached_property
     def _nothing(self) -> ContactArrays:
         nothing: ContactArrays = nothing_of(ContactArrays)
-        return nothing._replace(counts=np.zeros(6, np.int64))
+        return nothing._replace(counts=np.zeros(7, np.int64))
 
     @cached_property
     def _no_films(self) -> FilmContacts:
