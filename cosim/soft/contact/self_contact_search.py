@@ -156,9 +156,7 @@ _find_over = caller(find_over)
 
 
 @kernel(allocates=True)
-def any_over(
-    x: Matrix, lists: FilmLists, reach: float, behind: float, find: int, room: IndexTable
-) -> int:
+def any_over(x: Matrix, lists: FilmLists, reach: float, behind: float, find: int, room: IndexTable) -> int:
     """Return over how many triangles points are, none where nothing has come near since that was so.
 
     Args:
