@@ -23,7 +23,7 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.contact import self_contact_candidates, self_contact_search  # overlap is looked for
 
         modules = self_contact_candidates, self_contact_search
-    if scenario.contact.self_contact:
+    if scenario.touches_itself:
         from cosim.soft.contact import self_contact_pairs
         from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
         from cosim.soft.solve import self_contact

@@ -252,7 +252,7 @@ def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
 
 
 def _self_contact(scenario: Scenario, body: SoftBody) -> Decision:
-    included = scenario.contact.self_contact and scenario.fidelity != "rigid" and FilmFaces.of(body).can_meet
+    included = scenario.touches_itself and FilmFaces.of(body).can_meet
     return Decision("contact with itself", included, film_report(scenario, body), "contact.self_contact")
 
 

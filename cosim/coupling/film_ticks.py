@@ -56,7 +56,18 @@ from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.film.step_arrays import StepMotion, StepPlace
 from cosim.soft.solve import self_contact
 from cosim.soft.solve.film_step import FilmSide, film_step
-from cosim.soft.solve.self_contact import ADD, FIND, SETTLE, FilmContacts, find_pairs, first_pairs
+from cosim.soft.solve.self_contact import (
+    ADD,
+    FIND,
+    OVERLOOKED,
+    PRESS,
+    SETTLE,
+    THROUGH_M,
+    FilmContacts,
+    films_press,
+    find_pairs,
+    first_pairs,
+)
 from cosim.soft.solve.state import add_wrench
 
 
@@ -111,6 +122,7 @@ class FilmSteps(NamedTuple):
         largest_turn: [rad], of the flange in a tick; beyond it a step is left.
         contact: with the scene.
         films: that may touch one another.
+        whole: whether parts that nothing couples are solved together until films let go, where a row ends.
     """
 
     side: FilmSide
@@ -124,13 +136,14 @@ class FilmSteps(NamedTuple):
     largest_turn: float
     contact: ContactArrays
     films: FilmContacts
+    whole: bool
 
 
 _CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over)
 _STEP, _WRENCH, _MOMENTS, _RIGID, _HAND = range(len(_CALLED))
 _film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over = map(caller, _CALLED)
 _find_touched, _settle_touched, _meet_touched = map(caller, (find_touched, settle_touched, meet_touched))
-_find_pairs, _settle_pairs = caller(find_pairs), caller(settle_pairs)
+_find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pairs), caller(films_press)
 
 
 def film_calls() -> IntArray:
@@ -219,13 +232,36 @@ def _settle(contact: ContactArrays, x: Matrix, ticks: Any, k: int) -> None:
 
 
 @device_function
+def _waits(films: FilmContacts) -> bool:
+    """Return whether a step is first taken without contact of films."""
+    return films.waits and films.counts[self_contact.REMEMBERED] == 0
+
+
+@device_function
+def _find_overlooked(row: FilmSteps, way: FilmMotion, k: int) -> int:
+    """Return with how many pairs tick k is taken again, -1 where Python has to."""
+    films, end = row.films, (way.x[k + 2], way.velocity[k + 2])
+    pressing = _films_press(films.calls[PRESS], (films, *end, row.ahead_s, THROUGH_M))
+    if pressing <= 0:
+        return pressing
+    films.counts[OVERLOOKED] = 1
+    if row.side.film.parts.shape[0] > 2:
+        return -1
+    begin = way.x[k + 1], way.velocity[k + 1]
+    pairs = _find_pairs(films.calls[FIND], (films, *begin, row.films_rest_m, row.ahead_s))
+    if pairs == 0:
+        films.counts[OVERLOOKED] = 0
+    return pairs
+
+
+@device_function
 def _find(row: FilmSteps, x: Matrix, velocity: Matrix) -> tuple[int, int]:
     """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve."""
     contact, films, planes, pairs = row.contact, row.films, 0, 0
     if contact.calls.shape[0] > 0:
         asked = contact, x, velocity, row.rest_m, row.ahead_s
         planes = _find_touched(contact.calls[FIND_TOUCHED], asked)
-    if films.calls.shape[0] > 0 and planes >= 0:
+    if films.calls.shape[0] > 0 and planes >= 0 and not _waits(films):
         pairs = _find_pairs(films.calls[FIND], (films, x, velocity, row.films_rest_m, row.ahead_s))
     return planes, pairs
 
@@ -259,7 +295,8 @@ def _take_tick(
     if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
-    contact, found = row.contact, _find(row, way.x[k + 1], way.velocity[k + 1])
+    contact, films, waits = row.contact, row.films, _waits(row.films)
+    found = _find(row, way.x[k + 1], way.velocity[k + 1])
     if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
     near = _may_give_way(contact, found[0])
@@ -267,19 +304,28 @@ def _take_tick(
         return SOFT_HALF_LEFT
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
         return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
+    if waits:
+        spent, found = ticks.iterations[k], (found[0], _find_overlooked(row, way, k))
+        if found[1] < 0:
+            return SOFT_HALF_LEFT
+        if found[1] > 0:
+            if not _take_soft_step(found, commands, row, ticks, way, k, flange):
+                return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
+            ticks.iterations[k] += spent
+            films.counts[OVERLOOKED] = 0
     tolerance = row.side.numbers.tolerance
     if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):
         return SOFT_HALF_LEFT
     acting = row.side.held, row.side.work.gradient
     _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
-    if row.films.calls.shape[0] > 0:
-        _settle_films(row.films, found[1], way.x[k + 2], ticks, k)
+    if films.calls.shape[0] > 0:
+        _settle_films(films, found[1], way.x[k + 2], ticks, k)
     if found[0] > 0 or contact.counts[LEFT]:
         _settle(contact, way.x[k + 2], ticks, k)
         if contact.counts[ASKS]:
             return ALL_DONE
-    return -1
+    return ALL_DONE if row.whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 
 
 @kernel

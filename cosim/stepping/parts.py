@@ -61,25 +61,27 @@ def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int,
 def film_law(scenario: Scenario) -> FilmContactLaw | None:
     """Return the law of contact between films; None where it is not modelled."""
     given = scenario.contact
-    if not given.self_contact:
+    if not scenario.touches_itself:
         return None
-    return FilmContactLaw(
-        ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m), given.self_friction
-    )
+    law = ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
+    return FilmContactLaw(law, given.self_friction, throughout=given.self_contact is True)
 
 
 def film_report(scenario: Scenario, body: SoftBody) -> str:
     """Return in words which films may touch one another."""
     given = scenario.contact
-    if not given.self_contact:
-        return "not modelled: switched off"
     if scenario.fidelity == "rigid":
         return "none: the shape is frozen"
+    if scenario.fidelity == "section":
+        return "not modelled: a section model has no films that meet"
+    if not scenario.touches_itself:
+        return f"not modelled: {'as in the paper' if given.self_contact else 'switched off'}"
     faces = FilmFaces.of(body)
     if not faces.can_meet:
         return "none: the film is one unit, which does not touch itself"
     friction = "no friction" if scenario.mode == "quasistatic" else f"friction {given.self_friction:g}"
-    return f"between {faces.units} units, outside of the film, {friction}"
+    since = "" if given.self_contact is True else ", from where they come to press"
+    return f"between {faces.units} units, outside of the film, {friction}{since}"
 
 
 def with_film_contacts(ledger: LedgerEntry, films: FilmMemory | None) -> LedgerEntry:

@@ -151,7 +151,7 @@ def _switches(scenario: Scenario) -> dict[str, tuple[dict[str, Any], str]]:
     slack = _slack_cables(scenario)
     if slack:
         found["cables slack"] = (slack, "cables")
-    itself = scenario.contact.self_contact
+    itself = replace(scenario, fidelity="lumped").touches_itself
     name = "no contact with itself" if itself else "contact with itself"
     found[name] = ({"contact.self_contact": not itself}, "contact with itself")
     if scenario.robot != NO_ARM:

@@ -118,9 +118,10 @@ def compile_for_trade(
         tell: told in one sentence, before the wait, when there is anything to compile.
         more: modules with kernels of what follows the runs.
     """
-    everything = replace(scenario, fidelity="section", contact=replace(scenario.contact, self_contact=True))
+    films = replace(scenario, fidelity="lumped", contact=replace(scenario.contact, self_contact=True))
+    models = *kernel_modules(films), *kernel_modules(replace(scenario, fidelity="section"))
     contact = () if scenario.robot == NO_ARM else contact_modules()
-    compile_kernels(tell, (*more, *kernel_modules(everything), *contact))
+    compile_kernels(tell, (*more, *models, *contact))
 
 
 _COLUMNS = ("time_s", "tip_position", "flange_force", "contact_force_N", "phase", "newton_iterations")

@@ -150,7 +150,9 @@ class ContactTable:
         stiffness_N_m3: pressure per depth.
         smoothing_m: width of the transition; contact begins at half of it before touching.
         stick_m: tangential distance at which the full friction acts.
-        self_contact: whether units and fingers touch one another, by the same law.
+        self_contact: whether units and fingers touch one another, by the same law: "auto" models that from
+            where they come to press, true in every step, false lets them pass through one another.
+            Of a section model, and with `model.published`, "auto" is false.
         self_friction: coefficient of sliding between films; without meaning in the quasistatic mode.
     """
 
@@ -159,7 +161,7 @@ class ContactTable:
     stiffness_N_m3: Positive = 3e8
     smoothing_m: Positive = 1e-4
     stick_m: Positive = 1e-4
-    self_contact: bool = False
+    self_contact: Literal["auto", True, False] = "auto"
     self_friction: NonNegative = 0.5
 
 
@@ -529,6 +531,14 @@ class Scenario:
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
     controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})
     commands: tuple[CommandTable, ...] = field(default=(), metadata={"alias": "command"})
+
+    @property
+    def touches_itself(self) -> bool:
+        """Whether contact of the soft robot's films with one another is modelled, if any can meet."""
+        asked = self.contact.self_contact
+        return self.fidelity not in ("rigid", "section") and (
+            asked is True or (asked == "auto" and not self.model.published)
+        )
 
     @property
     def endless(self) -> bool:

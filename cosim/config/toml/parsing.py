@@ -277,7 +277,7 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
     if error["loc"][-1] == "schema" and value == SCHEMA - 1 and not isinstance(value, bool):
         return f"is {value}, that of older files; {REMEDY}"
     if node["type"] == "literal":
-        allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c) for c in node["expected"])
+        allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c).lower() for c in node["expected"])
         return f"got {describe(value)}; allowed: {allowed}"
     if node["type"] == "tagged-union" and isinstance(node["discriminator"], str):
         key, allowed = node["discriminator"], ", ".join(f"'{tag}'" for tag in node["choices"])

@@ -221,7 +221,8 @@ class _FilmHalves(SoftHalves):
         if soft.state.earlier is None:  # a first step looks back over one only
             servos, commands = servos.some(0, 1), commands.some(0, 1)
         quick, scheme = stepper.quick, stepper.scheme_of(soft.state, tick_s)
-        side = quick.sides.of(scheme, tick_s)
+        pressed = soft.state.touching is not None
+        side = quick.sides.of(scheme, tick_s, pressed=pressed)
         assert side is not None, "of a body and a factorisation that it knows"
         steps = FilmSteps(
             side, quick.begins(lenient=True), quick.begins(lenient=False),
@@ -229,6 +230,7 @@ class _FilmHalves(SoftHalves):
             AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
             self._nothing if contact is None else contact.arrays,
             self._no_films if films is None else films.contacts,
+            pressed and quick.sides.has_parts,
         )  # fmt: skip
         if films is not None:
             films.remember(soft.state.touching)
@@ -240,6 +242,8 @@ class _FilmHalves(SoftHalves):
             state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
             drive = ticks.flange(done), loads[done - 1]
             soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
+        if films is not None:
+            films.overlook(soft.state)
         if ending == SOFT_STEP_BEGUN:
             end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
             quick.begun = BegunStep(

@@ -385,7 +385,9 @@ class SoftArm(SoftSide):
         """Return what is seen of a shape; the next step does not depend on whether somebody has looked."""
         system, state = self._system, SoftState.at_rest(shape, self.state.memory)
         serving, memory = system.serving, system.memory.copy()
-        pairs = None if self.films is None else self.films.static_pairs(shape)
+        films = self.films
+        apart = films is None or (films.waits(state) and not films.press_at_rest(shape))
+        pairs = None if films is None or apart else films.static_pairs(shape)
         found = look(self._tested, state, replace(loads, self_contact=pairs), world_from_flange.rotation)
         system.serving, system.memory[:] = serving, memory
         return found

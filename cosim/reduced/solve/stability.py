@@ -13,8 +13,8 @@ from cosim.base.frames import Array, Mask
 from cosim.reduced.sections.assembly import change_frames
 from cosim.reduced.sections.section_strains import Bed
 from cosim.reduced.solve.clamp import node_motion
-from cosim.reduced.solve.commanded_cables import given_tensions
 from cosim.reduced.solve.newton import ChainSolver, whole_tangent
+from cosim.reduced.solve.time_step import given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.solve.assembly import SoftSystem

@@ -109,8 +109,8 @@ def _fit(
 ) -> None:
     """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`."""
     for r in range(2):
-        for c in range(3):
-            rigid[r, c] = 0.0
+        for j in range(3):
+            rigid[r, j] = 0.0
     share = 1.0 / (end - begin)
     for k in range(begin, end):
         n = nodes[k]
@@ -423,7 +423,7 @@ class FilmLists(NamedTuple):
     def room(cls, rows: FilmRows, meet: Mask, nodes: int) -> FilmLists:
         """Return room for the lists of a film with so many nodes, in which there is nothing yet."""
         points, triangles, units = len(rows.nodes), len(rows.triangles), len(rows.units_from) - 1
-        lists = (
+        long, short, quiet = (
             NearList(
                 np.zeros(points + 1, np.int64), np.empty(each * points, np.int64), np.empty((nodes, 3)),
                 np.empty((units, units)), np.full(2, -1.0),
@@ -432,10 +432,11 @@ class FilmLists(NamedTuple):
         )  # fmt: skip
         places = np.zeros(points, np.int64), np.zeros(triangles, np.int64), np.zeros(2, np.int64)
         scratch = np.empty((triangles, 13)), np.empty((triangles, 2)), np.empty((units, 2))
+        lists = long, short, quiet
         return cls(rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3)))
 
     def made(self, positions: Array, room_m: float) -> FilmLists:
-        """Return the lists with a new long one, with twice the room that it takes now where that is too little.
+        """Return the lists with a new long one, with more room where that is too little.
 
         Args:
             positions: (n, 3) [m], of the nodes.
@@ -475,7 +476,7 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
             square = _square_between(boxes, a, low[0], low[1], low[2], high[0], high[1], high[2])
             further = max(np.sqrt(square) - room, 0.0) if lists.meet[a, b] else np.inf
             allowed = (_MARGIN_M + further) / FEET_FOLLOW
-            # where the long list has pairs, it leaves a little to the short one, elsewhere half of what it allows
+            # where the long list has pairs, it leaves a little to the short one, elsewhere half
             short.allowed[a, b] = 0.5 * allowed if further > 0.0 else _MOTION_M
             long.allowed[a, b] = 0.5 * allowed if further > 0.0 else allowed - _MOTION_M
     _keep_places(x, long)

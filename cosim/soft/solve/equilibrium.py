@@ -154,9 +154,22 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
+        films, here = self.self_contact, (guess, state.memory, world_from_flange, loads)
+        if films is None or not films.waits(state):
+            return self._solve(films, *here)
+        found = self._solve(None, *here)
+        if not films.press_at_rest(found.state.positions):
+            return found
+        again = self._solve(films, *here)
+        return replace(again, iterations=found.iterations + again.iterations)
+
+    def _solve(
+        self, films: SelfContact | None, guess: Array, memory: Array, world_from_flange: Pose, loads: Loads
+    ) -> Equilibrium:
+        """Find the equilibrium near a guess, with contact of films or without."""
         frame = world_from_flange.rotation
-        result, loads = self._settle_contacts(guess, state.memory, loads, frame)
-        result = self._settle_friction(result, state.memory, loads, frame)
+        result, loads = self._settle_contacts(films, guess, memory, loads, frame)
+        result = self._settle_friction(result, memory, loads, frame)
         if not result.converged:
             system = self.solver.system
             raise ConvergenceError(
@@ -292,21 +305,39 @@ class EquilibriumSolver:
         Raises:
             ConvergenceError: it comes to rest nowhere.
         """
+        films = self.self_contact
+        if films is None or not films.waits(state):
+            return self._slide(films, state, world_from_flange, loads)
+        try:
+            found = self._slide(None, state, world_from_flange, loads)
+            if not films.press_at_rest(found.state.positions):
+                return found
+        except ConvergenceError:
+            if films.static_pairs(state.positions) is None:
+                raise
+        return self._slide(films, state, world_from_flange, loads)
+
+    def _slide(
+        self, films: SelfContact | None, state: SoftState, world_from_flange: Pose, loads: Loads
+    ) -> Equilibrium:
+        """Slide with contact of films or without."""
         start = self.clamp.place(state.positions, world_from_flange)
         self.effort.trying = "sliding to where it comes to rest"
         slid = slide(
-            self.solver, start, state.memory, lambda x: self._touched(x, loads), self.options, self.effort
-        )
+            self.solver, start, state.memory, lambda x: self._touched(films, x, loads), self.options,
+            self.effort,
+        )  # fmt: skip
         try:
-            rest = self.solve(SoftState.at_rest(slid.positions, slid.memory), world_from_flange, loads)
+            placed = self.clamp.place(slid.positions, world_from_flange)
+            rest = self._solve(films, placed, slid.memory, world_from_flange, loads)
         except ConvergenceError as error:
             error.iterations += slid.iterations
             raise
         return replace(rest, iterations=slid.iterations + rest.iterations, slides=1)
 
-    def _touched(self, positions: Array, loads: Loads) -> Loads:
+    def _touched(self, films: SelfContact | None, positions: Array, loads: Loads) -> Loads:
         """Return the loads with what is touched near given positions."""
-        films, obstacles = self.self_contact, self.obstacles
+        obstacles = self.obstacles
         planes = loads.contact if obstacles is None else obstacles(positions)
         pairs = None if films is None else films.static_pairs(positions, None, 0.0)
         return replace(loads, contact=planes, self_contact=pairs)
@@ -318,7 +349,7 @@ class EquilibriumSolver:
         return result
 
     def _settle_contacts(
-        self, start: Array, memory: Array, loads: Loads, frame: Array
+        self, films: SelfContact | None, start: Array, memory: Array, loads: Loads, frame: Array
     ) -> tuple[NewtonResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
@@ -330,7 +361,9 @@ class EquilibriumSolver:
         Raises:
             ConvergenceError: the contacts keep changing.
         """
-        films, obstacles = self.self_contact, self.obstacles
+        obstacles = self.obstacles
+        if films is None and loads.self_contact is not None:  # of an equilibrium before
+            loads = replace(loads, self_contact=None)
         if films is None and obstacles is None and not self.solver.system.freshens:
             return self._newton(start, memory, loads, frame), loads
         pairs, spent, shifted, trail, ways = None, 0, 0, [], None

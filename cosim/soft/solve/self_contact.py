@@ -34,7 +34,7 @@ from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, furt
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, settle_pairs
-from cosim.soft.contact.self_contact_search import BEHIND_M, find_over
+from cosim.soft.contact.self_contact_search import BEHIND_M, any_over, find_over
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
@@ -52,6 +52,8 @@ class FilmContactLaw:
     Args:
         law: of pressing and sticking, as on an obstacle.
         friction: coefficient of sliding.
+        throughout: whether every solution begins with what is near; otherwise one of films that have not
+            pressed before it is tried without, and taken again if they press at its end.
 
     Raises:
         InputError: the coefficient is negative, or not a number.
@@ -59,6 +61,7 @@ class FilmContactLaw:
 
     law: ContactLaw
     friction: float = 0.5
+    throughout: bool = True
 
     def __post_init__(self) -> None:
         if not self.friction >= 0.0:
@@ -77,8 +80,9 @@ class FilmContacts(NamedTuple):
         key: (k,) ascending; names pairs of point and unit.
         pairs: (k,).
         memory: (k,), of the last step.
-        counts: (2,), see `REMEMBERED` and `NEEDED`.
-        calls: (4,) addresses of kernels, see `CALLED`.
+        counts: (3,), see `REMEMBERED`, `NEEDED` and `OVERLOOKED`.
+        calls: (6,) addresses of kernels, see `FIND` and what follows.
+        waits: whether steps of films that do not press are first taken without contact.
     """
 
     lists: FilmLists
@@ -91,13 +95,17 @@ class FilmContacts(NamedTuple):
     memory: FilmMemoryRows
     counts: Indices
     calls: Indices
+    waits: bool
 
 
-REMEMBERED, NEEDED = range(2)
-"""Places in `FilmContacts.counts`: pairs that are remembered; rows that the last search would have needed."""
-FIND, SETTLE, ADD, _OVER = range(4)
+REMEMBERED, NEEDED, OVERLOOKED = range(3)
+"""Places in `FilmContacts.counts`: pairs that are remembered; rows that the last search would have needed;
+whether films pressed at the end of the last step, which was taken without contact."""
+FIND, SETTLE, ADD, PRESS, _OVER, _ANY = range(6)
 """Places in `FilmContacts.calls`."""
-_find_over = caller(find_over)
+_find_over, _any_over = caller(find_over), caller(any_over)
+THROUGH_M: Final = 1.5e-3
+"""How far behind a film a point is looked for that a step of slow films has taken there."""
 
 
 @handing_on_views
@@ -155,6 +163,23 @@ def find_pairs(films: FilmContacts, x: Matrix, velocity: Matrix, rest: float, ah
     return count
 
 
+@kernel
+def films_press(films: FilmContacts, x: Matrix, velocity: Matrix, ahead: float, through: float) -> int:
+    """Return at how many points films press on one another; -1 where there is too little room for lists.
+
+    Args:
+        films: whose lists are kept up to date.
+        x: (n, 3) [m].
+        velocity: (n, 3) [m/s].
+        ahead: the time [s] in whose way of the fastest node against the others films may have passed through.
+        through: how far slow ones may have [m].
+    """
+    lists, reach, behind = films.lists, 0.5 * films.pairs.widths[0], through
+    if ahead * furthest_from_mean(velocity) > through:
+        behind = BEHIND_M
+    return _any_over(films.calls[_ANY], (x, lists, reach, behind, films.calls[_OVER], films.hits[:0]))
+
+
 @final
 class SelfContact:
     """Finds the pairs of films that may touch.
@@ -167,17 +192,49 @@ class SelfContact:
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
         self.law, self.faces = law.law, FilmFaces.of(body)
         points = FilmPoints.of(self.faces, body.positions)
-        calls = np.array([address_of(called) for called in (find_pairs, settle_pairs, add_pairs, find_over)])
+        called = find_pairs, settle_pairs, add_pairs, films_press, find_over, any_over
+        self._overlooked: SoftState | None = None
         self.contacts = FilmContacts(
             FilmLists.room(FilmRows.of(self.faces, points), self.faces.units_meet, body.nodes),
             _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
-            *self._room(len(points)), np.zeros(2, np.int64), calls,
+            *self._room(len(points)), np.zeros(3, np.int64), np.array([address_of(each) for each in called]),
+            not law.throughout,
         )  # fmt: skip
 
     @property
     def rest_m(self) -> float:
         """How far films at rest look for one another in a step."""
         return 0.5 * self.law.smoothing_m + _STEP_REACH_M
+
+    def waits(self, state: SoftState) -> bool:
+        """Return whether a solution from a state is first tried without contact.
+
+        Args:
+            state: from which it begins.
+        """
+        return self.contacts.waits and state.touching is None and state is not self._overlooked
+
+    def overlook(self, state: SoftState) -> None:
+        """Take in whether kernels have found films that press after a step from a state without contact."""
+        self._overlooked = state if self.contacts.counts[OVERLOOKED] else None
+
+    def press(self, end: SoftState, step_s: float) -> bool:
+        """Return whether films press on one another at the end of a step without contact.
+
+        Args:
+            end: of the step.
+            step_s: length [s].
+        """
+        return self._press(end.positions, end.velocities, AHEAD_STEPS * step_s, THROUGH_M)
+
+    def press_at_rest(self, positions: Array) -> bool:
+        """Return whether films press on one another at positions (n, 3) [m], or have passed through."""
+        return self._press(positions, np.zeros_like(positions), 0.0, BEHIND_M)
+
+    def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
+        while (count := films_press(self.contacts, x, velocities, ahead_s, through_m)) < 0:
+            self.contacts = self.contacts._replace(lists=self.contacts.lists.made(x, BEHIND_M))
+        return count > 0
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
         """Return what may touch in a step, None for nothing.
@@ -219,7 +276,7 @@ class SelfContact:
     def remember(self, memory: FilmMemory | None) -> None:
         """Let the next step begin with contacts that press."""
         count = 0 if memory is None else memory.count
-        self.contacts.counts[REMEMBERED] = count
+        self.contacts.counts[REMEMBERED], self.contacts.counts[OVERLOOKED] = count, 0
         if memory is not None:
             self._make_room(count)
             for rows, name in zip(self.contacts.memory, FilmMemoryRows._fields, strict=True):

@@ -66,7 +66,7 @@ class FilmSides:
         solver: Newton's method for the body.
         clamp: nodes held by the flange.
         options: how steps are solved.
-        apart: whether parts of the body that nothing couples never touch one another.
+        apart: whether parts of the body that nothing couples are solved one by one unless they press.
     """
 
     def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
@@ -87,11 +87,18 @@ class FilmSides:
         return system.complete and system.conservative and frictionless and not system.slides
 
     @property
+    def has_parts(self) -> bool:
+        """Whether the body has parts that are solved one by one unless films press."""
+        return self._apart and len(self._solver.system.film.parts) > 2
+
+    @property
     def knows_factor(self) -> bool:
         """Whether kernels know the kind of the factorisation in store."""
         return self._solver.envelope is not None
 
-    def task(self, loads: Loads, share: Array, scheme: StepScheme, step_s: float) -> NewtonTask:
+    def task(
+        self, loads: Loads, share: Array, scheme: StepScheme, step_s: float, *, pressed: bool
+    ) -> NewtonTask:
         """Return what is solved in a step.
 
         Args:
@@ -99,23 +106,26 @@ class FilmSides:
             share: (segments, COLUMNS), see `SoftSystem.segment_share`.
             scheme: of the step.
             step_s: h [s].
+            pressed: whether films press on one another before it.
         """
         options = self._options
         step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
-        coupled = any(loads.gas) or any(loads.cable_length_m) or self._solver.system.slides
+        films = pressed or loads.self_contact is not None
+        coupled = films or any(loads.gas) or any(loads.cable_length_m) or self._solver.system.slides
         apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
-    def of(self, scheme: StepScheme, step_s: float) -> FilmSide:
+    def of(self, scheme: StepScheme, step_s: float, *, pressed: bool) -> FilmSide:
         """Return what the kernel takes for steps of a scheme under plain loads.
 
         Args:
             scheme: of the step.
             step_s: h [s].
+            pressed: whether films press on one another before it.
         """
-        return self._solver.side(self.task(self._plain, self._share, scheme, step_s))
+        return self._solver.side(self.task(self._plain, self._share, scheme, step_s, pressed=pressed))
 
     def take_over(self, side: FilmSide, scheme: StepScheme) -> None:
         """Take in how the kernel has left the factorisation after steps of a scheme."""
@@ -184,7 +194,8 @@ class QuickStepper:
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
         share = system.segment_share(state.positions, loads, state.memory)
-        solution = NewtonProgress(self.sides.task(loads, share, scheme, step_s), motion, options.newton)
+        task = self.sides.task(loads, share, scheme, step_s, pressed=state.touching is not None)
+        solution = NewtonProgress(task, motion, options.newton)
         # a contact that is half solved would push with a force of its own making
         films, lenient = loads.self_contact, loads.contact is None and loads.self_contact is None
         place = self.begins(lenient=lenient)
@@ -255,7 +266,7 @@ class ImplicitStepper:
         # of an ordinary step: until it is solved, and in a first go
         self._whole = options.whole
         self._first = replace(self._whole, iterations_max=options.iterations)
-        apart = self_contact is None or not self_contact.faces.can_meet
+        apart = self_contact is None or self_contact.contacts.waits or not self_contact.faces.can_meet
         self.quick = QuickStepper(solver, clamp, options, apart=apart)
         self._scheme: StepScheme | None = None
 
@@ -284,7 +295,29 @@ class ImplicitStepper:
         """
         if not 0.0 < step_s < math.inf:
             raise InputError(f"step {step_s} s must be positive and finite")
-        scheme, loads = self.scheme_of(state, step_s), self._with_films(state, loads, step_s)
+        first = self._with_films(state, loads, step_s)
+        end, result = self._step(state, world_from_flange, first, step_s, before, aim)
+        films, spent = self.self_contact, result.iterations
+        if films is None or not films.waits(state) or not films.press(end, step_s):
+            return end, result
+        pairs = films.step_pairs(state, step_s)
+        if pairs is None:
+            return end, result
+        again = replace(loads, self_contact=pairs)
+        end, result = self._step(state, world_from_flange, again, step_s, before, aim)
+        return end, replace(result, iterations=spent + result.iterations)
+
+    def _step(
+        self,
+        state: SoftState,
+        world_from_flange: Pose,
+        loads: Loads,
+        step_s: float,
+        before: Pose | None,
+        aim: StepAim | None,
+    ) -> tuple[SoftState, NewtonResult]:
+        """Advance by one step with the films that may touch one another in it; see `step`."""
+        scheme = self.scheme_of(state, step_s)
         begun = self.quick.has_begun(state)  # where the flange turns far, no step is
         turns = before is not None and not begun and _turn(before, world_from_flange) > LARGE_TURN_RAD
         drive, start = (world_from_flange, loads), None if aim is None else aim.start
@@ -324,10 +357,11 @@ class ImplicitStepper:
         return SoftState(result.positions, velocities, memory, earlier, touching), result
 
     def _with_films(self, state: SoftState, loads: Loads, step_s: float) -> Loads:
-        """Return the loads with the films that may touch one another in the step."""
-        if self.self_contact is None:
+        """Return the loads with the films that may touch one another in a step from a state."""
+        films = self.self_contact
+        if films is None or films.waits(state):
             return loads
-        return replace(loads, self_contact=self.self_contact.step_pairs(state, step_s))
+        return replace(loads, self_contact=films.step_pairs(state, step_s))
 
     def factorise(self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float) -> bool:
         """Factorise the tangent of a step that ends at a state; False where it is indefinite.
