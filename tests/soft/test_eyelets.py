@@ -125,13 +125,13 @@ def test_derivatives_where_some_eyelets_stick_and_some_slip(length: bool) -> Non
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, rows, route.memory)
-        assert system.low_rank is not None
-        hessian = dense(system.pattern, system.blocks) + system.low_rank.matrix()
+        hessian = dense(system.pattern, system.blocks)
+        if system.low_rank is not None:
+            hessian += system.low_rank.matrix()
         return energy, system.gradient.copy(), hessian
 
-    evaluate(x)
-    assert system.low_rank is not None
-    assert len(system.low_rank.coefficients) == 2 + length
+    slid = np.abs(system.memory - route.memory)[system.film.eyelets.places]
+    assert (slid > 1e-9).tolist() == [True, False, False]
     # steps that stay on the same side of every limit
     assert max(derivative_errors(evaluate, x, 2e-7)) < RELATIVE
 

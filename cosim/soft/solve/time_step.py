@@ -84,7 +84,7 @@ class FilmSides:
         """Whether kernels know all that the body is made of, and cables lose the same in all its shapes."""
         system = self._solver.system
         frictionless = all(cable.friction_coefficient == 0.0 for cable in system.body.cables)
-        return system.complete and system.conservative and frictionless and not system.slides
+        return system.complete and system.conservative and frictionless
 
     @property
     def knows_factor(self) -> bool:
@@ -104,7 +104,7 @@ class FilmSides:
         step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
-        coupled = any(loads.gas) or any(loads.cable_length_m) or self._solver.system.slides
+        coupled = any(loads.gas) or any(loads.cable_length_m)
         apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
