@@ -113,11 +113,7 @@ def test_derivatives_where_some_eyelets_stick_and_some_slip(length: bool) -> Non
     route = Route(CORNERS, loss_factor=0.8, friction_coefficient=0.1, loss_N=0.2, stiffness_N_m=2e3)
     route.take(along(CORNERS, 0.1), pulled(10.0))
     x, back = route.x.copy(), along(CORNERS, 0.1)
-    back[2] += (
-        0.0,
-        1e-3,
-        0.0,
-    )  # the cable slides to the tip through the first eyelet, and sticks at the others
+    back[2, 1] += 1e-3  # the cable slides to the tip through the first eyelet, and sticks at the others
     x[:4] = back
     commanded = (route.cable.length(x) - 5e-3,) if length else ()
     loads = Loads((), (10.0,), NO_WEIGHT, cable_length_m=commanded)
@@ -125,13 +121,14 @@ def test_derivatives_where_some_eyelets_stick_and_some_slip(length: bool) -> Non
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, rows, route.memory)
-        assert system.low_rank is not None
-        hessian = dense(system.pattern, system.blocks) + system.low_rank.matrix()
+        hessian = dense(system.pattern, system.blocks)
+        if system.low_rank is not None:
+            hessian += system.low_rank.matrix()
         return energy, system.gradient.copy(), hessian
 
     evaluate(x)
-    assert system.low_rank is not None
-    assert len(system.low_rank.coefficients) == 2 + length
+    slid = np.abs(system.memory - route.memory)[system.film.eyelets.places]
+    assert (slid > 1e-9).tolist() == [True, False, False]
     # steps that stay on the same side of every limit
     assert max(derivative_errors(evaluate, x, 2e-7)) < RELATIVE
 

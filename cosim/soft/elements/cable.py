@@ -89,6 +89,20 @@ def segment_length(x: Matrix, a: int, b: int) -> float:
     return length if s >= 1.0 else ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s))
 
 
+@device_function
+def segment_gradient(x: Matrix, a: int, b: int, gradient: Vector) -> None:
+    """Fill the derivative (3,) of a segment's length by its far node."""
+    square = 0.0
+    for r in range(3):
+        gradient[r] = x[b, r] - x[a, r]
+        square += gradient[r] * gradient[r]
+    length = np.sqrt(square)
+    s = length / ROUNDED_m
+    over = 1.0 / length if s >= 1.0 else (1.5 - 0.5 * s * s) / ROUNDED_m
+    for r in range(3):
+        gradient[r] *= over
+
+
 @kernel
 def add_segments(
     x: Matrix, segments: IndexTable, tension: Vector, slots: IndexTable, gradient: Matrix, blocks: Blocks
@@ -183,7 +197,7 @@ class Cable(Element):
 
     @property
     def coupled(self) -> IntArray:
-        return self.segments
+        return self.nodes[None] if self.remembers else self.segments
 
     @property
     def remembers(self) -> bool:

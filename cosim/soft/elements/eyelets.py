@@ -19,8 +19,8 @@ it slides. A cable's own stretch does not slide it.
 For one solution limits are frozen where it begins. Then all d_j have one potential,
     energy = sum_j phi_j(A_j - R_j),  phi_j' = d_j:  a parabola between two straight lines,
     gradient = -d_j dR_j/dx,
-    Hessian = k g_j g_j^T, g_j = dR_j/dx, of those that stick, one dense term each; the rest is in the
-    segments' tensions T_i = T_0 - sum_(j <= i) d_j.
+    Hessian = k g_j g_j^T, g_j = dR_j/dx, of those that stick: all eyelets of a cable are coupled; the rest
+    is in the segments' tensions T_i = T_0 - sum_(j <= i) d_j.
 Those that slip as a solution begins follow T_0 as far as f says (share r_i = T_i / T_0 of factors alone), so
 that a tension or a length that is commanded at the base is felt beyond. A solution that moves away from
 there is repeated in statics, and wherever lengths are commanded, until it moves no more; in motion limits
@@ -38,9 +38,20 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.base.frames import Array
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector, kernel
-from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_length
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Indices,
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_gradient, segment_length
+from cosim.soft.linear.pattern import add_block
 
 SHARE, RATIO, ANCHOR, LOWER, UPPER, GIVEN, STICKS = range(7)
 """What columns of frozen losses are, segment by segment: what it carries of the tension at the base end (of
@@ -61,14 +72,22 @@ class EyeletLaws(NamedTuple):
         routes: (cables + 1,), where the segments of each cable begin.
         places: (s,), where the eyelet's anchor is in the memory, -1 where it remembers nothing.
         laws: (s, 4), c, mu, F [N] and k [N/m].
-        ones: (s,).
     """
 
     segments: IndexTable
     routes: Indices
     places: Indices
     laws: Matrix
-    ones: Vector
+
+    @property
+    def tied(self) -> list[IntArray]:
+        """Nodes of each cable that remembers, base to tip; none of the others."""
+        own = (self.segments[first:last] for first, last in pairwise(self.routes.tolist()))
+        firsts = self.places[self.routes[:-1]]
+        return [
+            np.append(rows[:, 0], rows[-1, 1]) if place >= 0 else np.zeros(0, np.int64)
+            for rows, place in zip(own, firsts, strict=True)
+        ]
 
 
 @kernel
@@ -163,6 +182,64 @@ def pull_eyelets(
     return energy
 
 
+@device_function
+def _bend(x: Matrix, segments: IndexTable, own: tuple[int, int], node: int, bend: Vector) -> None:
+    """Fill the derivative (3,) of a cable's length by one of its eyelets.
+
+    own: where its segments begin and end; node: which eyelet, from 0.
+    """
+    first, last = own
+    ahead = small_vector(3)
+    for r in range(3):
+        bend[r] = 0.0
+    if node > 0:
+        segment_gradient(x, segments[first + node - 1, 0], segments[first + node - 1, 1], bend)
+    if first + node < last:
+        segment_gradient(x, segments[first + node, 0], segments[first + node, 1], ahead)
+        for r in range(3):
+            bend[r] -= ahead[r]
+
+
+@kernel
+def hold_eyelets(
+    x: Matrix, eyelets: EyeletLaws, rows: Matrix, cable: int, slots: Indices, blocks: Blocks
+) -> None:
+    """Add the Hessian of those eyelets of a cable that stick.
+
+    Args:
+        x: (n, 3) [m].
+        eyelets: see `EyeletLaws`.
+        rows: (s, COLUMNS), as `pull_eyelets` has left them.
+        cable: which one.
+        slots: of all pairs of its eyelets, see `BlockPattern.slots`.
+        blocks: (b, 3, 3) [N/m].
+    """
+    first, last = eyelets.routes[cable], eyelets.routes[cable + 1]
+    one, two, begins = small_vector(3), small_vector(3), small_vector(3)
+    value = small_matrix(3, 3)
+    before = 0.0
+    for b in range(last - first):
+        k = eyelets.laws[first + b, 3] * rows[first + b, STICKS]
+        if before + k > 0.0:
+            segment_gradient(x, eyelets.segments[first + b, 0], eyelets.segments[first + b, 1], begins)
+            _bend(x, eyelets.segments, (first, last), b, two)
+            for a in range(b, last - first + 1):
+                _bend(x, eyelets.segments, (first, last), a, one)
+                for r in range(3):
+                    own = -begins[r] if a == b else one[r]
+                    for c in range(3):
+                        value[r, c] = before * one[r] * two[c] - k * own * begins[c]
+                add_block(blocks, slots[a * (a + 1) // 2 + b], value)
+        before += k
+    # the anchor, where no segment begins
+    _bend(x, eyelets.segments, (first, last), last - first, one)
+    for r in range(3):
+        for c in range(3):
+            value[r, c] = before * one[r] * one[c]
+    a = last - first
+    add_block(blocks, slots[a * (a + 1) // 2 + a], value)
+
+
 @kernel
 def eyelet_loss(x: Matrix, eyelets: EyeletLaws, before: Vector, after: Vector) -> float:
     """Return the work lost at all eyelets [J] from one accepted state to the next.
@@ -203,7 +280,6 @@ def eyelet_laws(cables: tuple[Cable, ...], places: tuple[slice, ...]) -> EyeletL
         np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64),
         np.concatenate([none, *where]),
         np.concatenate([np.zeros((0, 4)), *laws]),
-        np.ones(sum(counts)),
     )
 
 

@@ -21,7 +21,7 @@ from cosim.soft.elements import gas
 from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import Remembered
-from cosim.soft.elements.eyelets import STICKS, pull_eyelets
+from cosim.soft.elements.eyelets import hold_eyelets, pull_eyelets
 from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
@@ -48,14 +48,15 @@ gas_potential = device_function(gas.gas_potential)
 
 _CALLED = (
     add_membranes, add_hinges, add_segments, add_pressure, add_cap, add_cap_force, add_gravity, add_inertia,
-    pull_eyelets,
+    pull_eyelets, hold_eyelets,
 )  # fmt: skip
-_MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _EYELETS, _BEAMS, _FRAMES = range(
-    len(_CALLED) + 2
-)
+(
+    _MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _EYELETS, _HELD, _BEAMS,
+    _FRAMES,
+) = range(len(_CALLED) + 2)  # fmt: skip
 (
     _add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_cap_force, _add_gravity,
-    _add_inertia, _pull_eyelets,
+    _add_inertia, _pull_eyelets, _hold_eyelets,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_beam_rings, _add_frame_rings, _add_contacts, _add_pairs = map(
     caller, (add_beam_rings, add_frames, add_contacts, add_pairs)
@@ -79,7 +80,7 @@ class FilmActing(NamedTuple):
 
 
 def term_calls(*, beams: bool, frames: bool) -> list[int]:
-    """Return the addresses (11,) of the kernels of the terms; of beams and frames 0 where there are none."""
+    """Return the addresses (12,) of the kernels of the terms; of beams and frames 0 where there are none."""
     some = (add_beam_rings, beams), (add_frames, frames)
     return [*map(address_of, _CALLED), *(address_of(called) if there else 0 for called, there in some)]
 
@@ -175,7 +176,9 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
             lost = point.x, film.eyelets, more.eyelets, c, point.tracked, pull
             energy += _pull_eyelets(film.calls[_EYELETS], lost)
             if with_hessian:
-                _hold_eyelets(film, routes[c], routes[c + 1], more, point)
+                own = slots.cables[slots.first_of_cable[c] : slots.first_of_cable[c + 1]]
+                held = point.x, film.eyelets, more.eyelets, c, own, point.blocks
+                _hold_eyelets(film.calls[_HELD], held)
     segments = film.segments[first:last], pull[first:last], slots.segments[first:last]
     filled = point.gradient, point.blocks
     return energy + _add_segments(film.calls[_SEGMENTS], (point.x, *segments, *filled))
@@ -199,20 +202,6 @@ def _pull_cable(film: Any, c: int, more: FilmLoads, with_hessian: bool, point: A
             added = point.x, *weights, more.vectors[c], film.no_blocks
             _add_segments(film.calls[_SEGMENTS], added)
     return more.spring[c] * (energy - force * weighted)
-
-
-@device_function
-def _hold_eyelets(film: Any, first: int, last: int, more: FilmLoads, point: Any) -> None:
-    """Fill what those eyelets of a cable that stick add to a Hessian."""
-    for s in range(first, last):
-        row = more.length.shape[0] + s
-        more.coefficients[row] = 0.0
-        if more.eyelets[s, STICKS] > 0.0:
-            more.coefficients[row] = film.eyelets.laws[s, 3]
-            more.vectors[row, :, :] = 0.0
-            beyond = film.segments[s:last], film.eyelets.ones[s:last], film.no_slots.segments
-            added = point.x, *beyond, more.vectors[row], film.no_blocks
-            _add_segments(film.calls[_SEGMENTS], added)
 
 
 @device_function

@@ -67,6 +67,8 @@ class FilmSlots(NamedTuple):
         triangles: (m, 6).
         hinges: (h, 10).
         segments: (s, 3).
+        cables: of all eyelets of cables that remember, cable after cable.
+        first_of_cable: (cables + 1,), where those of each begin.
         gas: (t, 6), of `gas_triangles`.
         caps: of ring after ring.
         first_of_cap: (caps + 1,), where those of each begin.
@@ -78,6 +80,8 @@ class FilmSlots(NamedTuple):
     triangles: IndexTable
     hinges: IndexTable
     segments: IndexTable
+    cables: Indices
+    first_of_cable: Indices
     gas: IndexTable
     caps: Indices
     first_of_cap: Indices
@@ -90,7 +94,7 @@ class FilmArrays(NamedTuple):
     """Films, hinges, cables, beams, chambers and masses of one body.
 
     Args:
-        calls: (11,) addresses of the kernels.
+        calls: (12,) addresses of the kernels.
         triangles: (m, 3), film after film.
         shape_gradients: (m, 3, 2), see `Membranes`.
         areas: (m,) [m^2].
@@ -180,9 +184,8 @@ class FilmLoads(NamedTuple):
         eyelets: (s, COLUMNS), losses frozen as well; empty where no cable remembers, see `eyelets`.
         force: (n, 3) [N], on the nodes; empty for none.
         found: (chambers, 2), filled with gauge pressure [Pa] and volume [m^3] of each.
-        vectors: (cables + s + chambers, n, 3), filled with what a Hessian has of dense terms, of each kind
-            where there are some.
-        coefficients: (cables + s + chambers,), of these; 0 for none.
+        vectors: (cables + chambers, n, 3), filled with what a Hessian has of dense terms.
+        coefficients: (cables + chambers,), of these; 0 for none.
     """
 
     share: Vector

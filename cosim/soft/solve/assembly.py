@@ -332,9 +332,11 @@ def film_slots(film: FilmArrays, pattern: BlockPattern) -> FilmSlots:
     """Return where pairs of a film's nodes are in a pattern."""
     rings = [film.rings[a:b] for a, b in zip(film.caps[:-1], film.caps[1:], strict=True)]
     caps, none = [pattern.slots(ring[None, :])[0] for ring in rings], np.zeros(0, np.int64)
+    tied = [pattern.slots(nodes[None])[0] if len(nodes) else none for nodes in film.eyelets.tied]
     return FilmSlots(
         pattern.slots(film.triangles), pattern.slots(film.hinges), pattern.slots(film.segments),
-        pattern.slots(film.gas_triangles), np.concatenate([none, *caps]), _firsts(caps),
+        np.concatenate([none, *tied]), _firsts(tied), pattern.slots(film.gas_triangles),
+        np.concatenate([none, *caps]), _firsts(caps),
         np.concatenate([none, *(pattern.slots(ring).ravel() for ring in _rings(film.beams))]),
         np.concatenate([none, *(pattern.slots(ring).ravel() for ring in _rings(film.frames))]),
         np.flatnonzero(pattern.row == pattern.column),
@@ -364,8 +366,8 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
             raise InputError("a sealed gas needs a closed body; this one has open caps")
         nothing = (0.0, 0.0, 0.0, 0.0)
         gas = np.array([nothing if each is None else each.numbers for each in sealed])
-    eyelets = rows if any(cable.remembers for cable in cables) else rows[:0]
-    dense = len(lengths) + len(eyelets) + len(gas)
+    eyelets = rows.copy() if any(cable.remembers for cable in cables) else rows[:0]
+    dense = len(lengths) + len(gas)
     force = np.zeros((0, 3)) if loads.nodal_force is None else np.array(loads.nodal_force, order="C")
     return FilmLoads(
         rows[:, SHARE].copy(), np.array([np.nan if length is None else length for length in lengths]), spring,
@@ -376,7 +378,19 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
 
 def _no_slots(caps: int) -> FilmSlots:
     table, none = np.zeros((0, 0), np.int64), np.zeros(0, np.int64)
-    return FilmSlots(table, table, table, table, none, np.zeros(caps + 1, np.int64), none, none, none)
+    return FilmSlots(
+        table,
+        table,
+        table,
+        none,
+        np.zeros(1, np.int64),
+        table,
+        none,
+        np.zeros(caps + 1, np.int64),
+        none,
+        none,
+        none,
+    )
 
 
 def _parts(rows: Sequence[Sequence[IntArray] | IntArray], apart: IntArray) -> IntArray:

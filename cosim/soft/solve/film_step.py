@@ -35,6 +35,8 @@ from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED
 from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.contact.self_contact_pairs import add_pair_blocks
+from cosim.soft.elements.eyelets import SHARE as FROZEN_SHARE
+from cosim.soft.elements.eyelets import freeze_losses
 from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
     AGAIN,
@@ -55,6 +57,7 @@ from cosim.soft.film.step_arrays import (
     RESIDUAL,
     RUN,
     SEARCHES,
+    SEGMENTS,
     SHARE,
     SLOPE,
     SOLUTION,
@@ -121,17 +124,18 @@ def largest_residual(x: Matrix, values: Matrix, counted: Masks) -> float:
 
 _CALLED = (
     fill_bed, fill_flight, place_flight, largest_residual, keep_pair, keep_folds_open, place_held, film_terms,
+    freeze_losses,
 )  # fmt: skip
-_BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS = range(len(_CALLED))
+_BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS, _FREEZE = range(len(_CALLED))
 (
     _fill_bed, _fill_flight, _place_flight, _largest_residual, _keep_pair, _keep_folds_open, _place_held,
-    _film_terms,
+    _film_terms, _freeze_losses,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_pair_blocks = caller(add_pair_blocks)
 
 
 def step_calls() -> IntArray:
-    """Return the addresses (8,) of the kernels that a step calls."""
+    """Return the addresses (9,) of the kernels that a step calls."""
     return np.array([address_of(called) for called in _CALLED])
 
 
@@ -180,6 +184,10 @@ def _copy_memory(film: FilmArrays, part: int, values: Vector, to: Vector) -> Non
     hinges = film.angles[0]
     first, end = hinges + film.parts[part, HINGES], hinges + film.parts[part + 1, HINGES]
     copy(values[first:end], to[first:end])
+    for s in range(film.parts[part, SEGMENTS], film.parts[part + 1, SEGMENTS]):
+        place = film.eyelets.places[s]
+        if place >= 0:
+            to[place] = values[place]
     for k in range(film.parts[part, BEAMS], film.parts[part + 1, BEAMS]):
         group = film.beams.groups[k]
         first, end = group[3], group[3] + REMEMBERED * group[1] * group[2]
@@ -473,11 +481,17 @@ def _solve_part(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, p
 
 
 @device_function
-def _prepare(side: FilmSide, motion: Any, place: Any) -> None:
+def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
     """Let all parts be solved from where the motion ends, or a step from where it begins."""
     work, steps = side.work, place.begins == BEGINS_STEP
     if steps:
         _begin(side, motion)
+        if work.more.eyelets.shape[0] > 0:
+            given = motion.x, side.film.eyelets, motion.memory, tension, work.more.eyelets
+            _freeze_losses(work.calls[_FREEZE], given)
+            for s in range(work.more.share.shape[0]):
+                if side.film.eyelets.places[s] >= 0:
+                    work.more.share[s] = work.more.eyelets[s, FROZEN_SHARE]
     copy(motion.new_memory, work.reference)
     copy_rows(motion.new_x, work.served[0])
     for k in range(side.film.parts.shape[0] - 1):
@@ -511,7 +525,7 @@ def film_step(
     turn, parts = small_matrix(3, 3), work.parts[:count]
     acting = FilmActing(loads, work.more, touching, side.bed)
     if place.begins != GOES_ON:
-        _prepare(side, motion, place)
+        _prepare(side, loads.tension, motion, place)
     served, tangents, residual, energy, done = 0, 0, 0.0, 0.0, True
     for k in range(count):
         if parts[k, TO_DO] != 0.0:

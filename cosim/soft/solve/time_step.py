@@ -84,7 +84,7 @@ class FilmSides:
         """Whether kernels know all that the body is made of, and cables lose the same in all its shapes."""
         system = self._solver.system
         frictionless = all(cable.friction_coefficient == 0.0 for cable in system.body.cables)
-        return system.complete and system.conservative and frictionless and not system.slides
+        return system.complete and system.conservative and frictionless
 
     @property
     def has_parts(self) -> bool:
@@ -113,7 +113,7 @@ class FilmSides:
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
         films = pressed or loads.self_contact is not None
-        coupled = films or any(loads.gas) or any(loads.cable_length_m) or self._solver.system.slides
+        coupled = films or any(loads.gas) or any(loads.cable_length_m)
         apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
