@@ -26,8 +26,8 @@ from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
-from cosim.results.curves import figure_kind
 from cosim.results.exports import COLLECTION, write_csv, write_film
+from cosim.results.result import figure_kind
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")

@@ -17,13 +17,13 @@ from cosim.config.loading import load_scenario
 from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
+from cosim.errors import InputError
 from cosim.recording import colours
 from cosim.trade.candidates import Candidate, candidates_of
 from cosim.trade.measuring import Measured, Telling, compile_for_trade, measure
 from cosim.trade.report import (
     Requirement,
     as_json,
-    can_draw,
     choice_lines,
     draw,
     markdown,
@@ -78,10 +78,10 @@ def _write(
     directory.claim(TABLE, FIGURES, PLOT)
     directory.write(TABLE, table)
     directory.write(FIGURES, as_json(scenario.name, results, requirement))
-    if can_draw():
+    try:
         draw(scenario.title, results, directory.path / PLOT)
-    else:
-        tell("no plot: it needs matplotlib (pip install matplotlib)")
+    except InputError as error:
+        tell(f"no plot: {error}")
 
 
 def _requirement(options: argparse.Namespace) -> Requirement | None:

@@ -31,8 +31,7 @@ from cosim.base.resources import writing
 from cosim.devices.device_report import DeviceNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision
-from cosim.results.curves import ArrayText, array_texts
-from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, frame_rows
+from cosim.results.result import COLUMNS, FRAME_COLUMNS, ArrayText, RunResult, array_texts, frame_rows
 from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:

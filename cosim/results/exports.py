@@ -20,8 +20,7 @@ from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array, IntArray
 from cosim.base.resources import writing
 from cosim.errors import InputError
-from cosim.results.curves import array_texts
-from cosim.results.result import COLUMNS, RunResult
+from cosim.results.result import COLUMNS, RunResult, array_texts
 
 
 def write_csv(result: RunResult, path: Path) -> None:

@@ -27,8 +27,7 @@ from cosim.base.resources import is_file, writing
 from cosim.config.loading import module_of_file
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.results.curves import figure_kind, unit_by_name
-from cosim.results.result import RunResult
+from cosim.results.result import RunResult, figure_kind, unit_by_name
 
 Measure = Callable[[RunResult], Mapping[str, float]]
 """Returns more columns of a run, by names that end in their unit."""

@@ -28,6 +28,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.writing import to_table
 from cosim.errors import InputError, ScenarioError
+from cosim.results.result import figure_kind
 from cosim.trade.candidates import Candidate, short_candidates
 from cosim.trade.measuring import (
     FORCE_MEAN,
@@ -321,17 +322,8 @@ _STYLES = {
 }
 
 
-def can_draw() -> bool:
-    """Whether matplotlib is installed."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        return False
-    return True
-
-
 def draw(title: str, results: Sequence[Measured], path: Path) -> None:
-    """Draw errors of the candidates that a choice is made from into a PNG file; needs matplotlib.
+    """Draw errors of the candidates that a choice is made from into a PNG file.
 
     Positions, the flange force's moving mean, and contact forces where there are any, over the speed.
 
@@ -339,17 +331,18 @@ def draw(title: str, results: Sequence[Measured], path: Path) -> None:
         title: of the scenario.
         results: all candidates.
         path: of the file.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    kind = figure_kind()
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     shown = [result for result in eligible(results) if result.comparable]
     front = pareto_front(shown)
     moving = any(math.isfinite(result.object_error_m) for result in shown)
     touching = any(result.contact_error_N > 0.0 for result in shown)
-    figure = Figure(figsize=(15.0 if touching else 11.0, 4.8))
-    FigureCanvasAgg(figure)
+    figure = kind(figsize=(15.0 if touching else 11.0, 4.8))
     left, *others = figure.subplots(1, 3 if touching else 2)
     _scatter(left, shown, [1e3 * result.position_error_m for result in shown])
     left.plot([r.real_time_factor for r in front], [1e3 * r.position_error_m for r in front], "k--", lw=0.8,

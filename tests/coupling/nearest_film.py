@@ -11,17 +11,27 @@ from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTrian
 
 
 class Nearest(NamedTuple):
-    """Which points are near enough, at what triangle, and how far from it [m], negative behind the film."""
+    """Which points are near enough, and the nearest point of the film.
+
+    Fields: at what triangle and with which weights of its corners it is, how far from there the point is [m],
+    negative behind the film, and the normal out of the film.
+    """
 
     point: IntArray
     triangle: IntArray
+    weight: Array
     distance: Array
+    normal: Array
 
 
-def nearest_film(points: Array, film: FilmTriangles, reach: FilmReach) -> Nearest:
-    """Return for each point the film triangle nearest to it, where it is near enough; nothing was held."""
+def nearest_film(
+    points: Array, film: FilmTriangles, reach: FilmReach, held: IntArray | None = None
+) -> Nearest:
+    """Return for each point the film triangle nearest to it; `held` (k,) is the one that has held it back."""
     room, indices = len(points), np.zeros((2, len(points)), np.int64)
+    held = np.full(room, -1) if held is None else held
     lists = TriangleLists.around(points, *film, max(reach.front_m, reach.depth_m))
     rows = FeatureRows(*indices, np.empty((room, 3)), np.empty((room, 4)))
-    count = film_near(np.ascontiguousarray(points), film, lists, reach, np.full(room, -1), rows)
-    return Nearest(rows.point[:count], rows.triangle[:count], rows.found[:count, 0])
+    count = film_near(np.ascontiguousarray(points), film, lists, reach, held, rows)
+    first = rows.point[:count], rows.triangle[:count], rows.weight[:count]
+    return Nearest(*first, rows.found[:count, 0], rows.found[:count, 1:])

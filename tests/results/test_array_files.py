@@ -18,8 +18,7 @@ import cosim
 from cosim.app import api
 from cosim.errors import ConvergenceError
 from cosim.results.array_files import stage_of, stored_stage
-from cosim.results.curves import array_texts
-from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
+from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, array_texts
 from tests.cli.interrupted import Command, interrupt_at
 
 REFERENCE = "ur5e_hexagon_arm"

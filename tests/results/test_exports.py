@@ -15,7 +15,7 @@ import pytest
 import cosim
 from cosim.app import api
 from cosim.cli.main import main
-from cosim.results.curves import panels
+from cosim.results.result import panels
 
 REFERENCE = "ur5e_hexagon_arm"
 

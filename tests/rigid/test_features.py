@@ -7,7 +7,8 @@ from scipy.spatial import ConvexHull
 
 from cosim.base.frames import Array, IntArray
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles, near_film
+from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
+from tests.coupling.nearest_film import nearest_film
 from tests.rigid.shapes import compiled, hull_vertices, level, to_world
 
 
@@ -52,7 +53,7 @@ def test_distance_to_the_film_is_that_of_the_body_it_encloses() -> None:
     points = np.random.default_rng(0).uniform(-0.016, 0.016, size=(3000, 3))
     beyond = np.abs(points) - 0.01
     wanted = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
-    hits = near_film(points, FilmTriangles(x, triangles), FilmReach(0.004, 0.003))
+    hits = nearest_film(points, FilmTriangles(x, triangles), FilmReach(0.004, 0.003))
     inside_range = (wanted < 0.004) & (wanted > -0.003)
     np.testing.assert_array_equal(hits.point, np.flatnonzero(inside_range))
     np.testing.assert_allclose(hits.distance, wanted[inside_range], atol=1e-12)
@@ -71,8 +72,8 @@ def test_points_beside_a_sharp_seam_are_outside() -> None:
             triangles[t] = a, c, b
     points = np.random.default_rng(0).uniform(-0.012, 0.012, size=(3000, 3)) * (1.0, 1.0, 0.3)
     inside = (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) < 0.0
-    hits = near_film(points, FilmTriangles(corners, triangles), FilmReach(0.02, 0.02))
-    assert len(hits) == len(points)
+    hits = nearest_film(points, FilmTriangles(corners, triangles), FilmReach(0.02, 0.02))
+    assert len(hits.point) == len(points)
     assert inside.sum() > 100
     np.testing.assert_array_equal(hits.distance < 0.0, inside)
 
@@ -86,8 +87,8 @@ def test_what_a_face_has_held_back_does_not_come_out_of_the_other_face_of_a_shar
 
     def face(place: list[float], held: int) -> int:
         film = FilmTriangles(x, triangles)
-        hits = near_film(np.array([place]), film, FilmReach(0.004, 0.004), held=np.array([held]))
-        assert len(hits) == 1
+        hits = nearest_film(np.array([place]), film, FilmReach(0.004, 0.004), held=np.array([held]))
+        assert len(hits.point) == 1
         return int(hits.triangle[0])
 
     below_the_middle = [1.6e-3, 0.0, -1e-4]  # 0.49 mm behind the upper face, 0.29 mm behind the lower one
