@@ -398,7 +398,11 @@ class LightBodies:
         self._ahead = arrays.bodies.leads.ahead
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        self._counts, self._gives, self._ticks = arrays.counts, arrays.gives, min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
+        self._counts, self._gives, self._ticks = (
+            arrays.counts,
+            arrays.gives,
+            min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS),
+        )
         exchange.ask_for_weighing_after(self._ticks)
         self.ratio, self._room = 0.0, RENEW_ABOVE
         self.trials = 1
@@ -428,8 +432,10 @@ class LightBodies:
             touched = step.touched
             self._counts[MET] += len(touched) > 0
             # what has been light may be held by something else by now
-            if len(touched) and (self._counts[MET] > self._ticks or not np.isin(touched, self._known).all()):
-                self._learn(step)
+            new = not np.isin(touched, self._known).all()
+            if len(touched) and (new or self._counts[MET] > self._ticks):
+                if new or not self._held / _OTHER < step.held_N_m() < self._held * _OTHER:
+                    self._learn(step)
                 self._counts[MET] = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
@@ -457,7 +463,7 @@ class LightBodies:
         if self._heavy[~loaded].any():  # whoever touches them next finds out again
             self._known, self._stiffness = np.zeros(0, np.int64), np.zeros((0, 0))
         self._heavy[~loaded] = 0
-        # where contacts are as stiff as they were when S was found, that serves; bodies just found heavy have it
+        # where contacts are as stiff as when S was found, that serves; bodies just found heavy have it
         before = self._touching * RENEW_ABOVE / self._room
         before = np.where(before > 0.0, before, held)
         exchange.arrays.counts[AGE] = 0
@@ -500,7 +506,7 @@ class LightBodies:
         self._tell_kernels()
 
     def _tell_kernels(self) -> None:
-        """Let kernels take ticks in which known bodies go where the film has met them, if nothing holds these.
+        """Let kernels take ticks in which known bodies go where the film has met them, unless held.
 
         What else holds them only makes them go less far.
         """
@@ -527,7 +533,10 @@ class LightBodies:
             _ratio(stiffness, self._tick_s**2 * self._exchange.bodies.mobility(bodies, held=held))
             for held in (True, False)
         )
-        self.ratio, self._room = free, max(RENEW_ABOVE, min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9)))
+        self.ratio, self._room = (
+            free,
+            max(RENEW_ABOVE, min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9))),
+        )
         return held <= RATIO_BOUND and free <= _HELD_RATIO
 
     def _learn(self, step: _Step) -> None:
