@@ -208,7 +208,7 @@ def _take_soft_step(
 
 @device_function
 def _may_give_way(contact: ContactArrays, found: int) -> int:
-    """Return 1 if a body is near that may give way, 2 if one is that bears a load, and how it does is not known."""
+    """Return 1 if a body is near that may give way, 2 if how it does is not known of one that is loaded."""
     bodies, body, near = contact.bodies, contact.touched.planes.body, 0
     for e in range(found):
         b = body[e]

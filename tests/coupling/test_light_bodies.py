@@ -119,3 +119,40 @@ def test_what_a_light_ball_does_hangs_on_its_mass_no_longer() -> None:
     assert milligram.height == pytest.approx(gram.height, abs=1e-3)
     strongest = [float(np.linalg.norm(found.force, axis=1).max()) for found in (gram, milligram)]
     assert strongest[0] / strongest[1] == pytest.approx(100.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size_m", "mass_kg", "tick_s"),
+    [("sphere", (0.015,), 1e-3, 4e-3), ("box", (0.03, 0.03, 0.03), 1e-4, 2e-3)],
+)
+def test_what_is_pressed_on_a_table_is_not_thrown_as_it_gets_loose(
+    shape: str, size_m: tuple[float, ...], mass_kg: float, tick_s: float
+) -> None:
+    # 50 and 900 times its weight; the box left with 8 m/s, as MuJoCo's contact gave way to it by 10 mm
+    half = size_m[0] if shape == "sphere" else 0.5 * size_m[0]
+    table = SceneObject("table", "box", (0.4, 0.4, 0.05), (0.0, 0.0, 0.975))
+    item = SceneObject("item", shape, size_m, (0.0, 0.0, 1.0 + half), mass_kg=mass_kg)
+    scene = RigidScene(SceneDescription(find_arm("ur5e"), tick_s=tick_s, objects=(table, item)))
+    x, triangles = icosphere(2, RADIUS_M)
+    x = x @ np.array([[np.cos(0.3), 0.0, -np.sin(0.3)], [0.0, 1.0, 0.0], [np.sin(0.3), 0.0, np.cos(0.3)]])
+    held = np.flatnonzero(x[:, 2] > 0.6 * RADIUS_M)
+    body = SoftBody.from_arrays(x, triangles, Film(1e8, 0.3, 1e-4), node_mass=1.2e-4, base=held, tip=held)
+    high = np.array([0.0, 0.0, 1.002 + 2.0 * half + RADIUS_M])
+    soft = SoftArm(
+        body, Pose(np.eye(3), high), NewtonOptions(), StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
+    )
+    exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
+    holder: Any = FixedFlange(scene, Pose(np.eye(3), high))
+    coupling = StaggeredCoupling(Interface(holder, soft, Wrench(), exchange))
+    index, places, forces = scene.body_names.index("item"), [], []
+    for time_s in np.arange(0.0, 0.5, tick_s):  # 1 mm deep after 0.15 s, until 0.3 s, and up again
+        deep = min(time_s / 0.15, 1.0, max(0.0, (0.4 - time_s) / 0.1))
+        holder.flange_pose = Pose(np.eye(3), high - np.array([0.0, 0.0, 0.003 * deep]))
+        one_tick(coupling, scene.joint_position, np.zeros(6), Loads((5e3,), (), (0.0, 0.0, -GRAVITY)))
+        places.append(scene.body_poses()[0][index] - item.position_m)
+        forces.append(-exchange.report.on_each(len(scene.body_names))[index, 2])
+    way = np.array(places)
+    assert max(forces) > 0.4
+    assert np.abs(np.diff(way, axis=0)).max() / tick_s < 0.5
+    assert np.abs(way[:, 2]).max() < 1e-3
+    assert np.abs(way[-1]).max() < 1e-3

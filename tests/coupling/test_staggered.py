@@ -229,7 +229,7 @@ def test_only_the_change_of_acceleration_meets_the_algorithmic_mass() -> None:
 
 def test_past_accelerations_are_kept_when_the_ratio_is_found_anew() -> None:
     here, found_anew = rig(CARRIED_MASS_KG, integrator="bdf2"), 0
-    here.ticks(15, 0.002)
+    here.ticks(35, 0.002)
     for _ in range(8):
         found_anew += here.coupling.interface.to_be_weighed
         before = here.coupling.save_state().past

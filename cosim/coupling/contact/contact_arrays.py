@@ -249,8 +249,8 @@ class ContactArrays(NamedTuple):
         movable: (f,) bodies that can be touched, and that loads can move.
         heavy: (f,), 1 for those that are met where they are, see `LightBodies`.
         touching: (f,) [N/m], stiffness of their contacts when they were weighed.
-        gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it, for a change of
-            its load in a tick, over what may be; `UNKNOWN` where that is not known.
+        gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it for a
+            change of its load in a tick, over what may be; `UNKNOWN` where that is not known.
         speed: (1,) [m/s], of the film's fastest node before the step.
         counts: (7,).
         calls: of the kernels that these call.

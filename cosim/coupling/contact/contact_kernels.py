@@ -494,7 +494,7 @@ def _take_for_last(memory: MemoryRows, kept: MemoryRows, pressing: int) -> None:
 
 @device_function
 def _changed(contact: Any, b: int, first: int) -> float:
-    """Return the change of the force (first 0) or torque (3) on a body at the end of a step, about its centre."""
+    """Return by how much the force (first 0) or torque (3) on a body, about its centre, has changed."""
     load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3

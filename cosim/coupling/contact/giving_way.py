@@ -432,8 +432,10 @@ class LightBodies:
             touched = step.touched
             self._counts[MET] += len(touched) > 0
             # what has been light may be held by something else by now
-            if len(touched) and (self._counts[MET] > self._ticks or not np.isin(touched, self._known).all()):
-                self._learn(step)
+            new = not np.isin(touched, self._known).all()
+            if len(touched) and (new or self._counts[MET] > self._ticks):
+                if new or not self._held / _OTHER < step.held_N_m() < self._held * _OTHER:
+                    self._learn(step)
                 self._counts[MET] = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
@@ -461,7 +463,7 @@ class LightBodies:
         if self._heavy[~loaded].any():  # whoever touches them next finds out again
             self._known, self._stiffness = np.zeros(0, np.int64), np.zeros((0, 0))
         self._heavy[~loaded] = 0
-        # where contacts are as stiff as they were when S was found, that serves; bodies just found heavy have it
+        # where contacts are as stiff as when S was found, that serves; bodies just found heavy have it
         before = self._touching * RENEW_ABOVE / self._room
         before = np.where(before > 0.0, before, held)
         exchange.arrays.counts[AGE] = 0
@@ -504,7 +506,7 @@ class LightBodies:
         self._tell_kernels()
 
     def _tell_kernels(self) -> None:
-        """Let kernels take ticks in which known bodies go where the film has met them, if nothing holds these.
+        """Let kernels take ticks in which known bodies go where the film has met them, unless held.
 
         What else holds them only makes them go less far.
         """

@@ -82,8 +82,8 @@ def _error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
 # So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.
-_WEIGHED_AFTER_S, _SELDOM_AFTER_S, _FAR_RATIO = 0.04, 0.1, 0.25
-_FEWEST_TICKS, _MOST_TICKS, _MOST_TICKS_FAR = 10, 20, 50
+_WEIGHED_AFTER_S, _SELDOM_AFTER_S, _FAR_RATIO = 0.08, 0.25, 0.25
+_FEWEST_TICKS, _MOST_TICKS, _MOST_TICKS_FAR = 10, 40, 64
 
 
 @final

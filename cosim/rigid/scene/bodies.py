@@ -208,7 +208,12 @@ def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         mujoco.mju_sparse2dense(jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
     else:
         jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
-    lacking = data.efc_aref - jacobian @ data.qacc
+    # by what acted in the last step: with all of them first, as who is let go of slowly is held all the same
+    held = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, held)
+    held += (jacobian.T * data.efc_D) @ jacobian
+    _, accelerations, _ = lapack.dposv(held, data.qfrc_smooth + jacobian.T @ (data.efc_D * data.efc_aref))
+    lacking = data.efc_aref - jacobian @ accelerations
     force, kind = data.efc_D * lacking, data.efc_type
     acts = (kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY) | (force > 0.0)
     rubs = kind == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
