@@ -106,13 +106,13 @@ def _make_rotation(turn: Matrix, minors: Matrix) -> None:
 
 @device_function
 def _fit(
-    x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix, minors: Matrix
+    x: Matrix, before: Matrix, nodes: Indices, span: tuple[int, int, int], rigid: Matrix, minors: Matrix
 ) -> None:
     """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`.
 
-    Of many nodes some are enough: any rigid motion will do.
+    The span says from which on, up to which, and every how many: any rigid motion will do.
     """
-    step = max(1, (end - begin) // _FITTED)
+    begin, end, step = span
     for r in range(2):
         for j in range(3):
             rigid[r, j] = 0.0
@@ -622,14 +622,20 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
     minors, rigid = small_matrix(3, 3), lists.rigid
     units = start.shape[0] - 1
     for a in range(units):
-        _fit(x, before, nodes, start[a], start[a + 1], rigid[a], minors)
+        some = start[a], start[a + 1], max(1, (start[a + 1] - start[a]) // _FITTED)
+        _fit(x, before, nodes, some, rigid[a], minors)
         moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
         moved[a, 1] = _radius(before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
+        fits = False
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
             went = moved[a, 0] + moved[b, 0] + _rigid_difference(rigid[a], rigid[b], moved[b, 1])
             if not went <= allowed:
+                if not fits:
+                    _fit(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
+                    moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+                    fits = True
                 went = moved[a, 0] + _deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
             if not went <= allowed:
                 return False
