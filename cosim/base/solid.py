@@ -51,6 +51,22 @@ class Solid:
 
 @final
 @dataclass(frozen=True)
+class FilmInLink:
+    """Where a film is in a link of the arm that carries it.
+
+    Args:
+        link: its name.
+        depth_m: of the deepest node.
+        node: this.
+    """
+
+    link: str
+    depth_m: float
+    node: int
+
+
+@final
+@dataclass(frozen=True)
 class LinkContact:
     """A link that touches something.
 

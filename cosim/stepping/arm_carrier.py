@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
-from cosim.base.solid import BodyShape, LinkContact
+from cosim.base.solid import BodyShape, FilmInLink, LinkContact
 from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
@@ -170,6 +170,9 @@ class ArmCarrier(Carrier):
     def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
         self._touching = self._scene.links.at(joints, places, quaternions)
         return self._touching
+
+    def film_in_links(self, positions: Array, joints: Array) -> tuple[FilmInLink, ...]:
+        return self._scene.links.with_film(positions, joints)
 
     def with_links(self, error: SolverError) -> SolverError:
         touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)

@@ -22,7 +22,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Obstacles
 
 if TYPE_CHECKING:  # a scene without an arm does not wait for MuJoCo
-    from cosim.base.solid import LinkContact
+    from cosim.base.solid import FilmInLink, LinkContact
 
 
 class Carrier(ABC):
@@ -133,6 +133,10 @@ class Carrier(ABC):
 
     def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
         """Return both with the arm at joints (joints,) [rad] and bodies as in `body_poses`."""
+        return ()
+
+    def film_in_links(self, positions: Array, joints: Array) -> tuple[FilmInLink, ...]:
+        """Return in which links of the arm at joints (joints,) [rad] nodes (n, 3) [m] of a film are."""
         return ()
 
     def with_links(self, error: SolverError) -> SolverError:

@@ -170,10 +170,10 @@ class DynamicSimulation(SteppedRun):
             if branching is not None and branching.extent >= WHOLE
         }
 
-    def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, FilmOverlap]:
-        """Return where films have passed through one another after some ticks."""
-        soft, rows = self._parts.soft, self._looked_at(to, taken.done)
-        return {row: found for row in rows if (found := soft.overlap(taken.shapes[row])) is not None}
+    def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
+        """Return where films are in one another, or in links of the arm, after some ticks."""
+        rows, joints = self._looked_at(to, taken.done), taken.ticks.joints
+        return {row: self._parts.overlaps(taken.shapes[row], joints[row]) for row in rows}
 
     def _footing(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, Footing]:
         """Return how firmly the soft robot stands at the end of a phase, where it touches nothing."""
@@ -208,7 +208,7 @@ class DynamicSimulation(SteppedRun):
             devices=(report,) * n,
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
             branchings=self._undecided(taken, asked, to, footing),
-            overlap=self._overlaps(taken, to),
+            overlaps=self._overlaps(taken, to),
             footing=footing,
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate
 from typing import Any, Final, final
 
@@ -23,6 +24,7 @@ from cosim.plan.plan import PhasePlan, Plan, RobotCommand, SoftCommand, loads_of
 from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import place_of
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.contact.self_contact_memory import FilmMemory
@@ -155,7 +157,7 @@ class TickState:
         joint_torque: (joints,) [N m], of the servos.
         touched: what the soft robot presses on.
         branchings: unstable states that the soft robot has met on the way.
-        overlap: of its films.
+        overlaps: of its films.
         ends_phase: whether it is looked at how firmly it stands.
     """
 
@@ -170,7 +172,7 @@ class TickState:
     joint_torque: Array
     touched: ContactReport = NOTHING_TOUCHED
     branchings: tuple[Branching, ...] = ()
-    overlap: FilmOverlap | None = None
+    overlaps: tuple[FilmOverlap, ...] = ()
     ends_phase: bool = False
 
 
@@ -219,6 +221,19 @@ class Parts:
     def looks_at_links(self, first: int, count: int) -> range:
         """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
         return range(-first % self._looked_every, count, self._looked_every)
+
+    def overlaps(self, shape: Any, joints: Array) -> tuple[FilmOverlap, ...]:
+        """Return where films are in one another, or in links of the arm.
+
+        Args:
+            shape: of `SoftSide.shape_now`.
+            joints: (joints,) [rad].
+        """
+        positions = self.shape_reader.positions(shape)
+        own, inside = self.soft.overlap(positions), self.carrier.film_in_links(positions, joints)
+        place = partial(place_of, self.soft.body, positions)
+        links = (FilmOverlap(each.depth_m, place(each.node), each.link) for each in inside)
+        return (*links, *(() if own is None else (own,)))
 
     def command(self, step: StepToTake) -> RobotCommand:
         """Return what is asked for in a step that is then taken."""
@@ -283,6 +298,6 @@ class Parts:
             devices=devices,
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
             branchings=branchings,
-            overlap=moment.overlap,
+            overlaps=moment.overlaps,
             footing=footing,
         )

@@ -155,6 +155,7 @@ class QuasistaticSimulation(SteppedRun):
         assert here is not None, "the run has begun"
         if here.loads.contact is not None:
             touched = ContactReport.of(here.loads.contact, here.loads.contact.at(here.state.positions))
+        joints = parts.carrier.joint_position
         rigid_power = here.wrench.power(motion.twist)
         ledger = LedgerEntry(
             here.wrench, rigid_power, motion.soft_power_W, here.residual_N, spent, 0.0, False,
@@ -164,7 +165,7 @@ class QuasistaticSimulation(SteppedRun):
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
             motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
             self._branchings(to, here.branchings),
-            parts.soft.overlap(here.state.positions) if self._looked_at(to, 1) else None,
+            parts.overlaps(parts.soft.shape_now(), joints) if self._looked_at(to, 1) else (),
             to.done == self._counts[to.phase],
         )  # fmt: skip
         return parts.snapshot(moment, ledger, time.perf_counter() - began)

@@ -443,36 +443,46 @@ def joined_branchings(
 
 
 def joined_overlaps(
-    found: list[dict[str, Any]], phase: str, time_s: float, overlap: FilmOverlap
+    found: list[dict[str, Any]], phase: str, time_s: float, overlaps: Sequence[FilmOverlap]
 ) -> list[dict[str, Any]]:
-    """Return the overlaps of films of a run so far: the deepest of each phase, and since when there is one.
+    """Return the overlaps of a run so far: the deepest of each phase and link, and since when there is one.
 
     Args:
         found: before.
         phase: name of the phase.
-        time_s: at which films overlap.
-        overlap: that was found then.
+        time_s: of the look.
+        overlaps: that were found then.
     """
-    if not found or found[-1]["phase"] != phase:
-        return [*found, {"phase": phase, "since_s": time_s, "time_s": time_s} | vars(overlap)]
-    deepest = {"time_s": time_s} | vars(overlap) if overlap.depth_m > found[-1]["depth_m"] else {}
-    return [*found[:-1], found[-1] | deepest]
+    joined = list(found)
+    for overlap in overlaps:
+        here = [k for k, row in enumerate(joined) if (row["phase"], row["link"]) == (phase, overlap.link)]
+        row = {"phase": phase, "since_s": time_s, "time_s": time_s} | vars(overlap)
+        if not here:
+            joined.append(row)
+        elif overlap.depth_m > joined[here[0]]["depth_m"]:
+            joined[here[0]] = row | {"since_s": joined[here[0]]["since_s"]}
+    return joined
 
 
 def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
-    """Return a sentence on how deep films have passed through one another, if they have.
+    """Return a sentence on how deep films have passed through one another, and one on each link they are in.
 
     Args:
         overlaps: of the summary.
     """
-    if not overlaps:
-        return []
-    deepest = max(overlaps, key=lambda row: float(row["depth_m"]))
-    return [
-        f"films pass through one another from {overlaps[0]['since_s']:.4g} s on, by up to "
-        f"{1e3 * deepest['depth_m']:.2g} mm (phase '{deepest['phase']}', {deepest['place']}); "
-        "with contact.self_contact = true they press on one another"
-    ]
+    lines = []
+    for link in dict.fromkeys(row.get("link") for row in overlaps):  # older runs know of no links
+        rows = [row for row in overlaps if row.get("link") == link]
+        deepest = max(rows, key=lambda row: float(row["depth_m"]))
+        what = (
+            "films pass through one another" if link is None else f"the film is in link '{link}' of the arm"
+        )
+        remedy = '; with contact.self_contact = "auto" they press on one another' if link is None else ""
+        lines.append(
+            f"{what} from {rows[0]['since_s']:.4g} s on, by up to {1e3 * deepest['depth_m']:.2g} mm "
+            f"at {deepest['time_s']:.4g} s (phase '{deepest['phase']}', {deepest['place']}){remedy}"
+        )
+    return lines
 
 
 _OF_FOOTING: Final = (

@@ -279,7 +279,7 @@ class Snapshot(Shown):
         devices: what pumps, winches and controllers do; None in a scenario without.
         link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
         branchings: unstable states that the soft robot has met in the tick, or is in.
-        overlap: of its films, at ticks at which it is looked for.
+        overlaps: of its films, at ticks at which it is looked for.
         footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
     """
 
@@ -304,7 +304,7 @@ class Snapshot(Shown):
     devices: ActuationReport | None = None
     link_contacts: tuple[LinkContact, ...] = ()
     branchings: tuple[Branching, ...] = ()
-    overlap: FilmOverlap | None = None
+    overlaps: tuple[FilmOverlap, ...] = ()
     footing: Footing | None = None
 
     @property

@@ -150,6 +150,7 @@ class SummaryBuilder:
         self._max_contact_depth_m = 0.0
         self._max_self_contact_force_N = 0.0
         self._max_self_contact_depth_m = 0.0
+        self._self_contact_since_s: float | None = None
         self._arm = ArmFigures()
         self._tip_path = TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
@@ -170,8 +171,10 @@ class SummaryBuilder:
         name = self._stage.phase_names[self._last.phase]
         for row, passed in batch.branchings.items():
             self._branchings = joined_branchings(self._branchings, name, batch.time_s.item(row), passed)
-        for row, overlap in batch.overlap.items():
-            self._overlaps = joined_overlaps(self._overlaps, name, batch.time_s.item(row), overlap)
+        for row, overlaps in batch.overlaps.items():
+            self._overlaps = joined_overlaps(self._overlaps, name, batch.time_s.item(row), overlaps)
+        if self._self_contact_since_s is None and batch.self_contacts.any():
+            self._self_contact_since_s = batch.time_s.item(int(np.argmax(batch.self_contacts > 0)))
         self._exchange = self._exchange.after(batch)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
@@ -253,6 +256,7 @@ class SummaryBuilder:
             "max_contact_depth_m": self._max_contact_depth_m,
             "max_self_contact_force_N": self._max_self_contact_force_N,
             "max_self_contact_depth_m": self._max_self_contact_depth_m,
+            "self_contact_since_s": self._self_contact_since_s,
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],

@@ -87,7 +87,7 @@ class TickBatch(RigidColumns):
         devices: n; None where a scenario has none.
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.
-        overlap: of its films, by row; rows left out have none, or were not looked at.
+        overlaps: of its films, by row; rows left out have none, or were not looked at.
         footing: of the soft robot, by row, at ends of phases.
     """
 
@@ -123,7 +123,7 @@ class TickBatch(RigidColumns):
     devices: Sequence[ActuationReport | None]
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
     branchings: Mapping[int, tuple[Branching, ...]]
-    overlap: Mapping[int, FilmOverlap]
+    overlaps: Mapping[int, tuple[FilmOverlap, ...]]
     footing: Mapping[int, Footing]
 
     @classmethod
@@ -159,7 +159,7 @@ class TickBatch(RigidColumns):
             devices=[snapshot.devices for snapshot in snapshots],
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
-            overlap=by_row("overlap"),
+            overlaps=by_row("overlaps"),
             footing=by_row("footing"),
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
@@ -206,7 +206,7 @@ class TickBatch(RigidColumns):
             devices=[report for batch in batches for report in batch.devices],
             link_contacts=by_row("link_contacts"),
             branchings=by_row("branchings"),
-            overlap=by_row("overlap"),
+            overlaps=by_row("overlaps"),
             footing=by_row("footing"),
             **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
         )
@@ -231,7 +231,7 @@ class TickBatch(RigidColumns):
             devices=[self.devices[row] for row in places],
             link_contacts=by_row(self.link_contacts),
             branchings=by_row(self.branchings),
-            overlap=by_row(self.overlap),
+            overlaps=by_row(self.overlaps),
             footing=by_row(self.footing),
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
@@ -258,7 +258,7 @@ class TickBatch(RigidColumns):
             devices=self.devices[row],
             link_contacts=self.link_contacts.get(row, ()),
             branchings=self.branchings.get(row, ()),
-            overlap=self.overlap.get(row),
+            overlaps=self.overlaps.get(row, ()),
             footing=self.footing.get(row),
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
@@ -355,5 +355,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlap", "footing")
+_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlaps", "footing")
 _ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)

@@ -267,7 +267,7 @@ def test_fingers_that_may_touch_are_one_part() -> None:
     state = hung(arm).state
     films = SelfContact(arm.body, FilmContactLaw(ContactLaw()))
     apart, coupled = (
-        move.quick.sides.of(move.scheme_of(state, STEP_S), STEP_S)
+        move.quick.sides.of(move.scheme_of(state, STEP_S), STEP_S, pressed=False)
         for move in (ImplicitStepper(arm.newton, arm.clamp, StepOptions(), each) for each in (None, films))
     )
     assert apart.film.parts[:, NODES].tolist() == bounds_of(arm.body)

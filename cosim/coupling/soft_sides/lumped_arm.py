@@ -383,11 +383,10 @@ class SoftArm(SoftSide):
         loads: Loads,
     ) -> Found:
         """Return what is seen of a shape; the next step does not depend on whether somebody has looked."""
-        system, state = self._system, SoftState.at_rest(shape, self.state.memory)
+        system, state = self._system, SoftState.at_rest(shape, self.state.memory, self.state.touching)
         serving, memory = system.serving, system.memory.copy()
         films = self.films
-        apart = films is None or (films.waits(state) and not films.press_at_rest(shape))
-        pairs = None if films is None or apart else films.static_pairs(shape)
+        pairs = None if films is None or films.waits(state) else films.static_pairs(shape)
         found = look(self._tested, state, replace(loads, self_contact=pairs), world_from_flange.rotation)
         system.serving, system.memory[:] = serving, memory
         return found

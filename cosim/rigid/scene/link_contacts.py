@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, cast, final
 
 import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.base.solid import LinkContact, Solid, SolidShape
+from cosim.base.solid import FilmInLink, LinkContact, Solid, SolidShape
+from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import ArmLayout
 
 _SHAPES: Final[dict[int, SolidShape]] = {
@@ -94,6 +96,7 @@ def _vertices(model: mujoco.MjModel, geom: int) -> Array:
 
 
 _SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves
+_IN_LINK_M = 1e-4
 _LINK, _OBJECT = 1, 2  # bits: links look for both, objects for links only
 
 
@@ -130,6 +133,8 @@ class LinkContacts:
         self._names = [own.body(i).name for i in range(own.nbody)]
         self._found = mujoco.MjData(own)
         self._joined = _joined_pairs(own)
+        near = [body for body in range(own.nbody) if frozenset((body, layout.mount)) in self._joined]
+        self._far = np.flatnonzero(link_geom & ~np.isin(own.geom_bodyid, near))
         # MuJoCo adds the margins of both
         own.geom_margin[:], own.body_margin[:] = 0.5 * _SEEN_M, 0.5 * _SEEN_M
         # where nothing else moves, an arm that has hardly moved since it was clear is clear
@@ -156,8 +161,7 @@ class LinkContacts:
         if self._arm_alone and np.abs(joints - self._seen_at).sum() * self._reach_m < self._clearance_m:
             return ()
         model, data = self._model, self._found
-        data.qpos[:] = self._live.qpos
-        data.qpos[self._layout.positions] = joints
+        self._pose(joints)
         if places is not None and quaternions is not None:
             for joint in self._free:
                 first, body = model.jnt_qposadr[joint], model.jnt_bodyid[joint]
@@ -168,6 +172,40 @@ class LinkContacts:
         mujoco.mj_collision(model, data)
         self._seen_at, self._clearance_m = joints.copy(), self._smallest_distance(data)
         return self._read(data) if self._clearance_m <= 0.0 else ()
+
+    def _pose(self, joints: Array) -> None:
+        self._found.qpos[:] = self._live.qpos
+        self._found.qpos[self._layout.positions] = joints
+
+    def with_film(self, points: Array, joints: Array) -> tuple[FilmInLink, ...]:
+        """Return in which links a film on the flange is by more than 0.1 mm, but for those next to it.
+
+        Args:
+            points: (n, 3) [m], its nodes, world.
+            joints: (joints,) [rad].
+        """
+        self._pose(joints)
+        mujoco.mj_kinematics(self._model, self._found)
+        places, sizes = self._found.geom_xpos[self._far], self._model.geom_rbound[self._far]
+        off = places - np.clip(places, points.min(axis=0), points.max(axis=0))
+        if not (np.linalg.norm(off, axis=1) < sizes).any():
+            return ()
+        query = self._query
+        query.update()
+        low, high = points.min(axis=0), points.max(axis=0)
+        hits = query.distances(points, 0.0, query.near(low, high, 0.0))
+        deepest: dict[int, int] = {}
+        for row in np.argsort(hits.distance)[::-1].tolist():
+            deepest[int(query.body[hits.shape[row]])] = row
+        return tuple(
+            FilmInLink(self._names[body], -float(hits.distance[row]), int(hits.point[row]))
+            for body, row in sorted(deepest.items())
+            if hits.distance[row] < -_IN_LINK_M
+        )
+
+    @cached_property
+    def _query(self) -> ContactQuery:
+        return ContactQuery(self._model, self._found, self._far)
 
     def _smallest_distance(self, data: mujoco.MjData) -> float:
         """Return how near links are to touching [m], `_SEEN_M` at most."""

@@ -53,6 +53,7 @@ BEYOND_EDGES: Final = 0.02
 """Barycentric weight by which a foot may lie outside of a triangle: none slips through between two."""
 FEET_FOLLOW: Final = 1.0 + 4.0 * BEYOND_EDGES
 """How far a foot moves at most, in a triangle whose corners move by no more than 1."""
+_FITTED = 24  # nodes to which a rigid motion is fitted, at least, if there are so many
 _ITERATIONS_MAX = 30
 _FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
 
@@ -105,20 +106,24 @@ def _make_rotation(turn: Matrix, minors: Matrix) -> None:
 
 @device_function
 def _fit(
-    x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix, minors: Matrix
+    x: Matrix, before: Matrix, nodes: Indices, span: tuple[int, int, int], rigid: Matrix, minors: Matrix
 ) -> None:
-    """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`."""
+    """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`.
+
+    The span says from which on, up to which, and every how many: any rigid motion will do.
+    """
+    begin, end, step = span
     for r in range(2):
         for j in range(3):
             rigid[r, j] = 0.0
-    share = 1.0 / (end - begin)
-    for k in range(begin, end):
+    share = 1.0 / len(range(begin, end, step))
+    for k in range(begin, end, step):
         n = nodes[k]
         for r in range(3):
             rigid[0, r] += share * x[n, r]
             rigid[1, r] += share * before[n, r]
     a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(begin, end):
+    for k in range(begin, end, step):
         n = nodes[k]
         u, v, w = before[n, 0] - rigid[1, 0], before[n, 1] - rigid[1, 1], before[n, 2] - rigid[1, 2]
         p, q, s = x[n, 0] - rigid[0, 0], x[n, 1] - rigid[0, 1], x[n, 2] - rigid[0, 2]
@@ -342,7 +347,7 @@ def _list_point(
     rows: FilmRows,
     p: int,
     point: Vector,
-    triangles: Matrix,
+    boxes: tuple[Matrix, Matrix],
     near: Indices,
     limit: float,
     listed: Indices,
@@ -350,7 +355,10 @@ def _list_point(
 ) -> int:
     """Add the triangles of a point to the list; return how many entries there are then."""
     x, y, z = point[0], point[1], point[2]
+    triangles, bundles = boxes
     for entry in range(near.shape[0]):
+        if _square_between(bundles, near[entry], x, y, z, x, y, z) > limit:
+            continue
         begin, end = rows.triangles_from[near[entry]], rows.triangles_from[near[entry] + 1]
         # across a valley a point counts nothing that it hangs on
         valley = rows.relation[rows.homes[p, 0], rows.films[begin, 0]] == VALLEY
@@ -381,7 +389,7 @@ def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: I
         found = _fill_near(rows, bundles, own, rows.homes[begin, 0], limit, near)
         for p in range(begin, end):
             first[p] = total
-            total = _list_point(rows, p, points[p], triangles, near[:found], limit, listed, total)
+            total = _list_point(rows, p, points[p], (triangles, bundles), near[:found], limit, listed, total)
     first[rows.nodes.shape[0]] = total
     return total
 
@@ -399,7 +407,7 @@ class FilmLists(NamedTuple):
         used: triangles that have one.
         counts: (2,), how many points and triangles these are.
         sides: (t, 13), see `_measure_side`; scratch.
-        lowest: (t, 2), see `_fill_lowest`; scratch.
+        lowest: (t, 6), see `_fill_plane` and `_fill_lowest`; scratch.
         moved: (u, 2) [m], deviation and radius of each unit; scratch.
         went: (u, u) [m], how far two units have moved against each other, in the upper triangle; scratch.
         rigid: (u, 5, 3), mean now and before of each unit, and its rotation in between; scratch.
@@ -431,7 +439,7 @@ class FilmLists(NamedTuple):
             for each in (8, 8, 0)
         )  # fmt: skip
         places = np.zeros(points, np.int64), np.zeros(triangles, np.int64), np.zeros(2, np.int64)
-        scratch = np.empty((triangles, 13)), np.empty((triangles, 2)), np.empty((units, 2))
+        scratch = np.empty((triangles, 13)), np.empty((triangles, 6)), np.empty((units, 2))
         lists = long, short, quiet
         return cls(rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3)))
 
@@ -526,19 +534,30 @@ def _steepest_slope(side: Vector) -> float:
 
 
 @device_function
-def _fill_lowest(sides: Matrix, lowest: Matrix) -> None:
-    """Fill by what weight a foot may be outside of each triangle (t, 2) and come into it in a small motion.
+def _fill_plane(x: Matrix, corners: Indices, lowest: Vector) -> None:
+    """Fill a triangle's plane: normal, and its distance from the origin."""
+    normal = lowest[:3]
+    plane_of(x, corners, normal)
+    lowest[3] = 0.0
+    for r in range(3):
+        lowest[3] += normal[r] * x[corners[0], r]
+
+
+@device_function
+def _fill_lowest(side: Vector, lowest: Vector) -> None:
+    """Fill by what weight a foot may be outside of a triangle and come into it in a small motion.
 
     First of a point at no distance, then what is added over distance [1/m]. A narrow triangle may turn far.
     """
-    across = FEET_FOLLOW * _MOTION_M
-    for t in range(sides.shape[0]):
-        steepest = _steepest_slope(sides[t])
-        sine = 2.0 * _MOTION_M * steepest / (1.0 - 2.0 * _MOTION_M * steepest)
-        lowest[t, 0], lowest[t, 1] = -np.inf, 0.0
-        if 0.0 <= sine < 1.0:
-            lowest[t, 1] = -steepest * sine / np.sqrt(1.0 - sine * sine)
-            lowest[t, 0] = -BEYOND_EDGES - across * steepest + across * lowest[t, 1]
+    across, steepest = FEET_FOLLOW * _MOTION_M, _steepest_slope(side)
+    sine = 2.0 * _MOTION_M * steepest / (1.0 - 2.0 * _MOTION_M * steepest)
+    lowest[4], lowest[5] = -np.inf, 0.0
+    if 0.0 <= sine < 1.0:
+        lowest[5] = -steepest * sine / np.sqrt(1.0 - sine * sine)
+        lowest[4] = -BEYOND_EDGES - across * steepest + across * lowest[5]
+
+
+_SEEN, _LISTED = 1, 2  # of a triangle: measured, in the short list
 
 
 @device_function
@@ -546,10 +565,10 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
     """Fill the short list with what may come within reach in front of a triangle, or behind it."""
     rows, long, short, sides, count = lists.rows, lists.long, lists.short, lists.sides, 0
     across, place, lowest, points = FEET_FOLLOW * _MOTION_M, small_vector(3), lists.lowest, 0
+    furthest = max(reach, behind) + across
     for t in range(sides.shape[0]):
-        _measure_side(x, rows.triangles[t], sides[t])
+        _fill_plane(x, rows.triangles[t], lowest[t])
         lists.used[t] = 0
-    _fill_lowest(sides, lowest)
     for p in range(rows.nodes.shape[0]):
         short.first[p] = count
         if long.first[p] == long.first[p + 1]:
@@ -558,19 +577,24 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
         px, py, pz = place[0], place[1], place[2]
         for entry in range(long.first[p], long.first[p + 1]):
             t = long.listed[entry]
-            d = over_plane(sides[t], px, py, pz)  # which most are too far from
-            valley = rows.relation[rows.homes[p, 0], rows.films[t, 0]] == VALLEY
-            if not -behind - across <= d <= (reach if valley else max(reach, behind)) + across:
+            d = lowest[t, 0] * px + lowest[t, 1] * py + lowest[t, 2] * pz - lowest[t, 3]
+            if not -behind - across <= d <= furthest:  # which most are too far from
                 continue
-            if least_weight(sides[t], px, py, pz) >= lowest[t, 0] + lowest[t, 1] * abs(d):
-                short.listed[count], lists.used[t] = t, 1
+            if d > reach + across and rows.relation[rows.homes[p, 0], rows.films[t, 0]] == VALLEY:
+                continue
+            if lists.used[t] == 0:
+                lists.used[t] = _SEEN
+                _measure_side(x, rows.triangles[t], sides[t])
+                _fill_lowest(sides[t], lowest[t])
+            if least_weight(sides[t], px, py, pz) >= lowest[t, 4] + lowest[t, 5] * abs(d):
+                short.listed[count], lists.used[t] = t, _LISTED
                 count += 1
         if count > short.first[p]:
             lists.points[points] = p
             points += 1
     short.first[rows.nodes.shape[0]], lists.counts[0], lists.counts[1] = count, points, 0
     for t in range(sides.shape[0]):
-        if lists.used[t]:
+        if lists.used[t] == _LISTED:
             lists.used[lists.counts[1]] = t
             lists.counts[1] += 1
     lists.went[:] = 0.0
@@ -589,14 +613,20 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
     minors, rigid = small_matrix(3, 3), lists.rigid
     units = start.shape[0] - 1
     for a in range(units):
-        _fit(x, before, nodes, start[a], start[a + 1], rigid[a], minors)
+        some = start[a], start[a + 1], max(1, (start[a + 1] - start[a]) // _FITTED)
+        _fit(x, before, nodes, some, rigid[a], minors)
         moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
         moved[a, 1] = _radius(before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
+        fits = False
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
             went = moved[a, 0] + moved[b, 0] + _rigid_difference(rigid[a], rigid[b], moved[b, 1])
             if not went <= allowed:
+                if not fits:
+                    _fit(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
+                    moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+                    fits = True
                 went = moved[a, 0] + _deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
             if not went <= allowed:
                 return False

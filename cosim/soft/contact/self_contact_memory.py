@@ -41,7 +41,7 @@ class FilmMemory:
     @property
     def depth_m(self) -> float:
         """How deep the deepest point is behind the other film [m]; negative while none is."""
-        return -float(self.distance.min(initial=0.0)) if self.count else 0.0
+        return -float(self.distance.min()) if self.count else 0.0
 
     def carried(self, motion: Pose) -> FilmMemory:
         """Return the memory moved rigidly by `motion` (world to world)."""

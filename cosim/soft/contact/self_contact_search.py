@@ -36,7 +36,6 @@ from cosim.soft.contact.self_contact_candidates import (
     lists_serve,
     make_lists,
     over_plane,
-    stays_quiet,
 )
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.solve.branching import FilmOverlap
@@ -157,7 +156,7 @@ _find_over = caller(find_over)
 
 @kernel(allocates=True)
 def any_over(x: Matrix, lists: FilmLists, reach: float, behind: float, find: int, room: IndexTable) -> int:
-    """Return over how many triangles points are, none where nothing has come near since that was so.
+    """Return over how many triangles points are; where over none, keep for how small a motion it stays so.
 
     Args:
         x: (n, 3) [m].
@@ -170,8 +169,6 @@ def any_over(x: Matrix, lists: FilmLists, reach: float, behind: float, find: int
     Returns:
         How many rows `find_over` fills; -1 where there is too little room for a new long list.
     """
-    if stays_quiet(x, lists, reach, behind):
-        return 0
     count = _find_over(find, (x, lists, reach, behind, room))
     if count < 0:
         if make_lists(x, lists, behind) > lists.long.listed.shape[0]:

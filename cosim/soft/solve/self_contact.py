@@ -30,7 +30,7 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
-from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, furthest_from_mean
+from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, furthest_from_mean, stays_quiet
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, settle_pairs
@@ -175,6 +175,8 @@ def films_press(films: FilmContacts, x: Matrix, velocity: Matrix, ahead: float, 
         through: how far slow ones may have [m].
     """
     lists, reach, behind = films.lists, 0.5 * films.pairs.widths[0], through
+    if stays_quiet(x, lists, reach, through):
+        return 0
     if ahead * furthest_from_mean(velocity) > through:
         behind = BEHIND_M
     return _any_over(films.calls[_ANY], (x, lists, reach, behind, films.calls[_OVER], films.hits[:0]))
