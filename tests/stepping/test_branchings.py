@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import cosim
+from benchmarks.atlas.symmetric import symmetric_bodies
 from cosim.cli.main import main
 
 CASE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
@@ -110,3 +111,12 @@ def test_it_is_on_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> N
     assert "stability: phase 'inflate' branches at 7.8" in capfd.readouterr().err
     (found,) = large(json.loads((out / "summary.json").read_text("utf-8")))
     assert found["other_tip_m"] is not None
+
+
+def test_a_sample_of_symmetric_bodies_ends_stable_and_says_where_they_branch() -> None:
+    """All twenty: `python benchmarks/stability.py --symmetric`."""
+    bodies = list(symmetric_bodies())
+    assert len(bodies) == 20
+    assert sum(body.drawn for body in bodies) >= 5
+    for body in (*bodies[3:6], bodies[9], bodies[12]):  # strips drawn at random, a pouch, a stack
+        assert body.run().good, body.name
