@@ -30,7 +30,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.plan.arm_limits import PLANNED
 from cosim.plan.decision import SECTION_RANGE
-from cosim.telemetry.figures import branching_lines, overlap_lines
+from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -195,6 +195,7 @@ def _closing_lines(summary: dict[str, Any], directory: Path) -> str:
         # those of the plan have been shown before the run
         *(f"warning: {line}" for line in warnings if not line.startswith(PLANNED)),
         *(f"stability: {line}" for line in branching_lines(summary["branchings"])),
+        *(f"stability: {line}" for line in standing_lines(summary["phases"])),
         *(f"overlap:   {line}" for line in overlap_lines(summary["overlaps"])),
         f"figures:   {directory / SUMMARY}",
     ]

@@ -90,6 +90,15 @@ def test_a_phase_that_ends_near_its_branching_says_so() -> None:
     assert 7.8e3 * (1.0 + phase["load_margin"]) == pytest.approx(BRANCHES_Pa, rel=5e-3)
 
 
+def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
+    summary = pouch(clock__tick_s=0.004, phase__inflate__settle_s=3.0).summary
+    (found,) = large(summary)
+    assert summary["phases"][-1]["stability"] == "after a branching"
+    assert abs(found["tip_m"][1]) > 0.01, "rounding decides on the place, but it is aside"
+    (warning,) = (text for text in summary["warnings"] if "rounding" in text)
+    assert "comes to rest with its tip at" in warning
+
+
 @pytest.mark.parametrize("tick_s", [0.002, 0.004])
 def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> None:
     summary = pouch(clock__tick_s=tick_s).summary
@@ -103,6 +112,11 @@ def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> N
 
 def test_a_run_in_time_below_its_branching_warns_of_nothing() -> None:
     assert pouch(clock__tick_s=0.004, phase__inflate__pressure_Pa=6e3).summary["branchings"] == []
+
+
+def test_a_state_near_its_branching_is_said_to_be(caplog: pytest.LogCaptureFixture) -> None:
+    in_statics(10, phase__inflate__pressure_Pa=7.8e3)
+    assert "phase 'inflate' ends near a branching" in caplog.text
 
 
 def test_it_is_on_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
