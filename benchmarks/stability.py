@@ -1,10 +1,12 @@
 """Stability atlas: which extremes run, which run slowly, which fail by name; nothing else may happen.
 
     python benchmarks/stability.py [--json FILE] [--png FILE] [--maps NAME ...]
+    python benchmarks/stability.py --symmetric
 
 Each point is a short run of a small soft arm, or of the UR5e with the reference scenario's, at the ends of
 what may be asked for. Exit code 1 if any failure has no name, or the reference scenario is not stable from
-0.1 to 20 ms at every pressure from 0 to 100 kPa.
+0.1 to 20 ms at every pressure from 0 to 100 kPa. With --symmetric: twenty symmetric bodies are loaded beyond
+their branchings; 1 if one is silent, or does not end on a stable branch.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.atlas.extremes import Extreme, Verdict, probe
 from benchmarks.atlas.on_arm import POSES, ArmExtreme, probe_arm
+from benchmarks.atlas.symmetric import symmetric_table
 
 TICKS_S = (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1)
 FEW_TICKS_S = (1e-5, 1e-4, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1)
@@ -147,7 +150,10 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--png", type=Path)
     parser.add_argument("--maps", nargs="*", help="titles that contain any of these words only")
+    parser.add_argument("--symmetric", action="store_true", help="load symmetric bodies instead")
     options = parser.parse_args()
+    if options.symmetric:
+        return 1 if symmetric_table() else 0
     from cosim.soft.solve.compilation import compile_kernels
 
     compile_kernels(print)

@@ -32,7 +32,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, RunInterrupted
 from cosim.results.joint_table import JointTable, sample_times
 from cosim.results.result import ResultBuilder, RunResult
-from cosim.telemetry.figures import branching_lines
+from cosim.telemetry.figures import branching_lines, standing_lines
 
 if TYPE_CHECKING:
     from cosim.build.soft_body import AnyBody
@@ -83,7 +83,8 @@ def run(
     build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)
-    for line in (*outcome.summary["warnings"], *branching_lines(outcome.summary["branchings"])):
+    stability = branching_lines(outcome.summary["branchings"]), standing_lines(outcome.summary["phases"])
+    for line in (*outcome.summary["warnings"], *stability[0], *stability[1]):
         log(line)
     if outcome.error is None:
         return result

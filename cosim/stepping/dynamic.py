@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
 
 
+_NO_PHASE: Final = -1
 _TESTED_AT: Final = (0.75, 1.0)
 """Shares of a phase's ramp after which stability is looked at; it is so at the phase's end as well."""
 _TESTED_RAMP_TICKS: Final = 16
@@ -74,6 +75,7 @@ class DynamicSimulation(SteppedRun):
         super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
         self._ahead: _Asked | None = None
         self._error: BaseException | None = None  # of the tick to come, which has been tried
+        self._undecided_in = _NO_PHASE  # the last phase in which rounding decided on a side
 
     @property
     def saves_now(self) -> bool:
@@ -84,7 +86,7 @@ class DynamicSimulation(SteppedRun):
         self._ahead = None
 
     def _start(self, began: float) -> Snapshot:
-        parts = self._parts
+        parts, self._undecided_in = self._parts, _NO_PHASE
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
         loads = parts.loads(plan.command)
@@ -163,12 +165,14 @@ class DynamicSimulation(SteppedRun):
         for row in rows:
             flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
             found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
-        return {
+        large: dict[int, tuple[Branching, ...]] = {
             row: (replace(branching, load_factor=(to.done + row) / count),)
             for row, branching in sorted(found.items())
             # wrinkles come and go in motion
             if branching is not None and branching.extent >= WHOLE
         }
+        self._undecided_in = to.phase if large else self._undecided_in
+        return large
 
     def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
         """Return where films are in one another, or in links of the arm, after some ticks."""
@@ -180,8 +184,11 @@ class DynamicSimulation(SteppedRun):
         row = self._counts[to.phase] - to.done
         if row != taken.done - 1 or taken.ticks.contacts[row]:
             return {}
+        soft, here = self._parts.soft, taken.shapes[row]
         flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
-        found = self._parts.soft.footing(taken.shapes[row], flange, asked.loads[row])
+        found = soft.footing(here, flange, asked.loads[row])
+        if found is not None and found.unstable is None and self._undecided_in == to.phase:
+            found = replace(found, rests_at_m=soft.rests_at(here, flange, asked.loads[row]))
         return {} if found is None else {row: found}
 
     def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
@@ -215,10 +222,10 @@ class DynamicSimulation(SteppedRun):
     def _step_of(self, to: Cursor) -> str:
         return f"tick {to.tick} ({Clock(self.stage.tick_s, to.tick).time_s:g} s)"
 
-    def _save_own(self) -> None:
-        return None
+    def _save_own(self) -> int:
+        return self._undecided_in
 
     def _restore_own(self, state: object) -> None:
-        if state is not None:
+        if not isinstance(state, int):
             raise InputError("the saved state is of a quasistatic run, this one is dynamic")
-        self._ahead = self._error = None
+        self._ahead, self._error, self._undecided_in = None, None, state

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from cosim.plan.arm_limits import PLANNED
-from cosim.telemetry.figures import branching_lines, overlap_lines, undecided_warnings
+from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 
 _ITSELF: Final = "contact with itself"
 _WIDTH: Final = len("stability: ")
@@ -51,7 +51,7 @@ def modelled_line(summary: dict[str, Any]) -> str:
 def stability_line(summary: dict[str, Any]) -> str:
     """Return where the soft robot was unstable, and how it was gone on; else its lowest frequency."""
     rows = summary["branchings"]
-    lines = [*branching_lines(rows), *undecided_warnings(rows)]
+    lines = [*branching_lines(rows), *undecided_warnings(rows), *standing_lines(summary["phases"])]
     if lines:
         more = f"; {len(lines) - 1} more: branchings in the summary" if len(lines) > 1 else ""
         return lines[0] + more

@@ -505,11 +505,26 @@ def footing_figures(footing: Footing | None, branchings: list[dict[str, Any]]) -
     }
 
 
+def resting(branchings: list[dict[str, Any]], phase: str, footing: Footing | None) -> list[dict[str, Any]]:
+    """Return branchings with where a phase, in which rounding decided on the side, comes to rest.
+
+    Args:
+        branchings: of the run so far.
+        phase: name of the phase, at its end.
+        footing: there.
+    """
+    tip = None if footing is None else footing.rests_at_m
+    return [
+        row | {"tip_m": tip} if row["phase"] == phase and row["chosen"] == UNDECIDED else row
+        for row in branchings
+    ]
+
+
 def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:
     """Return a sentence on each unstable state in motion from which more than a wrinkle moves."""
     return [
         f"{_whereabouts(row)}; the run was there from {row['time_s']:.4g} to {row['until_s']:.4g} s, and "
-        f"{row['chosen']}"
+        f"{row['chosen']}{_rest_of(row)}"
         for row in branchings
         if row["chosen"] == UNDECIDED and row["extent"] >= WHOLE
     ]
@@ -527,6 +542,33 @@ def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
     small = sum(row["extent"] < WHOLE for row in branchings)
     wrinkles = f"{small} branchings of wrinkles: see branchings in summary.json"
     return [*lines, wrinkles] if small else lines
+
+
+def _rest_of(row: dict[str, Any]) -> str:
+    if row["tip_m"] is None:
+        return ""
+    rest = f"; held as it ends, it comes to rest with its tip at {_place(row['tip_m'])}"
+    return f"{rest}, one of several places where it would stay"
+
+
+def standing_lines(phases: list[dict[str, Any]]) -> list[str]:
+    """Return a sentence on each phase at whose end little is needed to move the soft robot far.
+
+    Args:
+        phases: of the summary.
+    """
+    lines = []
+    for row in phases:
+        stability, margin, tip_m = (row[name] for name in ("stability", "load_margin", "disturbed_tip_m"))
+        if stability == "unstable":
+            lines.append(f"phase '{row['name']}' ends unstable")
+        elif stability is not None and stability.startswith("near"):
+            most = "" if margin is None else f", all loads changed by {100.0 * margin:+.2g} % would do"
+            lines.append(
+                f"phase '{row['name']}' ends {stability}: a millionth of its loads moves the tip by "
+                f"{1e3 * tip_m:.2g} mm{most}"
+            )
+    return lines
 
 
 def _branching_line(row: dict[str, Any]) -> str:

@@ -26,6 +26,8 @@ from cosim.telemetry.figures import (
     largest,
     overlap_lines,
     path_lines,
+    resting,
+    standing_lines,
     strength_warnings,
     undecided_warnings,
 )
@@ -71,6 +73,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         "",
         *(f"- warning: {line}" for line in summary["warnings"]),
         *(f"- stability: {line}" for line in branching_lines(summary["branchings"])),
+        *(f"- stability: {line}" for line in standing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in overlap_lines(summary["overlaps"])),
         *arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
@@ -289,6 +292,7 @@ class SummaryBuilder:
         name = self._stage.phase_names[self._last.phase]
         figures = _phase_figures(self._last, name, self._phase_iterations, complete)
         figures |= _chamber_figures(self._last, self._stage.chamber_names)
+        self._branchings = resting(self._branchings, name, self._last.footing)
         own = [row for row in self._branchings if row["phase"] == name]
         figures["branchings"] = [*branching_lines(own), *undecided_warnings(own)]
         figures |= footing_figures(self._last.footing, own)

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import cosim
+from benchmarks.atlas.symmetric import symmetric_bodies
 from cosim.cli.main import main
 
 CASE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
@@ -89,6 +90,15 @@ def test_a_phase_that_ends_near_its_branching_says_so() -> None:
     assert 7.8e3 * (1.0 + phase["load_margin"]) == pytest.approx(BRANCHES_Pa, rel=5e-3)
 
 
+def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
+    summary = pouch(clock__tick_s=0.004, phase__inflate__settle_s=3.0).summary
+    (found,) = large(summary)
+    assert summary["phases"][-1]["stability"] == "after a branching"
+    assert abs(found["tip_m"][1]) > 0.01, "rounding decides on the place, but it is aside"
+    (warning,) = (text for text in summary["warnings"] if "rounding" in text)
+    assert "comes to rest with its tip at" in warning
+
+
 @pytest.mark.parametrize("tick_s", [0.002, 0.004])
 def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> None:
     summary = pouch(clock__tick_s=tick_s).summary
@@ -104,9 +114,23 @@ def test_a_run_in_time_below_its_branching_warns_of_nothing() -> None:
     assert pouch(clock__tick_s=0.004, phase__inflate__pressure_Pa=6e3).summary["branchings"] == []
 
 
+def test_a_state_near_its_branching_is_said_to_be(caplog: pytest.LogCaptureFixture) -> None:
+    in_statics(10, phase__inflate__pressure_Pa=7.8e3)
+    assert "phase 'inflate' ends near a branching" in caplog.text
+
+
 def test_it_is_on_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run"
     assert main(["run", str(CASE), "--out", str(out), "--no-recording", *STATICS]) == 0
     assert "stability: phase 'inflate' branches at 7.8" in capfd.readouterr().err
     (found,) = large(json.loads((out / "summary.json").read_text("utf-8")))
     assert found["other_tip_m"] is not None
+
+
+def test_a_sample_of_symmetric_bodies_ends_stable_and_says_where_they_branch() -> None:
+    """All twenty: `python benchmarks/stability.py --symmetric`."""
+    bodies = list(symmetric_bodies())
+    assert len(bodies) == 20
+    assert sum(body.drawn for body in bodies) >= 5
+    for body in (*bodies[3:6], bodies[9], bodies[12]):  # strips drawn at random, a pouch, a stack
+        assert body.run().good, body.name

@@ -375,6 +375,26 @@ class SoftArm(SoftSide):
         """Return how firmly a shape stands, as if it was at rest; None: not known."""
         return self._looked(footing, shape, world_from_flange, loads)
 
+    def rests_at(
+        self, shape: Array, world_from_flange: Pose, loads: Loads
+    ) -> tuple[float, float, float] | None:
+        """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known."""
+
+        def slid(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> Equilibrium | None:
+            follower = EquilibriumSolver(newton, self.clamp, self._statics, self.films)
+            try:
+                return follower.slide(state, world_from_flange, loads)
+            except ConvergenceError:
+                return None
+
+        if not self._system.conservative or not len(self.body.tip):
+            return None
+        found = self._looked(slid, shape, world_from_flange, loads)
+        if found is None or found.negative_pivots:
+            return None
+        x, y, z = self.body.tip_position(found.state.positions).tolist()
+        return x, y, z
+
     def _looked(
         self,
         look: Callable[[NewtonSolver, SoftState, Loads, Array], Found],

@@ -384,6 +384,18 @@ class SoftSide(ABC):
         """
         return None
 
+    def rests_at(
+        self, shape: Any, world_from_flange: Pose, loads: Loads
+    ) -> tuple[float, float, float] | None:
+        """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known.
+
+        Args:
+            shape: of `shape_now`, after the last step.
+            world_from_flange: pose of the flange.
+            loads: that act.
+        """
+        return None
+
     @abstractmethod
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays.

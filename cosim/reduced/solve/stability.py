@@ -78,16 +78,17 @@ class ChainStiffness:
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
         step = np.zeros((count, 6))
         step.reshape(-1)[self._free] = answer
-        moved = np.empty_like(frames)
-        change_frames(frames, step, _SHARE, moved)
-        after = self._tangent(moved, *self._grown(_SHARE, moved))
-        stiff, stiff_after = (float(mode @ matrix @ mode) for matrix in (self._matrix, after))
+        moved, stiffness = np.empty_like(frames), []
+        for way in (-_SHARE, _SHARE):
+            change_frames(frames, step, way, moved)
+            stiffness.append(float(mode @ self._tangent(moved, *self._grown(way, moved)) @ mode))
+        fall = (stiffness[0] - stiffness[1]) / (2.0 * _SHARE)
         mass = self._mass
-        snaps = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
+        pushed = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
         frequency = math.sqrt(lowest.value) / (2.0 * math.pi)
         return Footing(
             frequency, tip_motion(section.body.tip, answers),
-            margin_by(stiff, stiff_after, _SHARE, snaps=snaps), snaps, held,
+            *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held,
         )  # fmt: skip
 
     @property

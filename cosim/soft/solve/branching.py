@@ -72,6 +72,8 @@ class Footing:
         losses_held: whether loads have no potential, so that this is of the symmetric part of its tangent,
             with the losses along cables held.
         unstable: in which direction it would give way; None where it is stable.
+        rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to from there, looked for where
+            rounding has decided on a side; None: not looked for, or none was found.
     """
 
     lowest_frequency_Hz: float | None
@@ -80,6 +82,7 @@ class Footing:
     snaps: bool = False
     losses_held: bool = False
     unstable: Branching | None = None
+    rests_at_m: tuple[float, float, float] | None = None
 
     def stability(self, passed: Sequence[tuple[float, bool]]) -> str:
         """Return it in words: which figures of the state are no matter of its loads alone.

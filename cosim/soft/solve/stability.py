@@ -104,7 +104,7 @@ _PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in 
 _ALIKE = 0.2  # how far two sides are apart from it
 _SADDLES_MAX = 3  # one after the other, until a stable one is found
 _FAR = 0.05  # root mean square of the nodes' motion, of the body's size
-_WITHIN = 0.005  # of the loads
+_WITHIN, _LEAST = 0.005, 0.05  # of the loads; of what was asked for, at least
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
 SNAPS: Final = "nothing near is in balance beyond"
 LOWER: Final = "what is near is stable as well, but has more energy"
@@ -248,17 +248,19 @@ def driven(product: float, size_of_mode: float, size_of_answer: float) -> bool:
     return product**2 > _DRIVEN * size_of_mode * size_of_answer
 
 
-def margin_by(before: float, after: float, share: float, *, snaps: bool) -> float:
-    """Return by what share, below 1, loads may grow until a stiffness is zero, from what it is after a bit.
+def margin_by(stiffness: float, fall: float, *, driven: bool) -> tuple[float, bool]:
+    """Return by what share, below 1, loads may grow until a stiffness is zero, and if the body snaps there.
 
     Args:
-        before: stiffness.
-        after: with loads grown by `share`.
-        share: of them.
-        snaps: towards a limit point it is the square of the stiffness that falls straight with the load.
+        stiffness: now.
+        fall: of it, by the share by which loads grow.
+        driven: whether the body moves along it. Then it snaps if the stiffness falls as loads grow, and it is
+            the square of it that falls straight with them; as loads fall, a body that has branched goes back.
     """
-    found = math.inf if after == before else before * share / (before - after) / (2.0 if snaps else 1.0)
-    return found if abs(found) < 1.0 else math.inf
+    found = stiffness / fall if fall else math.inf
+    snaps = driven and found > 0.0
+    margin = 0.5 * found if snaps else found
+    return (margin, snaps) if abs(margin) < 1.0 else (math.inf, False)
 
 
 def grown(loads: Loads, share: float, volumes_m3: tuple[float, ...]) -> Loads:
@@ -329,16 +331,16 @@ class _Growth:
         """
         most = float(np.abs(answer).max())
         share = min(_GROWTH, _MOVES_m / most) if most else _GROWTH
-        before = self._stiffness(lowest.mode, 0.0, 0.0 * answer)
-        after = self._stiffness(lowest.mode, share, share * answer)
+        # what grows with the square of a motion, such as stretch where a mode goes on straight, cancels
+        less, here, more = (self._stiffness(lowest.mode, way, way * answer) for way in (-share, 0.0, share))
         weights = np.ones(len(answer)) if weight is None else weight
-        snaps = driven(
+        pushed = driven(
             *(
                 float(weights @ (one * other).sum(axis=1))
                 for one, other in ((lowest.mode, answer), (lowest.mode, lowest.mode), (answer, answer))
             )
         )
-        return margin_by(before, after, share, snaps=snaps), snaps
+        return margin_by(here, (less - more) / (2.0 * share), driven=pushed)
 
     def _stiffness(self, mode: Array, share: float, moved: Array) -> float:
         """Return the stiffness along a mode, where the body has moved under loads that have grown."""
@@ -395,7 +397,10 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
     """Return where stable equilibria end between a stable one and another, bisected."""
     low, high, spent = 0.0, 1.0, 0
     first, last, width = begin, end, _load_change(begin, end)
-    while (high - low) * width > _WITHIN and (last.negative_pivots or _jumped(first, last)):
+    # of the loads where stable equilibria end, not of those that were asked for
+    while (high - low) * width > _WITHIN * max(_LEAST, 1.0 - width * (1.0 - high)) and (
+        last.negative_pivots or _jumped(first, last)
+    ):
         middle = 0.5 * (low + high)
         pose = begin.world_from_flange.interpolated(end.world_from_flange, middle)
         loads = begin.loads.interpolated(end.loads, middle)
@@ -498,6 +503,8 @@ def _descended(follower: BranchFollower, saddle: Equilibrium, push: Array) -> Eq
         spent += here.iterations
         if not here.negative_pivots:
             return replace(here, iterations=spent)
+        if _motion(saddle, here) < math.sqrt(float((push**2).sum(axis=1).mean())):  # back where it was
+            return None
         mode = _softest_of(follower, here).mode
         push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, here)) * mode
     return None
