@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.cable import Cable, base_tension
 from cosim.soft.elements.eyelets import tensions
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.assembly import SoftSystem
@@ -182,6 +182,25 @@ def test_the_loop_of_a_pull_and_a_release_holds_the_work_lost() -> None:
     assert area > 0.1 * 4.0 * (length.max() - length.min())
     assert lost[-1] - lost[first] == pytest.approx(area, rel=1e-2)
     assert (np.diff(lost) >= 0.0).all()
+
+
+def test_a_cable_let_out_by_its_length_loses_on_the_way_back() -> None:
+    body = directed(3, stiffness_N_m=2e4)
+    specimen = held(body)
+    here = hung(specimen, pressure_Pa=(30e3,))
+    length = [cable.length(here.state.positions) for cable in body.cables]
+    found = dict[float, tuple[float, float]]()
+    for shorter in (2e-3, 4e-3, 6e-3, 3.9e-3, 2e-3):
+        before, lengths = here.state.memory, tuple(each - shorter for each in length)
+        here = specimen.equilibrium.follow(here, HANGING, replace(here.loads, cable_length_m=lengths))
+        x = here.state.positions
+        found[shorter] = (
+            base_tension(body.cables[0], x, lengths[0]),
+            specimen.system.lost_at_eyelets(x, before, here.state.memory),
+        )
+    assert min(lost for _, lost in found.values()) > 0.0
+    # two eyelets at 0.8: what is felt at the base end is far less as the cable is let out
+    assert found[3.9e-3][0] < 0.8 * found[4e-3][0]
 
 
 def test_the_tip_follows_a_change_of_tension_as_sensitivities_say() -> None:

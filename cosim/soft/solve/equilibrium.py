@@ -411,7 +411,8 @@ class EquilibriumSolver:
             result = replace(again, iterations=spent, shifted=shifted)
             if settled:
                 return result
-        return result
+        # between sticking and slipping rounds may go in circles: a smaller piece of the way does not
+        return replace(result, outcome=Outcome.ITERATION_LIMIT) if system.slides else result
 
 
 def _given_up(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:
