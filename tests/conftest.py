@@ -85,6 +85,7 @@ class MadeUpSimulation:
     at_tick: Callable[[int], None] = lambda tick: None
     next_tick: int = 0
     saves_now: bool = True
+    errors: None = None
 
     def steps(self, most: int | None = None) -> Iterator[Snapshot]:
         """Yield tick 0 to the last, or those that are left."""

@@ -35,7 +35,7 @@ from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.results.array_files import write_arrays
 from cosim.results.result import ResultBuilder
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.snapshot import RunErrors, RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from cosim.devices.controller import AnyController
     from cosim.plan.decision import Choices
     from cosim.soft.body.body import SoftBody
-    from cosim.stepping.stepped_run import SteppedRun
+    from cosim.stepping.stepped_run import FindsErrors, SteppedRun
 
 
 class Observer(Protocol):
@@ -140,6 +140,8 @@ class Options:
         stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
         checkpoint_every_s: wall time between two checkpoints in the directory.
         resume: whether to go on with the run in the directory, from its checkpoint.
+        error: whether to work out how far the figures may be off; None: where it costs little of the run.
+        tell: told what takes long at the end.
     """
 
     directory: Path | None = None
@@ -148,6 +150,8 @@ class Options:
     stop: Callable[[], str | None] = lambda: None
     checkpoint_every_s: float = 30.0
     resume: bool = False
+    error: bool | None = None
+    tell: Callable[[str], None] = lambda _text: None
 
 
 @final
@@ -219,18 +223,36 @@ def _run(
         every_s = options.checkpoint_every_s
         keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
         observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
+    finder = None if options.error is False else simulation.errors
+    observers += [] if finder is None else [finder.observe]
     observers += [watcher.observe for watcher in options.watchers]
     ending = drive(batches, observers, options.stop, recorder.flush)
     wall_s = origin.wall_s + time.perf_counter() - loop_started
     if keeper is not None:
         keeper.end(ending.status, ending.error)
-    figures = summary.finish(ending.status, ending.reason, wall_s)
+    errors = _errors(finder, summary, ending, options)
+    figures = summary.finish(ending.status, ending.reason, wall_s, errors)
     try:
+        if errors is not None and errors.phases:
+            recorder.mark_errors(errors.phases)
         recorder.close(summary_markdown(figures), ending.status)
     finally:
         if files is not None:
             files.finish(figures)
     return RunOutcome(figures, ending.error)
+
+
+def _errors(
+    finder: FindsErrors | None, summary: SummaryBuilder, ending: Termination, options: Options
+) -> RunErrors | None:
+    if finder is None:
+        return None
+    if ending.status != "completed":
+        return RunErrors(reason="the run did not complete")
+    try:
+        return finder.find(summary.newton_iterations, options.tell, everywhere=options.error is True)
+    except KeyboardInterrupt:
+        return RunErrors(reason="it was interrupted")
 
 
 def _begin_files(

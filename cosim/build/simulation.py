@@ -39,6 +39,7 @@ from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
+from cosim.stepping.run_error import ErrorFinder
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -119,7 +120,9 @@ def build(
     live = LiveCommands(commands, own, scenario, soft, _bounds(model, plan, modelled, arm))
     parts = Parts(scenario, plan, carrier, soft, live, partial(brought_to_rest, kept, model.name, soft))
     stage = stage_of(parts, modelled, planned, model)
-    return (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
+    run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
+    run.errors = ErrorFinder(parts, model.finer)
+    return run
 
 
 def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arranged:

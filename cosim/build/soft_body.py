@@ -302,13 +302,16 @@ def build_film(table: FilmTable) -> Film:
     return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m)
 
 
-def build_soft_body(robot: SoftRobotTable, model: ModelTable, path: str = "soft_robot") -> SoftBody:
+def build_soft_body(
+    robot: SoftRobotTable, model: ModelTable, path: str = "soft_robot", finer: int = 0
+) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
     Args:
         robot: its description.
         model: comparison switches; `published` decides before anything of the description does.
         path: of the description's table.
+        finer: how often each triangle is divided into four, besides what the description asks for.
 
     Raises:
         MeshError: the geometry gives degenerate triangles.
@@ -317,7 +320,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable, path: str = "soft_
     if model.published:
         robot = published_robot(robot)
     drawn = _drawn(robot)
-    mesh = drawn if robot.stack is None else stack_mesh(drawn, robot.stack)
+    mesh = refine(drawn if robot.stack is None else stack_mesh(drawn, robot.stack), finer)
     _check_panels(robot, mesh, path)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
@@ -346,7 +349,7 @@ def build_soft_body(robot: SoftRobotTable, model: ModelTable, path: str = "soft_
         c = robot.copies
         body = copies(body, around_axis(c.count, c.radius_m, c.tilt_rad, c.spin_rad, c.height_m))
     for entry in robot.attachments:
-        body = _with_attachment(body, entry, model, f"{path}.attach.{entry.name}.robot")
+        body = _with_attachment(body, entry, model, f"{path}.attach.{entry.name}.robot", finer)
     return body
 
 
@@ -410,10 +413,12 @@ def _check_panels(robot: SoftRobotTable, mesh: NamedMesh, path: str) -> None:
             )
 
 
-def _with_attachment(body: SoftBody, entry: AttachmentTable, model: ModelTable, path: str) -> SoftBody:
+def _with_attachment(
+    body: SoftBody, entry: AttachmentTable, model: ModelTable, path: str, finer: int
+) -> SoftBody:
     top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
     plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
-    part = build_soft_body(entry.robot, model, path)
+    part = build_soft_body(entry.robot, model, path, finer)
     return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
 
 

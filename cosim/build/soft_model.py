@@ -43,39 +43,28 @@ _REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is ch
 _STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
 
 
-def fidelity_body(scenario: Scenario) -> SoftBody:
+def fidelity_body(scenario: Scenario, finer: int = 0) -> SoftBody:
     """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame.
+
+    Args:
+        scenario: checked.
+        finer: how often each triangle is divided into four, besides that.
 
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
     """
-    return described_body(*_described(scenario))
+    refined = finer + (scenario.fidelity == "refined")
+    return described_body(file_of(scenario, "its mesh"), scenario.model, refined)
 
 
-def described_body(robot: SoftRobotTable, model: ModelTable) -> SoftBody:
+def described_body(robot: SoftRobotTable, model: ModelTable, finer: int = 0) -> SoftBody:
     """Return the soft body of a description, in the flange frame; what is wrong with it names a key.
 
     Raises:
         ScenarioError: it cannot be built; see `build_soft_body`.
     """
     with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
-        return build_soft_body(robot, model)
-
-
-def _described(scenario: Scenario) -> tuple[SoftRobotTable, ModelTable]:
-    """Return the soft robot and the comparison switches with a refined mesh where it is asked for."""
-    robot, model = file_of(scenario, "its mesh"), scenario.model
-    if scenario.fidelity != "refined":
-        return robot, model
-    return _finer(robot), model
-
-
-def _finer(robot: SoftRobotTable) -> SoftRobotTable:
-    """Return a robot with every triangle divided into four, those of what it carries as well."""
-    parts = tuple(replace(part, robot=_finer(part.robot)) for part in robot.attachments)
-    assert robot.stack is not None, "fidelity rules refuse what is no stack"
-    stack = replace(robot.stack, refine=robot.stack.refine + 1)
-    return replace(robot, stack=stack, attachments=parts)
+        return build_soft_body(robot, model, finer=finer)
 
 
 def static_options(scenario: Scenario) -> NewtonOptions:
@@ -143,6 +132,7 @@ def contact_law(scenario: Scenario) -> ContactLaw:
     return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
+_SHORT, _SHORT_SEARCH = 40, 200  # iterations from a shape nearby: what needs more is not near
 _MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
 
 
@@ -271,6 +261,24 @@ class SoftModel:
         arm = SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
         arm.effort.tell = self._tell
         return arm
+
+    @property
+    def finer(self) -> Callable[[], SoftArm] | str:
+        """What returns the film with every triangle divided into four; or why there is no such film."""
+        scenario = self._scenario
+        if self.section is not None:
+            return "a section model stands for the film (section_model in the summary)"
+        if scenario.fidelity == "rigid":
+            return "the shape is frozen"
+        if isinstance(scenario.soft_robot, GivenBodyTable):
+            return "the soft robot is given as arrays, which cannot be refined"
+        return lambda: self.refined(1)
+
+    def refined(self, levels: int) -> SoftArm:
+        """Return the film with every triangle divided into four so many times; searches are short."""
+        short = replace(self._statics, iterations_max=_SHORT, search_iterations_max=_SHORT_SEARCH)
+        body = fidelity_body(self._scenario, levels)
+        return SoftArm(body, self._flange, short, self._dynamics, self._films)
 
     def side(self) -> SoftSide:
         """Return a soft side to run."""

@@ -156,6 +156,12 @@ def _add_run(commands: Any) -> None:
     )
     run.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     run.add_argument("--quiet", action="store_true", help="show errors, and one line at the end")
+    run.add_argument(
+        "--error",
+        action=argparse.BooleanOptionalAction,
+        help="work out how far the figures may be off: at every phase end, or nowhere; by default where it "
+        "costs little of the run",
+    )
 
 
 def _add_sweep(commands: Any) -> None:

@@ -169,7 +169,9 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
             "give no SCENARIO, no --set and no --out"
         )
     with _live_view(options) as live:
-        how = RunOptions(not options.no_recording, options.quiet, every_s, started, live, (collection,))
+        how = RunOptions(
+            not options.no_recording, options.quiet, every_s, started, live, (collection,), options.error
+        )
         if options.resume is not None:
             code = resume_command(options.resume, how)
         else:

@@ -92,6 +92,7 @@ class RunOptions:
         checkpoint_every_s: wall time between two checkpoints.
         live: shows the run while it lasts; None: nothing does.
         watchers: shown every tick, besides those on the screen.
+        error: whether to work out how far the figures may be off; None: where it costs little.
         started: `time.perf_counter()` at the start of the command.
     """
 
@@ -101,6 +102,7 @@ class RunOptions:
     started: float
     live: LiveView | None = None
     watchers: tuple[Observer, ...] = ()
+    error: bool | None = None
 
 
 def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None, how: RunOptions) -> int:
@@ -156,8 +158,9 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         recorder = rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None
         options = Options(
-            directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume
-        )
+            directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume,
+            how.error, told,
+        )  # fmt: skip
         try:
             outcome = execute(scenario, partial(build_simulation, tell=told, kept=kept), options, how.started)
         except KeyboardInterrupt:  # before the loop: nothing is lost

@@ -357,7 +357,7 @@ def reach(
         ConvergenceError: the equilibrium was lost on the way.
     """
     still = FlangeWay.to(begin.world_from_flange, begin.world_from_flange)
-    here, wanted = walk(soft, begin, still, loads), _wanted(target)
+    here, wanted = walk(soft, begin, still, loads), wanted_tip(target)
     for _ in range(_SEARCHES):
         found = _search(soft, here, target, wanted)
         way = FlangeWay.to(begin.world_from_flange, found.world_from_flange)
@@ -375,7 +375,8 @@ def reach(
     )
 
 
-def _wanted(target: TipTargetTable) -> search.TipTarget:
+def wanted_tip(target: TipTargetTable) -> search.TipTarget:
+    """Return where a target wants the tip to be."""
     return search.TipTarget(
         position=None if target.position_m is None else np.array(target.position_m),
         direction=None if target.direction is None else np.array(target.direction),

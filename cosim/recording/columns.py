@@ -17,7 +17,7 @@ from rerun.components import ColorBatch, LineStrip3DBatch
 
 from cosim.base.frames import Array, IntArray
 from cosim.recording.blueprint import TICKS, TIMELINE
-from cosim.recording.colours import Colour
+from cosim.recording.colours import WHITE, Colour
 from cosim.recording.plots import Plot
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -91,6 +91,13 @@ class PlotBuffer:
             start = stop
         self._values.clear()
         self._ticks.clear()
+
+    def mark(self, entity: str, name: str, ticks: IntArray, values: Array) -> None:
+        """Write a curve of single points (k,) at some ticks (k,), in the unit of the plot that it joins."""
+        path = f"/plots/{entity}"
+        self._stream.log(path, rr.SeriesPoints(names=name, colors=WHITE, marker_sizes=6.0), static=True)
+        times = time_columns(ticks, self._tick_ns)
+        self._stream.send_columns(path, times, rr.Scalars.columns(scalars=values))
 
     def _send(self, plot: Plot, times: Sequence[rr.TimeColumn], values: Array) -> None:
         path = f"/plots/{plot.entity}"

@@ -148,6 +148,13 @@ def _pump_plots(names: DeviceNames) -> list[Plot]:
     ]
 
 
+ERROR_BARS: Final = {
+    "tip_m": ("tip_position", 1e3),
+    "sag_m": ("sag", 1e3),
+    "volume_m3": ("volume", 1e6),
+    "cable_tension_N": ("tension", 1.0),
+}
+"""Plots that show how far their figure may be off, by its key in a summary, and their unit."""
 SMALLEST_RESIDUAL_N = 1e-16
 """Shown for an exact zero, which has no logarithm."""
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -52,6 +52,13 @@ class Recorder(ABC):
             batch: the ticks. Recorders may keep them: the arrays must not be reused.
         """
 
+    def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:  # noqa: B027
+        """Show how far figures may be off at the ends of phases; not needed.
+
+        Args:
+            phases: by their index, each figure's bar, None where there is none.
+        """
+
     @abstractmethod
     def flush(self) -> None:
         """Bring what was recorded so far to the disk."""
@@ -91,6 +98,11 @@ class Recorders(Recorder):
         """Let all record."""
         for recorder in self._recorders:
             recorder.record(batch)
+
+    def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:
+        """Let all show them."""
+        for recorder in self._recorders:
+            recorder.mark_errors(phases)
 
     def flush(self) -> None:
         """Flush all."""

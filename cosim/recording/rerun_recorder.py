@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 import rerun as rr
@@ -18,7 +18,7 @@ from cosim.errors import InputError, OutputError
 from cosim.recording.blueprint import blueprint, close_eye, log_stress_legend, scene_eye
 from cosim.recording.colours import series_colours
 from cosim.recording.columns import PlotBuffer, time_columns
-from cosim.recording.plots import plots_of
+from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.scene import Scene, log_rigid_meshes
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -106,6 +106,12 @@ class RerunRecorder(Recorder):
         with _named(self._path):
             self._run.record(batch)
 
+    def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:
+        """Show them beside their figures; does nothing if it is not open. See `Recorder.mark_errors`."""
+        if self._run is not None:
+            with _named(self._path):
+                self._run.mark_errors(phases)
+
     def flush(self) -> None:
         """Write what was gathered so far; does nothing if it is not open. See `Recorder.flush`."""
         if self._run is not None:
@@ -165,6 +171,7 @@ class _Run:
         self._due = self._opened + self._gathered_s
         self._written_tick = 0
         self._phase = -1
+        self._phase_ends: dict[int, int] = {}
         self._last: TickBatch | None = None
         self._log_static()
 
@@ -174,6 +181,7 @@ class _Run:
             self._begin_phase(batch)
         curves.append(batch)
         self._last = batch
+        self._phase_ends[self._phase] = int(batch.tick[-1])
         frames = (batch.tick * self._tick_ns / self._frame_ns).astype(np.int64)
         shown = (np.diff(frames, prepend=self._frame) != 0) | (batch.tick == self._stage.ticks)
         self._frame = int(frames[-1])
@@ -190,6 +198,14 @@ class _Run:
             self._frames.append(self._last.some(rows))
             self._drawn += len(rows)
             self._drawn_tick = int(self._last.tick[rows[-1]])
+
+    def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:
+        for key, (entity, scale) in ERROR_BARS.items():
+            bars = {self._phase_ends[phase]: found[key] for phase, found in sorted(phases.items())}
+            known = {tick: scale * bar for tick, bar in bars.items() if bar is not None}
+            if known and self._curves is not None:
+                ticks, values = np.array(list(known)), np.array(list(known.values()))
+                self._curves.mark(f"{entity}/error", "may be off by", ticks, values)
 
     def close(self, summary_markdown: str, status: str) -> None:
         if self._last is not None and self._last.tick[-1] != self._drawn_tick:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, final
+from typing import Any, Final, Protocol, final
 
 from cosim.base.frames import Pose
 from cosim.base.state_check import KnownStates, check_state
@@ -16,7 +16,7 @@ from cosim.errors import InputError, SolverError
 from cosim.plan.decision import CONTACT, Choices
 from cosim.plan.plan import Plan
 from cosim.stepping.parts import Parts
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 _LOOKS: Final = 8
@@ -83,8 +83,20 @@ class RunState:
     choices: Choices
 
 
+class FindsErrors(Protocol):
+    """What works out how far the figures of a run may be off; see `cosim.stepping.run_error`."""
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in ticks; they come in order, and the run is where the last of them has led."""
+
+    def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
+        """Return the errors of a run that took so many iterations."""
+
+
 class SteppedRun(ABC):
     """Steps a planned run.
+
+    `errors` works out how far its figures may be off, for who shows it all ticks; None where nothing does.
 
     Args:
         parts: of the run.
@@ -96,6 +108,7 @@ class SteppedRun(ABC):
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
         contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
         self.choices = Choices.of(parts.scenario, contact)
+        self.errors: FindsErrors | None = None
         self._cursor: Cursor | None = None
         self._fitting = TOGETHER  # steps that take no longer than is to pass until they are shown
         self._failed = False  # in a step after the last one shown

@@ -115,7 +115,7 @@ def _run(scenario: Scenario, task: Task) -> Row:
     watchers: Sequence[Observer] = () if measure is None else (arrays,)
     directory = None if task.directory is None else Path(task.directory)
     build = partial(build_simulation, kept=_kept_here())
-    outcome = execute(scenario, build, Options(directory, None, watchers), started)
+    outcome = execute(scenario, build, Options(directory, None, watchers, error=False), started)
     error, summary = outcome.error, outcome.summary
     if isinstance(error, InputError):
         return Row("refused", reason_of(error))

@@ -10,6 +10,15 @@ from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 
 _ITSELF: Final = "contact with itself"
+_ERRORS: Final = {
+    "tip_m": ("tip", "mm", 1e3),
+    "sag_m": ("sag", "mm", 1e3),
+    "length_m": ("length", "mm", 1e3),
+    "volume_m3": ("volume", "cm^3", 1e6),
+    "cable_tension_N": ("tension", "N", 1.0),
+    "peak_strain": ("strain of frames", "%", 1e2),
+}
+"""Of each figure that has a bar: name, unit, and how many of it are one in SI."""
 _WIDTH: Final = len("stability: ")
 
 
@@ -78,8 +87,19 @@ def overlap_line(summary: dict[str, Any]) -> str:
 
 
 def error_line(summary: dict[str, Any]) -> str:
-    """Return how far the figures may be off."""
-    return "not worked out"
+    """Return how far each figure may be off, the largest over the phases; or why that is not known."""
+    rows = [(phase["name"], phase["error"]) for phase in summary["phases"] if phase["error"] is not None]
+    texts = []
+    for key, (name, unit, scale) in _ERRORS.items():
+        known = {phase: scale * row[key] for phase, row in rows if row[key] is not None}
+        if known:
+            worst = max(known, key=lambda phase: known[phase])
+            texts.append(f"{name} {known[worst]:.2g} {unit} ('{worst}')")
+    without = [f"none in '{phase}': {row['reason']}" for phase, row in rows if row["reason"]]
+    more = [f"{len(without)} phases without: see reason in the summary"] if len(without) > 1 else without
+    reason = summary["error"]["reason"]
+    left = [reason if texts else f"not worked out: {reason}"] if reason else []
+    return "; ".join([*([", ".join(texts)] if texts else []), *more, *left])
 
 
 def warnings_line(summary: dict[str, Any]) -> str:

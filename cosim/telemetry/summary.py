@@ -11,6 +11,7 @@ import numpy as np
 
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
+from cosim.telemetry.closing import error_line
 from cosim.telemetry.figures import (
     ArmFigures,
     DeviceFigures,
@@ -31,7 +32,7 @@ from cosim.telemetry.figures import (
     strength_warnings,
     undecided_warnings,
 )
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 
@@ -75,6 +76,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- stability: {line}" for line in branching_lines(summary["branchings"])),
         *(f"- stability: {line}" for line in standing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in overlap_lines(summary["overlaps"])),
+        f"- error: {error_line(summary)}",
         *arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
@@ -220,16 +222,25 @@ class SummaryBuilder:
         if self._devices is not None and state.devices is not None:
             self._devices.restore_state(state.devices)
 
-    def finish(self, status: Status, reason: str | None, wall_s: float) -> dict[str, Any]:
+    @property
+    def newton_iterations(self) -> int:
+        """Taken so far."""
+        return self._newton_iterations
+
+    def finish(
+        self, status: Status, reason: str | None, wall_s: float, errors: RunErrors | None = None
+    ) -> dict[str, Any]:
         """Return the summary, ready for JSON (numbers that are not finite become None).
 
         Args:
             status: how the run ended.
             reason: why it was interrupted or failed, else None.
             wall_s: wall time from the first snapshot to the end, of all parts of the run.
+            errors: how far its figures may be off; None: that was not asked for.
         """
         if self._last is not None:
             self._close_phase(complete=status == "completed")
+        errors = errors or RunErrors(reason="it was not asked for")
         stage, last = self._stage, self._last
         simulated_s = last.time_s if last is not None else 0.0
         summary = {
@@ -264,11 +275,12 @@ class SummaryBuilder:
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
+            "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},
             "branchings": self._branchings,
             "overlaps": self._overlaps,
             "arm": self._arm_section(),
             "warnings": self._warnings(),
-            "phases": self._phases,
+            "phases": [row | {"error": errors.phases.get(k)} for k, row in enumerate(self._phases)],
         }
         return {key: json_ready(value) for key, value in summary.items()}
 
@@ -322,6 +334,7 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
         "tip_position_m": last.tip_position,
         "tip_direction": last.tip_direction,
         "sag_m": last.sag_m,
+        "length_m": last.film.center_line_m,
         "flange_wrench": {"force_N": wrench.force, "torque_Nm": wrench.torque},
     }
     if last.tip_target is not None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+import cosim
 from cosim.recording.colours import STRESS_RANGE_PA
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 
@@ -19,6 +20,7 @@ pytestmark = pytest.mark.usefixtures("strict")
 MakeStage = Callable[..., RunInfo]
 MakeSnapshot = Callable[..., Snapshot]
 Record = Callable[..., Any]
+Read = Callable[[Path], Any]
 FILM = "/world/soft/film"
 SINGLE = 6e-8
 """Relative rounding error of single precision, in which the viewer keeps positions."""
@@ -200,3 +202,16 @@ def test_interrupted_run_ends_with_its_last_snapshot(
     recorded = record(rrd, make_stage(), make_snapshot, ticks=601)
     assert max(recorded.by_time(FILM, "Mesh3D:vertex_positions")) == 601 * 2_000_000
     assert RrdReader(rrd).store() is not None  # the footer is there
+
+
+def test_errors_stand_beside_their_figures_at_the_ends_of_phases(tmp_path: Path, read: Read) -> None:
+    scenario = {"mode": "quasistatic", "phase.start.increments": 2, "phase.inflate.increments": 3}
+    run = cosim.run(
+        "three_unit_inflation", overrides=scenario, out=tmp_path / "run", recording=True, error=True
+    )
+    recorded = read(tmp_path / "run" / "recording.rrd")
+    for key, entity in {"tip_m": "tip_position", "sag_m": "sag"}.items():
+        shown = recorded.by_time(f"/plots/{entity}/error", "Scalars:scalars")
+        bars = [1e3 * phase["error"][key] for phase in run.summary["phases"]]
+        assert [value for (value,) in shown.values()] == pytest.approx(bars)
+        assert list(shown) == [2 * round(run.stage.tick_s * 1e9), 5 * round(run.stage.tick_s * 1e9)]

@@ -196,9 +196,10 @@ class SoftArm(SoftSide):
         self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
         # of the last step: where it began, and what the step before it had left
         self._begin: tuple[Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
-        self._hold(Clamp.of_base(body))
+        self.hold(Clamp.of_base(body))
 
-    def _hold(self, clamp: Clamp) -> None:
+    def hold(self, clamp: Clamp) -> None:
+        """Be held as a clamp has it."""
         self.clamp = clamp
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
@@ -213,11 +214,11 @@ class SoftArm(SoftSide):
             held: (n, 3) bool, world components.
             world_from_flange: present pose of the flange.
         """
-        self._hold(self.clamp.holding(held, self.state.positions, world_from_flange))
+        self.hold(self.clamp.holding(held, self.state.positions, world_from_flange))
 
     def let_go(self, nodes: IntArray) -> None:
         """Hold the given nodes (m,) no longer."""
-        self._hold(self.clamp.without(nodes))
+        self.hold(self.clamp.without(nodes))
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
@@ -465,7 +466,7 @@ class SoftArm(SoftSide):
         if state.loads.contact is not None:
             self.contact_surface().check_planes(state.loads.contact)
         if not state.clamp.holds_as(self.clamp):
-            self._hold(state.clamp)
+            self.hold(state.clamp)
         self.state, self._residual = state.soft, state.residual_N
         self._flange, self._loads = state.flange, state.loads
         self._flange_before, self._pieces, self._piece_s = state.flange_before, state.pieces, state.piece_s

@@ -1,0 +1,146 @@
+"""The same soft body on a mesh whose triangles are divided into four, at rest under the same loads.
+
+Its solution starts from the shape on the run's mesh: nodes where those are, new ones halfway along their
+edges. The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
+middle one; see `cosim.soft.geometry.refinement`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.errors import ConvergenceError, MeshError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+
+_SAME_PLACE_M = 1e-9
+_WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed
+
+
+def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
+    """Return the two nodes (n, 2) of a mesh that each node of the refined one lies halfway between.
+
+    Args:
+        coarse: the body.
+        fine: the same with every triangle divided into four.
+
+    Raises:
+        MeshError: it is not that.
+    """
+    found = np.full((fine.nodes, 2), -1)
+    if len(fine.triangles) == 4 * len(coarse.triangles):
+        a, b, c = coarse.triangles.T
+        part = fine.triangles.reshape(-1, 4, 3)
+        ends = ((0, 0, a, a), (1, 1, b, b), (2, 2, c, c), (0, 1, a, b), (1, 2, b, c), (2, 0, c, a))
+        for child, corner, first, second in ends:
+            found[part[:, child, corner]] = np.stack([first, second], axis=1)
+    away = fine.positions - coarse.positions[found].mean(axis=1)
+    if (found < 0).any() or float(np.abs(away).max()) > _SAME_PLACE_M:
+        raise MeshError("the mesh is not the other one with every triangle divided into four")
+    return found
+
+
+@final
+class FinerMesh:
+    """Finds the equilibria of a body on its refined mesh.
+
+    Attributes: `side`, the body there, held as it is on the run's mesh since the last solution; `iterations`
+    of Newton's method that were spent.
+
+    Args:
+        coarse: the body on the run's mesh.
+        side: new, on the mesh refined once.
+
+    Raises:
+        MeshError: it is not the same body.
+    """
+
+    def __init__(self, coarse: SoftBody, side: SoftArm) -> None:
+        self.side, self._parents, self.iterations = side, parents(coarse, side.body), 0
+
+    def hold(self, clamp: Clamp) -> None:
+        """Let the refined mesh be held as a clamp has it, see `clamp`."""
+        if not clamp.holds_as(self.side.clamp):
+            self.side.hold(clamp)
+
+    def at_rest(
+        self, clamp: Clamp, rest: Equilibrium, before: tuple[Equilibrium, Equilibrium] | None = None
+    ) -> Equilibrium:
+        """Return the equilibrium near one of the run's mesh, with its flange and loads.
+
+        Args:
+            clamp: of the refined mesh.
+            rest: on the run's mesh.
+            before: on the run's mesh and on the refined one, whose difference is taken along; None: none is.
+
+        Raises:
+            ConvergenceError: there is none near it.
+        """
+        side, shape, flange = self.side, rest.state.positions, rest.world_from_flange
+        self.hold(clamp)
+        wanted = shape[self._parents].mean(axis=1)
+        if before is not None:
+            coarse, finer = before
+            turn = flange.rotation @ finer.world_from_flange.rotation.T
+            wanted += (finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)) @ turn.T
+        start, loads = self._start(wanted, flange), replace(rest.loads, self_contact=None)
+        if loads.nodal_force is not None:
+            loads = replace(loads, nodal_force=self._spread(loads.nodal_force))
+        try:
+            found = side.solve(start, flange, loads)
+        except ConvergenceError as error:
+            self.iterations += error.iterations
+            raise
+        self.iterations += found.iterations
+        side.settle(found)
+        return found
+
+    def _start(self, wanted: Array, world_from_flange: Pose) -> SoftState:
+        """Return a shape (n, 3) [m] as a state whose hinges have followed it from the drawn one."""
+        drawn = SoftState.drawn(self.side.body, world_from_flange)
+        memory, system = drawn.memory, self.side.equilibrium_solver.solver.system
+        slack = Loads((), (0.0,) * len(self.side.body.cables))
+        for k in range(1, _WAY + 1):
+            between = drawn.positions + k / _WAY * (wanted - drawn.positions)
+            share = system.segment_share(between, slack)
+            system.evaluate(between, slack, share, memory, hessian=False)
+            memory = system.advanced(between, system.memory)
+        return SoftState.at_rest(np.ascontiguousarray(wanted), memory)
+
+    def _spread(self, force: Array) -> Array:
+        """Return forces (n, 3) [N] on the nodes of the run's mesh as the refined one bears them.
+
+        Each is shared between its node, and halves of the new nodes on edges to nodes that bear one as well.
+        """
+        first, second = self._parents.T
+        bears: Mask = np.any(force != 0.0, axis=1)
+        shared = np.where(first == second, 1.0, 0.5) * (bears[first] & bears[second])
+        count = np.bincount(first, shared, len(force))
+        count += np.bincount(second, np.where(first == second, 0.0, shared), len(force))
+        each = force / np.maximum(count, 1.0)[:, None]
+        both = each[first] + np.where((first == second)[:, None], 0.0, each[second])
+        return np.asarray(shared[:, None] * both)
+
+    def clamp(self, coarse: Clamp, before: tuple[Clamp, Equilibrium] | None = None) -> Clamp:
+        """Return what holds the refined mesh: new nodes are held in what both ends of their edge are.
+
+        Args:
+            coarse: holds the run's mesh.
+            before: clamp and equilibrium of the refined mesh where something else was let go, and held; None:
+                it is held as it is drawn.
+        """
+        first, second = self._parents.T
+        mask = coarse.mask(int(self._parents.max()) + 1)
+        held: Mask = mask[first] & mask[second]
+        if before is None:
+            nodes = np.flatnonzero(np.any(held, axis=1))
+            return Clamp(nodes, self.side.body.positions[nodes], held[nodes])
+        clamp, rest = before
+        kept = clamp.without(np.flatnonzero(~np.any(held, axis=1)))
+        return kept.holding(held, rest.state.positions, rest.world_from_flange)

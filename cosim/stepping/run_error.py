@@ -1,0 +1,349 @@
+"""How far the figures at the ends of a run's phases may be off, worked out at its end: mesh, tick and solver.
+
+Mesh: the state at rest under the loads of the phase's end is found on the run's mesh and on that refined
+once; their difference, times a factor that was calibrated (docs/run_error.md). Tensions that a target was
+reached with are searched for anew on both.
+
+Tick: what still swings at the end, as of the lowest mode, whose motion over a tick of an integrator is known:
+x_n = lambda^n x_0 in place of exp(i w h n) x_0. Over the ticks of the phase the two part by that much of the
+swing.
+
+Solver: a residual of the tolerance in each component, independent of one another, moves the tip by
+tolerance |K^-1 g|, g the tip's gradient.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.coupling.soft_sides.finer_mesh import FinerMesh
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
+from cosim.plan.tip_paths import wanted_tip
+from cosim.soft.beams.beam_rings import BeamRings, stiffener_strain
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.branching import WHOLE
+from cosim.soft.solve.state import Clamp, Equilibrium, Integrator, SoftState
+from cosim.stepping.parts import Parts
+from cosim.telemetry.snapshot import RunErrors
+from cosim.telemetry.tick_batch import TickBatch
+
+FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
+FACTORS: Final = {
+    "none": dict(zip(FIGURES, (2.5, 2.5, 2.5, 2.0, 2.5, 2.5), strict=True)),
+    "stiff": dict(zip(FIGURES, (2.0, 2.0, 1.8, 1.5, 2.0, 2.5), strict=True)),
+    "beam": dict(zip(FIGURES, (1.8, 1.8, 1.6, 1.4, 2.2, 2.5), strict=True)),
+}
+"""By which the difference of two meshes is multiplied, by kind of frames; docs/run_error.md."""
+_TICK_FACTOR: Final = 2.0
+"""By which the drift of the lowest mode is multiplied: others swing as well."""
+_OF_TIP: Final = 0.3
+"""Share of the tip's difference that sag and length are off by at least: theirs may vanish by chance."""
+_ELSEWHERE: Final = 0.6
+"""Of the length: farther away, the refined mesh is on another branch."""
+
+
+@final
+@dataclass(frozen=True)
+class PhaseEnd:
+    """What there is at the end of a phase.
+
+    Args:
+        phase: its index.
+        state: of the soft side.
+        frequency_Hz: lowest natural frequency; None: not known.
+        why_not: why no error is worked out; empty where one is.
+    """
+
+    phase: int
+    state: SoftArmState
+    frequency_Hz: float | None
+    why_not: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Pair:
+    """States at rest at the end of a phase.
+
+    Args:
+        rest: on the run's mesh.
+        finer: on the refined mesh.
+        clamp: of the refined mesh.
+    """
+
+    rest: Equilibrium
+    finer: Equilibrium
+    clamp: Clamp
+
+
+def shape_figures(side: SoftArm, shape: Array, flange: tuple[Array, Array]) -> dict[str, Any]:
+    """Return tip (3,) [m], sag, length [m], volume [m^3], largest strain of the stiffeners, None without.
+
+    Args:
+        side: whose body it is.
+        shape: (n, 3) [m].
+        flange: its origin (3,) [m] and z axis (3,).
+    """
+    found = side.shape_reader().figures([shape])
+    strain = stiffener_strain(side.body, shape)
+    return {
+        "tip_m": found.tip_position[0],
+        "sag_m": float(found.sag_m(flange[0][None], flange[1][None])[0]),
+        "length_m": float(found.center_line_m[0]),
+        "volume_m3": float(found.volumes_m3[0].sum()),
+        "peak_strain": None if strain is None else strain.peak,
+    }
+
+
+def differences(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
+    """Return how far the figures of two shapes are apart, those that both have."""
+    return {
+        key: float(np.linalg.norm(np.subtract(value, other[key])))
+        for key, value in one.items()
+        if value is not None and other[key] is not None
+    }
+
+
+def drift(integrator: Integrator, angle: float, ticks: int) -> float:
+    """Return how far a swing is off after some ticks, over its amplitude.
+
+    Args:
+        integrator: of the ticks.
+        angle: w h [rad], by which it swings in a tick.
+        ticks: since it began.
+    """
+    if integrator == "implicit_euler":
+        root = 1.0 / (1.0 - 1j * angle)
+    else:
+        a = 3.0 - 2j * angle
+        root = (2.0 + cmath.sqrt(4.0 - a)) / a
+    grown = cmath.exp(1j * angle) / root  # what the integrator has lost, a tick
+    return abs(cmath.exp(min(1.0, ticks * math.log(abs(grown))) + 1j * ticks * cmath.phase(grown)) - 1.0)
+
+
+_TANGENT: Final = {"dynamic": 25, "quasistatic": 6}
+"""Iterations of the run that one on the refined mesh costs: those of ticks mostly keep a tangent."""
+_USUAL: Final = 10  # iterations that a state takes on the refined mesh
+_SHARE: Final = 1.0 / 3.0  # of the run's cost, that of all phases at most; else it is the last one alone
+_MOST: Final = 4.0  # times the run's cost, that of the last phase at most
+_ITERATION_S: Final = 5e-6  # a node
+_TOLD_ABOVE_S: Final = 1.0
+
+
+@final
+class ErrorFinder:
+    """Follows a run, and works out at its end how far its figures may be off.
+
+    Attribute `ends`: of the phases that have ended.
+
+    Args:
+        parts: of the run.
+        finer: returns the soft robot on its mesh refined once, or says why there is no such mesh.
+    """
+
+    def __init__(self, parts: Parts, finer: Callable[[], SoftArm] | str) -> None:
+        self._parts, self._finer = parts, finer
+        scenario, phases = parts.scenario, [planned.phase for planned in parts.plan.phases]
+        self._statics = scenario.mode == "quasistatic"
+        self._counts = [phase.increments if self._statics else parts.ticks(phase) for phase in phases]
+        self._ends_at = {tick: phase for phase, tick in enumerate(accumulate(self._counts))}
+        self.ends: list[PhaseEnd] = []
+        self._pairs: dict[int, Pair] = {}
+        self._branched: dict[int, str] = {}
+
+    @property
+    def side(self) -> SoftArm:
+        """The soft robot of the run, on its mesh."""
+        assert isinstance(self._parts.soft, SoftArm), "nothing else has a refined mesh"
+        return self._parts.soft
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in ticks; they come in order, and the run is where the last of them has led."""
+        phase, side = int(batch.phase[-1]), self._parts.soft
+        if any(each.extent >= WHOLE for passed in batch.branchings.values() for each in passed):
+            self._branched[phase] = "the soft robot branches in it"
+        if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm):
+            return
+        state, frequency_Hz = side.save_state(), batch.lowest_frequency_Hz.get(len(batch) - 1)
+        why_not = self._branched.get(phase, "")
+        if batch.slides[-1]:
+            why_not = "the soft robot snaps at its end"
+        elif batch.contacts[-1]:
+            why_not = "the soft robot touches something"
+        self.ends.append(PhaseEnd(phase, state, frequency_Hz, why_not))
+
+    def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
+        """Return the errors, at all phase ends, or at the last where they would cost much of the run.
+
+        Args:
+            iterations: that the run has taken.
+            tell: told in a sentence if it takes more than a second.
+            everywhere: at all phase ends, whatever it costs.
+        """
+        began, finer = time.perf_counter(), self._finer
+        if isinstance(finer, str) or not self.ends:
+            return RunErrors(reason=finer if isinstance(finer, str) else "the run ended before a phase did")
+        cost = iterations / _TANGENT[self._parts.scenario.mode]
+        if not everywhere and cost * _MOST < _USUAL:
+            return RunErrors(reason="it would cost more than the run; --error works it out all the same")
+        side = self.side
+        saved, found = side.save_state(), dict[int, dict[str, Any]]()
+        whole = len(self.ends) == len(self._counts)
+        reason = None if whole else "only of the phases that ended since the run was resumed"
+        if len(self.ends) * _USUAL * 4 * side.body.nodes * _ITERATION_S > _TOLD_ABOVE_S:
+            tell("Working out how far the figures may be off")
+        try:
+            mesh = FinerMesh(side.body, finer())
+            for place in reversed(range(len(self.ends))):
+                each = mesh.iterations / max(1, len(self._pairs))
+                if len(found) == 1 and not everywhere and each * len(self.ends) > _SHARE * cost:
+                    reason = "only at the end of the last phase, as more would cost over a third of the run"
+                    break
+                found[self.ends[place].phase] = self._of(place, mesh)
+        except MeshError as error:
+            reason = str(error)
+        finally:
+            side.restore_state(saved)
+        return RunErrors(found, reason, mesh.iterations, time.perf_counter() - began)
+
+    def _of(self, place: int, mesh: FinerMesh) -> dict[str, Any]:
+        """Return the bars of a phase's end, of what they are made, and why there is none."""
+        none: dict[str, Any] = dict.fromkeys(FIGURES)
+        try:
+            parts, why_not = self._compared(place, mesh)
+        except ConvergenceError:
+            parts, why_not = {}, "no state at rest was found near it, here or on the refined mesh"
+        if why_not:
+            return none | {"reason": why_not}
+        bars = {key: sum(part.get(key, 0.0) for part in parts.values()) for key in parts["of_mesh"]}
+        return none | bars | parts | {"reason": None}
+
+    def _pair(self, place: int, mesh: FinerMesh) -> Pair | None:
+        """Return the states at rest at the end of a phase; None where it is not known how it is held.
+
+        Raises:
+            ConvergenceError: there is none near that of the run.
+        """
+        if place not in self._pairs:
+            end, side, before = self.ends[place], self.side, None
+            if not end.state.clamp.holds_as(Clamp.of_base(side.body)):
+                # what is held since then is held where it was
+                same = (
+                    k for k in range(place, -1, -1) if not self.ends[k].state.clamp.holds_as(end.state.clamp)
+                )
+                since = next(same, -1)
+                before = self._pair(since, mesh) if since >= 0 and not self.ends[since].why_not else None
+                if before is None:
+                    return None
+            side.restore_state(end.state)
+            soft = SoftState.at_rest(end.state.soft.positions, end.state.soft.memory)
+            rest = side.solve(soft, end.state.flange, end.state.loads)
+            if before is None:
+                clamp = mesh.clamp(end.state.clamp)
+                finer = mesh.at_rest(clamp, rest)
+            else:
+                clamp = mesh.clamp(end.state.clamp, (before.clamp, before.finer))
+                finer = mesh.at_rest(clamp, rest, (before.rest, before.finer))
+            self._pairs[place] = Pair(rest, finer, clamp)
+        return self._pairs[place]
+
+    def _compared(self, place: int, mesh: FinerMesh) -> tuple[dict[str, Any], str]:
+        """Return the parts of the bars; or why there are none.
+
+        Raises:
+            ConvergenceError: there is no state at rest near that of the run.
+        """
+        end, side = self.ends[place], self.side
+        pair = None if end.why_not else self._pair(place, mesh)
+        if pair is None:
+            return {}, end.why_not or "rings are held where the run's mesh had them"
+        side.restore_state(end.state)
+        mesh.hold(pair.clamp)
+        frame = (end.state.flange.translation, end.state.flange.rotation[:, 2])
+        here = shape_figures(side, pair.rest.state.positions, frame)
+        away = differences(here, shape_figures(mesh.side, pair.finer.state.positions, frame))
+        if pair.rest.negative_pivots or pair.finer.negative_pivots:
+            return {}, "a state at rest near it is unstable"
+        if away["tip_m"] > _ELSEWHERE * here["length_m"]:
+            return {}, "the refined mesh is on another branch"
+        away |= self._of_tension(end, pair, mesh)
+        return {
+            "of_mesh": mesh_bars(away, frame_kind(side.body)),
+            "of_tick": {} if self._statics else self._of_tick(end, side, here),
+            "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
+        }, ""
+
+    def _of_tension(self, end: PhaseEnd, pair: Pair, mesh: FinerMesh) -> dict[str, float]:
+        """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
+        target = self._parts.plan.phases[end.phase].phase.tip_target
+        if target is None or target.reach_with != "cables":
+            return {}
+        wanted, sides = wanted_tip(target), ((self.side, pair.rest), (mesh.side, pair.finer))
+        with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
+            pulled = [each.find_tensions(at, wanted).loads for each, at in sides]
+            return {"cable_tension_N": tension_difference(*pulled)}
+        return {}
+
+    def _of_solver(self, side: SoftArm, rest: Equilibrium) -> float:
+        """Return how far what the solver leaves moves the tip [m]."""
+        solver, tip = side.equilibrium_solver.solver, side.body.tip
+        options = self._parts.scenario.solver
+        tolerance_N = options.residual_tolerance_N if self._statics else options.dynamic_tolerance_N
+        state, frame = rest.state, rest.world_from_flange.rotation
+        if not solver.factorise(state.positions, state.memory, rest.loads, None, frame):
+            return math.inf
+        pull = np.zeros((3, side.body.nodes, 3))
+        for axis in range(3):
+            pull[axis, tip, axis] = 1.0 / len(tip)
+        return tolerance_N * float(np.linalg.norm(solver.linear.solve_all(pull)))
+
+    def _of_tick(self, end: PhaseEnd, side: SoftArm, rest: dict[str, Any]) -> dict[str, float]:
+        """Return how far ticks may have brought the figures off, besides those at rest."""
+        scenario, flange, soft = self._parts.scenario, end.state.flange, end.state.soft
+        frame, tick_s = (flange.translation, flange.rotation[:, 2]), scenario.clock.tick_s
+        before = end.state.flange_before or flange
+        carried = soft.positions - (before @ flange.inverse()).apply(soft.positions)
+        now = shape_figures(side, soft.positions, frame)
+        earlier = shape_figures(side, soft.positions - (tick_s * soft.velocities - carried), frame)
+        off, rate = differences(now, rest), differences(now, earlier)
+        if end.frequency_Hz is None:  # all that moves may be off
+            return {key: off[key] + rate[key] for key in off}
+        angle = 2.0 * math.pi * end.frequency_Hz * tick_s
+        share = _TICK_FACTOR * drift(scenario.solver.integrator, angle, self._counts[end.phase])
+        return {key: share * math.hypot(off[key], rate[key] / angle) for key in off}
+
+
+def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:
+    """Return the bars of figures that are so far apart on a mesh and on that refined once.
+
+    Args:
+        away: by figure.
+        kind: of the frames.
+    """
+    least, factors = _OF_TIP * away["tip_m"], FACTORS[kind]
+    floors = {"sag_m": least, "length_m": least}
+    return {key: factors[key] * max(value, floors.get(key, 0.0)) for key, value in away.items()}
+
+
+def frame_kind(body: SoftBody) -> str:
+    """Return what frames a body has, as its file calls them."""
+    if body.of_kind(BeamRings):
+        return "beam"
+    return "none" if body.frames is None else "stiff"
+
+
+def tension_difference(one: Loads, other: Loads) -> float:
+    """Return the largest difference of a cable's tension [N]."""
+    return float(np.abs(np.subtract(one.cable_tension_N, other.cable_tension_N)).max())

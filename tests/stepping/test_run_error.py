@@ -1,0 +1,180 @@
+"""A run says how far its figures may be off: by its mesh, its ticks and what its solver leaves.
+
+The same run on the mesh refined once gives the difference that the bar of the mesh is a multiple of: of 1.2
+to 3.5, whatever the calibration has found. The two are solved apart: from another shape, with another clamp.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.cli.main import main
+
+SADDLE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
+LEAST, MOST = 1.2, 3.5
+FIGURES = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
+LENGTHS = {"tip_m": "tip_position_m", "sag_m": "sag_m", "volume_m3": "volume_m3"}
+ARM = """
+schema = 2
+title = "Three square units lean over and are lifted"
+robot = "none"
+soft_robot = "square_core_cables"
+mode = "quasistatic"
+[start]
+flange = { position_m = [0.0, 0.0, 0.5], direction = [0.3, 0.0, -1.0] }
+[[phase]]
+name = "inflate"
+duration_s = 0.5
+increments = 2
+pressure_Pa = 10e3
+"""
+LIFT = """
+[[phase]]
+name = "lift"
+duration_s = 0.5
+increments = 2
+tip_target = { height_m = 0.472, reach_with = "cables" }
+"""
+
+
+PUSHED = """
+[[phase.force]]
+rings = ["unit_3.outer"]
+corners = [1, 2]
+total_N = [0.0, 0.1, 0.0]
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM, encoding="utf-8")
+    return path
+
+
+def phases(scenario: str | Path, error: bool | None = True, **overrides: Any) -> list[dict[str, Any]]:
+    """Return the figures of each phase of a run."""
+    found: list[dict[str, Any]] = cosim.run(scenario, overrides=overrides, error=error).summary["phases"]
+    return found
+
+
+def assert_bars_hold(run: list[dict[str, Any]], refined: list[dict[str, Any]]) -> None:
+    """Compare the bars of a run's phases with the same run on the refined mesh."""
+    for coarse, fine in zip(run, refined, strict=True):
+        bars = coarse["error"]
+        assert bars["reason"] is None
+        away = {
+            key: float(np.linalg.norm(np.subtract(coarse[figure], fine[figure])))
+            for key, figure in LENGTHS.items()
+        }
+        for key in ("tip_m", "volume_m3"):
+            assert LEAST * away[key] < bars[key] < MOST * away[key], key
+        # sag is off by at least a share of what the tip is
+        assert LEAST * away["sag_m"] < bars["sag_m"] < MOST * away["tip_m"]
+        assert bars["peak_strain"] is None or bars["peak_strain"] > 0.0
+
+
+def test_the_bar_of_the_mesh_is_a_multiple_of_what_refining_it_changes(arm: Path) -> None:
+    assert_bars_hold(phases(arm), phases(arm, error=False, fidelity="refined"))
+
+
+def test_tensions_for_a_target_are_found_again_on_the_refined_mesh(arm: Path) -> None:
+    # of one cable there is one tension
+    one = '{ name = "one", corner = 1, units = [1, 5], capstan_factor = 0.86 }'
+    alone = ARM.replace('"square_core_cables"', f'{{ file = "hexagon_arm_five", cable = [{one}] }}')
+    sideways = (alone + LIFT).replace("[0.3, 0.0, -1.0]", "[1.0, 0.0, 0.0]").replace("0.472", "0.491")
+    arm.write_text(sideways, encoding="utf-8")
+    coarse, fine = phases(arm)[-1], phases(arm, error=False, fidelity="refined")[-1]
+    away = float(np.abs(np.subtract(coarse["cable_tension_N"], fine["cable_tension_N"])).max())
+    assert LEAST * away < coarse["error"]["cable_tension_N"] < MOST * away
+
+
+def test_forces_on_rings_are_those_of_the_run_on_the_refined_mesh(arm: Path) -> None:
+    arm.write_text(ARM + PUSHED, encoding="utf-8")
+    assert_bars_hold(phases(arm), phases(arm, error=False, fidelity="refined"))
+
+
+def test_rings_that_are_held_later_are_held_where_the_refined_mesh_has_them() -> None:
+    counts = {f"phase.{name}.increments": 4 for name in ("start", "inflate", "load", "pull")}
+    name = "bending_angle_tip_load"
+    run, refined = phases(name, **counts), phases(name, error=False, fidelity="refined", **counts)
+    assert_bars_hold(run[1:], refined[1:])  # hardly inflated, the bare film has many shapes
+
+
+@pytest.mark.parametrize("robot", ["three_finger_gripper", "arm_with_gripper"])
+def test_copies_and_what_is_carried_are_refined_as_well(arm: Path, robot: str) -> None:
+    given = {"soft_robot": robot, "phase.inflate.pressure_Pa": 2e3, "phase.inflate.increments": 1}
+    assert phases(arm, **given)[-1]["error"]["tip_m"] > 0.0
+
+
+def test_long_ticks_are_told(arm: Path) -> None:
+    swing = {"mode": "dynamic", "phase.inflate.duration_s": 0.2, "phase.inflate.pressure_Pa": 5e3}
+    found = [phases(arm, **swing, **{"clock.tick_s": tick_s})[-1] for tick_s in (0.01, 0.00125)]
+    away = float(np.linalg.norm(np.subtract(found[0]["tip_position_m"], found[1]["tip_position_m"])))
+    long, short = (each["error"]["of_tick"]["tip_m"] for each in found)
+    assert away > 1e-5
+    assert 0.5 * away < long < 10.0 * away
+    assert short < 0.6 * long
+
+
+def test_what_the_solver_leaves_counts_by_its_tolerance(arm: Path) -> None:
+    close, loose = (
+        phases(arm, **{"solver.residual_tolerance_N": given})[-1]["error"]["of_solver"]["tip_m"]
+        for given in (1e-6, 1e-4)
+    )
+    # both tangents are of nearly the same shape
+    assert loose == pytest.approx(100.0 * close, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "why"),
+    [
+        ({"fidelity": "rigid"}, "the shape is frozen"),
+    ],
+)
+def test_models_without_a_refined_mesh_say_so(arm: Path, overrides: dict[str, Any], why: str) -> None:
+    summary = cosim.run(arm, overrides=overrides, error=True).summary
+    assert summary["error"]["reason"].startswith(why)
+    assert [phase["error"] for phase in summary["phases"]] == [None]
+
+
+def test_a_phase_that_branches_has_no_bar() -> None:
+    given = {"mode": "quasistatic", "robot": "none", "phase.inflate.increments": 4}
+    last = phases(SADDLE, **given)[-1]["error"]
+    assert last["reason"] == "the soft robot branches in it"
+    assert [last[key] for key in FIGURES] == [None] * len(FIGURES)
+
+
+def test_it_costs_no_more_than_its_share_unless_it_is_asked_for(arm: Path) -> None:
+    arm.write_text(ARM + LIFT, encoding="utf-8")
+    summary = cosim.run(arm).summary
+    assert summary["phases"][0]["error"] is None
+    assert summary["phases"][1]["error"]["reason"] is None
+    assert "third of the run" in summary["error"]["reason"]
+    arm.write_text(ARM, encoding="utf-8")
+    once = {"mode": "dynamic", "clock.tick_s": 0.1, "phase.inflate.duration_s": 0.1}
+    short = cosim.run(arm, overrides=once).summary
+    assert short["phases"][0]["error"] is None
+    assert "--error" in short["error"]["reason"]
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_the_command_line_says_it_or_leaves_it_out(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], given: bool
+) -> None:
+    out = tmp_path / "run"
+    words = ["run", str(arm), "--out", str(out), "--no-recording", "--error" if given else "--no-error"]
+    assert main(words) == 0
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if line.startswith("error:"))
+    error = json.loads((out / "summary.json").read_text("utf-8"))["phases"][0]["error"]
+    if given:
+        assert line.startswith(f"error:     tip {1e3 * error['tip_m']:.2g} mm ('inflate'), sag ")
+    else:
+        assert error is None
+        assert line == "error:     not worked out: it was not asked for"
