@@ -1,11 +1,14 @@
 """How far stacks of units extend with printed stiffeners of given sections, mesh by mesh.
 
-    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [--tilt] [SECTION ...]
+    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [--tilt | --frames] [SECTION ...]
 
-A section is width x height in mm, such as 2x4; "none" is bare film. Specimens as in the mesh study (open
-ends, kept upright), film with the wrinkling law, stiffeners of 2 GPa. At the end of each row: the largest
-strain of the stiffeners' fibres. With --tilt instead: the moment over the angle by which the upper ring of
-one square unit is turned at its place.
+A section is width x height in mm, such as 2x4, of 2 GPa, or of a plastic, such as TPU6x4; "none" is bare
+film. Specimens as in the mesh study (open ends, kept upright), film with the wrinkling law. At the end of
+each row: the largest strain of the stiffeners' fibres. With --tilt instead: the moment over the angle by
+which the upper ring of one square unit is turned at its place. With --frames instead: lengths over stored
+ones, refined (three squares at 10 kPa, the hexagonal arm in its scenario at 30 kPa); largest strain over that
+at which the plastic yields, drawn / refined (squares at 40 kPa, the arm up to its turn); branchings of the
+arm, drawn / refined; height of its turned tip, refined [mm].
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +28,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.measure.stability import negative_pivots
+from cosim import run
 from cosim.base.frames import Pose, rotation_from_vector
+from cosim.config.loading import load_scenario
+from cosim.config.writing import to_table
 from cosim.errors import ConvergenceError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection, stiffener_strain
 from cosim.soft.body.body import SoftBody
@@ -47,37 +54,82 @@ SPECIMENS = {
 }
 SECTIONS = ("none", "1x1", "1.5x1.5", "2x2", "2.2x2.2", "3x3", "4x4", "1x4", "1.8x4", "3x4")
 MODULUS_Pa = 2e9
+FILM_m = 0.11e-3
+PLASTICS = {"PLA": (2.3e9, 0.02), "PETG": (1.7e9, 0.051), "TPU": (26e6, 0.55)}
+"""Modulus [Pa] and strain at yield, of the data sheets that docs/stiffeners.md names."""
+FRAMES = (
+    "PLA3x2.5", "PLA6x2", "PLA8x1.9", "PETG3x2.4", "PETG3x2.5", "PETG3.5x2.4", "PETG4x2.3", "PETG5x2.2",
+    "PETG6x2.1", "PETG3.5x3",
+)  # fmt: skip
 _TILT_RAD = 4e-3
 
 
 def specimen(stack: PolygonalStack, level: int, section: str) -> SoftBody:
     """Return a stack of wrinkling film with stiffeners of a section."""
-    body = film_stack(stack, level, Film(1.3e9, 0.2, 0.11e-3, "wrinkling"))
+    body = film_stack(stack, level, Film(1.3e9, 0.2, FILM_m, "wrinkling"))
     if section == "none":
         return body
-    width, height = (1e-3 * float(size) for size in section.split("x"))
+    plastic, width, height = _section(section)
     rims = np.stack([ring for name, ring in body.rings.items() if name.endswith(".outer")])
-    beams = BeamRings.from_shape(body.positions, rims, RectangularSection(width, height, MODULUS_Pa))
+    modulus = PLASTICS[plastic][0] if plastic else MODULUS_Pa
+    beams = BeamRings.from_shape(body.positions, rims, RectangularSection(width, height, modulus))
     return body.with_elements(beams)
 
 
-def study(name: str, level: int, section: str) -> dict[str, Any]:
-    """Return extension [mm], peak strain and negative pivots at each pressure that was reached."""
+def _section(text: str) -> tuple[str, float, float]:
+    """Return plastic, width and height [m] of a section such as TPU6x4."""
+    size = text.lstrip("".join(PLASTICS))
+    width, height = (1e-3 * float(side) for side in size.split("x"))
+    return text.removesuffix(size), width, height
+
+
+def study(name: str, level: int, section: str, pressures: Sequence[float] = PRESSURES_KPA) -> dict[str, Any]:
+    """Return extension [mm], peak strain and negative pivots at each pressure [kPa] that was reached."""
     sample, began = OpenSpecimen(specimen(SPECIMENS[name], level, section)), time.process_time()
     row: dict[str, Any] = {"specimen": name, "section": section, "level": level}
     row |= {"extension_mm": [], "peak_strain": [], "negative_pivots": []}
-    for pressure in STEPS_KPA:
+    for pressure in sorted({*STEPS_KPA, *pressures}):
+        if pressure > max(pressures):
+            break
         try:
             here = sample.load_to(1e3 * pressure)
         except ConvergenceError as error:
             row["failed"] = f"{pressure:g} kPa: {error}"
             break
-        if pressure in PRESSURES_KPA:
+        if pressure in pressures:
             strain = stiffener_strain(sample.body, here.state.positions)
             row["extension_mm"].append(1e3 * sample.extension_m)
             row["peak_strain"].append(None if strain is None else strain.peak)
             row["negative_pivots"].append(negative_pivots(sample.newton, here))
     return row | {"iterations": sample.iterations, "cpu_s": time.process_time() - began}
+
+
+def frame(section: str) -> list[str]:
+    """Return the cells of a frame's row; see the table in docs/stiffeners.md."""
+    plastic, width, height = _section(section)
+    modulus, strength = PLASTICS[plastic]
+    stored_m = height + 2.0 * FILM_m
+    cores = [study("three squares", level, section, (10.0, 40.0)) for level in (0, 1)]
+    core_m = 0.006 + 1e-3 * cores[1]["extension_mm"][0]
+    shares = [core["peak_strain"][-1] / strength for core in cores]
+    scenario = load_scenario("ur5e_hexagon_arm")
+    phases = to_table(scenario)["phase"][: [phase.name for phase in scenario.phases].index("lift")]
+    stiffener = {"width_m": width, "height_m": height, "young_modulus_Pa": modulus}
+    changes: dict[str, Any] = {f"soft_robot.stiffener.{key}": value for key, value in stiffener.items()}
+    changes |= {"mode": "quasistatic", "phase": [{**phase, "increments": 30} for phase in phases]}
+    arms = [
+        run("ur5e_hexagon_arm", overrides={**changes, "soft_robot.stack.refine": level}) for level in (0, 1)
+    ]
+    peaks = [max(row["stiffener"]["peak_strain"] for row in arm.summary["phases"]) for arm in arms]
+    branchings = [len(arm.summary["branchings"]) for arm in arms]
+    inflated, turned = (float(arms[1].tip_position[arms[1].phase == row][-1, 2]) for row in (1, 2))
+    arm_m = scenario.start.flange.position_m[2] - inflated
+    return [
+        f"{core_m / (3.0 * stored_m):.1f}", f"{arm_m / (10.0 * stored_m):.1f}",
+        " / ".join(f"{share:.2f}" for share in shares),
+        " / ".join(f"{peak / strength:.2f}" for peak in peaks),
+        " / ".join(str(count) for count in branchings), f"{1e3 * turned:.0f}",
+    ]  # fmt: skip
 
 
 def tilt_stiffness(level: int, section: str) -> list[float]:
@@ -120,20 +172,24 @@ def line(row: dict[str, Any]) -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("sections", nargs="*", default=SECTIONS)
+    parser.add_argument("sections", nargs="*")
     parser.add_argument("--specimen", choices=SPECIMENS, action="append", help="all if omitted")
     parser.add_argument("--levels", type=int, default=2, help="how many meshes, the drawn one first")
     parser.add_argument("--tilt", action="store_true")
+    parser.add_argument("--frames", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     compile_kernels(print)
     rows: list[dict[str, Any]] = []
-    for section in options.sections if options.tilt else ():
+    sections = options.sections or (FRAMES if options.frames else SECTIONS)
+    for section in sections if options.frames else ():
+        print(f"| {section} | {' | '.join(frame(section))} |", flush=True)
+    for section in sections if options.tilt else ():
         values = [tilt_stiffness(level, section) for level in range(options.levels)]
         cells = [" / ".join(f"{1e3 * value:.0f}" for value in pair) for pair in values]
         print(f"| {section} | {' | '.join(cells)} |", flush=True)
-    for name in () if options.tilt else options.specimen or SPECIMENS:
-        for section in options.sections:
+    for name in () if options.tilt or options.frames else options.specimen or SPECIMENS:
+        for section in sections:
             for level in range(options.levels):
                 rows.append(study(name, level, section))
                 print(line(rows[-1]), rows[-1].get("failed", ""), flush=True)
