@@ -176,12 +176,15 @@ class ErrorFinder:
             self._branched[phase] = "the soft robot branches in it"
         if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm):
             return
-        state, frequency_Hz = side.save_state(), batch.lowest_frequency_Hz.get(len(batch) - 1)
+        state, footing = side.save_state(), batch.footing.get(len(batch) - 1)
+        frequency_Hz = None if footing is None else footing.lowest_frequency_Hz
         why_not = self._branched.get(phase, "")
         if batch.slides[-1]:
             why_not = "the soft robot snaps at its end"
         elif batch.contacts[-1]:
             why_not = "the soft robot touches something"
+        elif footing is not None and (stands := footing.stability(())) != "stable":
+            why_not = f"the soft robot ends {stands}"
         self.ends.append(PhaseEnd(phase, state, frequency_Hz, why_not))
 
     def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:

@@ -132,12 +132,7 @@ def test_what_the_solver_leaves_counts_by_its_tolerance(arm: Path) -> None:
     assert loose == pytest.approx(100.0 * close, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "why"),
-    [
-        ({"fidelity": "rigid"}, "the shape is frozen"),
-    ],
-)
+@pytest.mark.parametrize(("overrides", "why"), [({"fidelity": "rigid"}, "the shape is frozen")])
 def test_models_without_a_refined_mesh_say_so(arm: Path, overrides: dict[str, Any], why: str) -> None:
     summary = cosim.run(arm, overrides=overrides, error=True).summary
     assert summary["error"]["reason"].startswith(why)
