@@ -305,13 +305,12 @@ def _take_tick(
     if not _take_soft_step(found, commands, row, ticks, way, k, flange):
         return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
     if waits:
-        spent, found = ticks.iterations[k], (found[0], _find_overlooked(row, way, k))
+        found = (found[0], _find_overlooked(row, way, k))
         if found[1] < 0:
             return SOFT_HALF_LEFT
         if found[1] > 0:
             if not _take_soft_step(found, commands, row, ticks, way, k, flange):
                 return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
-            ticks.iterations[k] += spent
             films.counts[OVERLOOKED] = 0
     tolerance = row.side.numbers.tolerance
     if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):

@@ -82,3 +82,20 @@ def test_an_arm_that_is_far_from_everything_is_not_looked_at_again_and_nothing_i
         assert found == {(contact.link, contact.other) for contact in fresh.links.at(q)}
         touched += bool(found)
     assert 0 < touched < 800
+
+
+def test_a_film_in_the_forearm_of_the_arm_that_carries_it_is_named() -> None:
+    scene = RigidScene(SceneDescription(ARM))
+    scene.set_joint_state(ARM.home)
+    names, places = scene.body_names, scene.body_poses()[0]
+    elbow, wrist = places[names.index("forearm_link")], places[names.index("wrist_1_link")]
+    axis = (wrist - elbow) * (1.0, 0.0, 1.0)  # the wrist stands beside it
+    inside = elbow + np.array([[0.5], [0.6]]) * axis
+    away = inside + np.array([0.0, 0.0, 1.0])
+    (found,) = scene.links.with_film(np.concatenate([away, inside]), ARM.home)
+    assert found.link == "forearm_link"
+    assert found.node in (2, 3)
+    assert 0.01 < found.depth_m < 0.06  # a cylinder of 49 mm radius
+    assert scene.links.with_film(away, ARM.home) == ()
+    # it begins at the flange, in what carries that
+    assert scene.links.with_film(scene.flange_pose.translation[None], ARM.home) == ()

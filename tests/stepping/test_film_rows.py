@@ -157,9 +157,10 @@ CURL: dict[str, Any] = {
 }
 
 
-def test_ticks_in_which_films_touch_one_another_go_in_rows(path: Path) -> None:
+@pytest.mark.parametrize("asked", [True, "auto"])
+def test_ticks_in_which_films_touch_one_another_go_in_rows(path: Path, asked: Any) -> None:
     """A tick that is left in the middle, for a tangent or new lists, is finished as it began."""
-    wanted = scenario(path, **CURL)
+    wanted = scenario(path, **{**CURL, "contact__self_contact": asked})
     rows, together = kernels_take(build_simulation(wanted))
     touching = {snapshot.tick for snapshot in rows if snapshot.ledger.self_contacts}
     assert len(touching) > 0.5 * len(rows)
@@ -170,6 +171,21 @@ def test_ticks_in_which_films_touch_one_another_go_in_rows(path: Path) -> None:
     assert not alone
     assert max(snapshot.ledger.self_contact_force_N for snapshot in ticks) > 1.0
     assert_close(rows, ticks, 0.0)
+
+
+def test_contact_is_modelled_from_where_films_come_to_press(path: Path) -> None:
+    """Until then a run is that without contact, to the last bit; then that with contact throughout."""
+    auto, never, always = (
+        list(build_simulation(scenario(path, **{**CURL, "contact__self_contact": asked})).steps())
+        for asked in ("auto", False, True)
+    )
+    first = next(k for k, snapshot in enumerate(auto) if snapshot.ledger.self_contacts)
+    assert first > 10
+    assert_close(auto[:first], never[:first], 0.0)
+    assert not np.array_equal(auto[first].node_position, never[first].node_position)
+    for one, other in zip(auto, always, strict=True):
+        np.testing.assert_allclose(one.tip_position, other.tip_position, rtol=0.0, atol=1e-4)
+    assert np.abs(auto[-1].tip_position - never[-1].tip_position).max() > 1e-4
 
 
 def test_ticks_that_are_solved_closely_take_few_iterations(path: Path) -> None:

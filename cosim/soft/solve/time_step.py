@@ -297,15 +297,14 @@ class ImplicitStepper:
             raise InputError(f"step {step_s} s must be positive and finite")
         first = self._with_films(state, loads, step_s)
         end, result = self._step(state, world_from_flange, first, step_s, before, aim)
-        films, spent = self.self_contact, result.iterations
+        films = self.self_contact
         if films is None or not films.waits(state) or not films.press(end, step_s):
             return end, result
         pairs = films.step_pairs(state, step_s)
         if pairs is None:
             return end, result
         again = replace(loads, self_contact=pairs)
-        end, result = self._step(state, world_from_flange, again, step_s, before, aim)
-        return end, replace(result, iterations=spent + result.iterations)
+        return self._step(state, world_from_flange, again, step_s, before, aim)
 
     def _step(
         self,
