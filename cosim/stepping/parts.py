@@ -273,9 +273,6 @@ class Parts:
         devices = self.commands.report(moment.flange)
         wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
         footing = soft.footing(soft.shape_now(), moment.flange, loads) if moment.ends_phase else None
-        branchings, unstable = moment.branchings, footing and footing.unstable
-        if unstable is not None and unstable.losses_held:  # these are not left, and found here alone
-            branchings = *branchings, unstable
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
@@ -297,7 +294,7 @@ class Parts:
             tick_wall_s=wall_s,
             devices=devices,
             link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
-            branchings=branchings,
+            branchings=moment.branchings,
             overlaps=moment.overlaps,
             footing=footing,
         )

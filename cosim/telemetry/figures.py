@@ -562,6 +562,11 @@ def standing_lines(phases: list[dict[str, Any]]) -> list[str]:
         stability, margin, tip_m = (row[name] for name in ("stability", "load_margin", "disturbed_tip_m"))
         if stability == "unstable":
             lines.append(f"phase '{row['name']}' ends unstable")
+        elif stability == "undetermined":
+            lines.append(
+                f"phase '{row['name']}' may end unstable: its loads have no potential, the symmetric part "
+                "of its tangent, losses held, is not positive definite"
+            )
         elif stability is not None and stability.startswith("near"):
             most = "" if margin is None else f", all loads changed by {100.0 * margin:+.2g} % would do"
             lines.append(

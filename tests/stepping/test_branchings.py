@@ -134,3 +134,12 @@ def test_a_sample_of_symmetric_bodies_ends_stable_and_says_where_they_branch() -
     assert sum(body.drawn for body in bodies) >= 5
     for body in (*bodies[3:6], bodies[9], bodies[12]):  # strips drawn at random, a pouch, a stack
         assert body.run().good, body.name
+
+
+def test_of_open_ends_it_is_said_that_it_is_not_known(caplog: pytest.LogCaptureFixture) -> None:
+    # without the pull of its caps, a stack under pressure is a column
+    summary = cosim.run("paper_figure_9").summary
+    for phase in summary["phases"]:
+        assert (phase["stability"], phase["losses_held"]) == ("undetermined", True)
+        assert f"phase '{phase['name']}' may end unstable: its loads have no potential" in caplog.text
+    assert summary["warnings"] == summary["branchings"] == []

@@ -5,6 +5,7 @@ In a file by itself, as who reports on it loads no kernels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
@@ -71,7 +72,8 @@ class Footing:
         snaps: whether it is the loads that move it there: it snaps. Else it branches.
         losses_held: whether loads have no potential, so that this is of the symmetric part of its tangent,
             with the losses along cables held.
-        unstable: in which direction it would give way; None where it is stable.
+        unstable: in which direction it would give way; None where it is stable, or where that is not
+            known, as loads have no potential.
         rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to from there, looked for where
             rounding has decided on a side; None: not looked for, or none was found.
     """
@@ -93,6 +95,8 @@ class Footing:
         large = [snap for extent, snap in passed if extent >= WHOLE]
         if self.unstable is not None:
             return "unstable"
+        if not math.isfinite(self.disturbed_tip_m):
+            return "undetermined"
         if self.disturbed_tip_m >= _MOVES_m:
             return "near neutral"
         if abs(self.load_margin) < _NEAR:

@@ -175,6 +175,8 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
 def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
     """Return in which direction a body in motion would give way if it was at rest; None where it would not.
 
+    Of open ends nothing is known from a symmetric part that is not positive definite, see `footing`.
+
     Args:
         solver: Newton's method for the body with the clamp in force, of symmetric parts of tangents; its
             factorisation is lost.
@@ -182,7 +184,7 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    if solver.factorise(state.positions, state.memory, loads, None, frame):
+    if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
     ways = solver.negative_pivots(state.positions, state.memory, loads)
     return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
@@ -212,6 +214,8 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     weight = mass if (mass > 0.0).all() else None
     lowest = softest(solver, state, loads, frame, weight)
     if not lowest.value > 0.0:
+        if not system.conservative:  # it may be stable all the same
+            return Footing(None, math.inf, math.inf, losses_held=held)
         ways = max(1, solver.negative_pivots(x, state.memory, loads))
         return Footing(
             None, math.inf, 0.0, losses_held=held, unstable=_named(solver, state, loads, lowest, ways)
