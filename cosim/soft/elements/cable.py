@@ -212,8 +212,7 @@ class Cable(Element):
     @property
     def law(self) -> tuple[float, float, float, float]:
         """c, mu, F [N] and k [N/m] of its eyelets, see `eyelets`."""
-        stiffness = self.stiffness_N_m * (len(self.nodes) - 1)
-        return self.loss_factor, self.friction_coefficient, self.loss_N, stiffness
+        return self.loss_factor, self.friction_coefficient, self.loss_N, self.stiffness_N_m
 
     def first_memory(self, positions: Array) -> Array:
         """Return the anchors (eyelets - 1,) [m] of a cable that is pulled taut; of others nothing."""
