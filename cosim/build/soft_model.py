@@ -276,7 +276,10 @@ class SoftModel:
 
     def refined(self, levels: int) -> SoftArm:
         """Return the film with every triangle divided into four so many times; searches are short."""
-        short = replace(self._statics, iterations_max=_SHORT, search_iterations_max=_SHORT_SEARCH)
+        short = replace(
+            self._statics, iterations_max=_SHORT, search_iterations_max=_SHORT_SEARCH,
+            reuse_max=_REUSE_MAX, reuse_below_N=_STATIC_REUSE_BELOW_N,
+        )  # fmt: skip
         body = fidelity_body(self._scenario, levels)
         return SoftArm(body, self._flange, short, self._dynamics, self._films)
 

@@ -133,7 +133,7 @@ def drift(integrator: Integrator, angle: float, ticks: int) -> float:
     return abs(cmath.exp(min(1.0, ticks * math.log(abs(grown))) + 1j * ticks * cmath.phase(grown)) - 1.0)
 
 
-_TANGENT: Final = {"dynamic": 25, "quasistatic": 6}
+_TANGENT: Final = {"dynamic": 40, "quasistatic": 6}
 """Iterations of the run that one on the refined mesh costs: those of ticks mostly keep a tangent."""
 _USUAL: Final = 10  # iterations that a state takes on the refined mesh
 _SHARE: Final = 1.0 / 3.0  # of the run's cost, that of all phases at most; else it is the last one alone
@@ -208,12 +208,13 @@ class ErrorFinder:
         if len(self.ends) * _USUAL * 4 * side.body.nodes * _ITERATION_S > _TOLD_ABOVE_S:
             tell("Working out how far the figures may be off")
         try:
-            mesh = FinerMesh(side.body, finer())
+            mesh, dear = FinerMesh(side.body, finer()), False
             for place in reversed(range(len(self.ends))):
-                each = mesh.iterations / max(1, len(self._pairs))
-                if len(found) == 1 and not everywhere and each * len(self.ends) > _SHARE * cost:
+                if len(found) == 1 and not everywhere:
+                    dear = mesh.iterations / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
+                if dear and place not in self._pairs:  # what the last one has needed is there
                     reason = "only at the end of the last phase, as more would cost over a third of the run"
-                    break
+                    continue
                 found[self.ends[place].phase] = self._of(place, mesh)
         except MeshError as error:
             reason = str(error)
@@ -250,15 +251,20 @@ class ErrorFinder:
                 before = self._pair(since, mesh) if since >= 0 and not self.ends[since].why_not else None
                 if before is None:
                     return None
+            along, clamp = before, mesh.clamp(end.state.clamp)
+            if before is not None:
+                clamp = mesh.clamp(end.state.clamp, (before.clamp, before.finer))
+                if not self.ends[place - 1].why_not:
+                    along = self._pair(place - 1, mesh)
             side.restore_state(end.state)
             soft = SoftState.at_rest(end.state.soft.positions, end.state.soft.memory)
             rest = side.solve(soft, end.state.flange, end.state.loads)
-            if before is None:
-                clamp = mesh.clamp(end.state.clamp)
+            try:
+                finer = mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
+            except ConvergenceError:
+                if along is None:
+                    raise
                 finer = mesh.at_rest(clamp, rest)
-            else:
-                clamp = mesh.clamp(end.state.clamp, (before.clamp, before.finer))
-                finer = mesh.at_rest(clamp, rest, (before.rest, before.finer))
             self._pairs[place] = Pair(rest, finer, clamp)
         return self._pairs[place]
 

@@ -47,7 +47,7 @@ PUSHED = """
 [[phase.force]]
 rings = ["unit_3.outer"]
 corners = [1, 2]
-total_N = [0.0, 0.1, 0.0]
+total_N = [0.0, 0.5, 0.0]
 """
 
 
