@@ -150,6 +150,9 @@ def test_a_tick_that_the_kernel_leaves_is_finished(path: Path) -> None:
 CURL: dict[str, Any] = {
     "contact__self_contact": True,
     "soft_robot__stack__units": 3,
+    "soft_robot__stiffener__width_m": 3e-3,  # with the default frame 25 of 109 such ticks go in rows
+    "soft_robot__stiffener__height_m": 3e-3,
+    "soft_robot__stiffener__young_modulus_Pa": 2e9,
     "soft_robot__cable": [{"name": "right", "corner": 0, "units": [1, 3], "capstan_factor": 1.0}],
     "phase__turn__cable_tension_N": [20.0],
     "phase__turn__pressure_Pa": 3e3,
