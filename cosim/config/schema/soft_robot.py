@@ -278,7 +278,7 @@ class CableTable:
     friction_coefficient: NonNegative | None = None
     stiffness_N_m: Positive = 1e4
     eyelet_loss_N: NonNegative = 0.0
-    losses: Literal["directed", "one_way"] = "directed"
+    losses: Literal["directed", "one_way"] = "one_way"
 
     @rule
     def _runs_along_a_stack(self, robot: SoftRobotTable) -> Told:
