@@ -228,6 +228,7 @@ def decisions(
         contact,
         _self_contact(scenario, body),
         _cables(scenario, body, plan),
+        *_losses(scenario, body),
         _hinges(scenario, body),
     )
 
@@ -267,6 +268,16 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
     if any(any(command.cable_tension_N) for command in commands) or driven:
         return Decision(what, True, "they are pulled", switch)
     return Decision(what, False, "they are slack throughout", switch)
+
+
+def _losses(scenario: Scenario, body: SoftBody) -> tuple[Decision, ...]:
+    loses = [(c.loss_factor < 1.0 or c.friction_coefficient > 0.0 or c.loss_N > 0.0, c) for c in body.cables]
+    lossy = [cable for rubs, cable in loses if rubs]
+    if scenario.fidelity == "rigid" or not lossy:
+        return ()
+    directed = all(cable.directed for cable in lossy)
+    law = "losses oppose it, with stick and slip" if directed else "a release gives back what a pull has lost"
+    return (Decision("way that cables slide", directed, law, _of_robot(scenario, "cable.*.losses")),)
 
 
 def _hinges(scenario: Scenario, body: SoftBody) -> Decision:

@@ -265,9 +265,8 @@ class CableTable:
         stiffness_N_m: tension per stretch of the whole cable; matters where its length is commanded, and
             where it sticks at eyelets.
         eyelet_loss_N: tension lost at each eyelet besides, whatever the tension.
-        losses: "directed": against the way the cable slides, with stick and slip of its own at each eyelet;
-            "one_way": tension falls from the base on, whichever way it slides, as in the paper's model and in
-            section models.
+        losses: "one_way": tension falls from the base on, whichever way the cable slides, as in the paper's
+            model; "directed": against the way it slides, with stick and slip of its own at each eyelet.
     """
 
     name: Name
