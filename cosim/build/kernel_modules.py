@@ -16,6 +16,13 @@ def _has_beams(robot: AnySoftRobot) -> bool:
     return robot.stiffener.kind == "beam" or any(_has_beams(part.robot) for part in robot.attachments)
 
 
+def _has_sliding_cables(robot: AnySoftRobot) -> bool:
+    if not isinstance(robot, SoftRobotTable):
+        return False
+    own = any(cable.losses == "directed" for cable in robot.cables)
+    return own or any(_has_sliding_cables(part.robot) for part in robot.attachments)
+
+
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
@@ -33,6 +40,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.beams import ring_kernels
 
         modules += (ring_kernels,)
+    if _has_sliding_cables(scenario.soft_robot):
+        from cosim.soft.elements import eyelets
+
+        modules += (eyelets,)
     if not scenario.model.closed:
         from cosim.soft.published import open_caps
 

@@ -210,7 +210,8 @@ KEY = 0.00123456
     ("place", "key"),
     [
         ("cable = []", f"cable = [], film.thickness_m = {KEY}"),
-        ("clock = {", f"contact.stick_m = {KEY}\nclock = {{"),
+        # films that touch one another use it as well, by a way of their own
+        ("clock = {", f"contact = {{ stick_m = {KEY}, self_contact = false }}\nclock = {{"),
         ("clock = {", f"solver.damping_per_s = {KEY}\nclock = {{"),
     ],
 )

@@ -19,7 +19,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
-from cosim.soft.solve.stability import Softest, driven, grown, margin_by, nodal_loads, tip_motion
+from cosim.soft.solve.stability import Softest, driven, margin_by, nodal_loads, tip_motion
 
 _PROBE_Pa: Final = 1.0
 _SHARE: Final = 1e-3  # of the loads, in a look ahead
@@ -115,7 +115,7 @@ class ChainStiffness:
     def _grown(self, share: float, frames: Array) -> tuple[Loads, float]:
         """Return loads grown by a share, and the gas pressure that they have at frames (f, 4, 3)."""
         volume, pressure = self._solver.volume(self._frames, self._pressure), self._pressure
-        loads = grown(self._loads, share, (volume,))
+        loads = self._loads.grown(share, (volume,))
         gas = loads.gases(1)[0]
         if gas is None:
             return loads, loads.pressures(1)[0]

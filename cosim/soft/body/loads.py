@@ -148,6 +148,28 @@ class Loads:
         gases = zip(self.gases(len(volumes_m3)), given, volumes_m3, strict=True)
         return tuple(p if gas is None else gas.gauge_pressure(volume) for gas, p, volume in gases)
 
+    def grown(self, share: float, volumes_m3: tuple[float, ...]) -> Loads:
+        """Return these loads grown by a share; commanded lengths stay, and what is touched.
+
+        Args:
+            share: -1 to take them off.
+            volumes_m3: of the chambers, at which the gauge pressure of sealed gas grows.
+        """
+        factor = 1.0 + share
+        gases = zip(self.gas, self.pressures_at(volumes_m3), volumes_m3, strict=True) if self.gas else ()
+        gx, gy, gz = (factor * component for component in self.gravity)
+        return replace(
+            self,
+            pressure_Pa=tuple(factor * p for p in self.pressure_Pa),
+            cable_tension_N=tuple(factor * tension for tension in self.cable_tension_N),
+            gravity=(gx, gy, gz),
+            nodal_force=None if self.nodal_force is None else factor * self.nodal_force,
+            gas=tuple(
+                None if gas is None else replace(gas.at(volume), pressure_Pa=gas.ambient_Pa + factor * p)
+                for gas, p, volume in gases
+            ),
+        )
+
     def interpolated(self, end: Loads, load_factor: float) -> Loads:
         """Return the loads on the way to others at a load factor; exactly those at 1.
 

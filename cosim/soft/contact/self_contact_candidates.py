@@ -10,9 +10,7 @@ tell first which can be near.
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
 
 Seen from one unit, turned and moved as its nodes have been in the mean, another may have gone a little way
-though the film has been carried far. Any rotation bounds that motion; taken is the one of least squares.
-Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar factor, Higham, SIAM J. Sci.
-Stat. Comput. 7 (1986) 1160.
+though the film has been carried far: `rigid_motion`.
 
 The short list is made of the long one, for a small motion. A foot within its triangle, of a point at a
 distance d, was not far outside of it before point and corners had moved by m against each other: the
@@ -44,9 +42,9 @@ from cosim.base.kernels import (
     kernel,
     small_matrix,
     small_vector,
-    zero_vector,
 )
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, plane_of
+from cosim.soft.contact.rigid_motion import deviation, fit_motion, radius_of, rigid_difference
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 BEYOND_EDGES: Final = 0.02
@@ -54,126 +52,6 @@ BEYOND_EDGES: Final = 0.02
 FEET_FOLLOW: Final = 1.0 + 4.0 * BEYOND_EDGES
 """How far a foot moves at most, in a triangle whose corners move by no more than 1."""
 _FITTED = 24  # nodes to which a rigid motion is fitted, at least, if there are so many
-_ITERATIONS_MAX = 30
-_FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
-
-
-@device_function
-def furthest_from_mean(values: Matrix) -> float:
-    """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
-    mean, most = zero_vector(3), 0.0
-    for n in range(values.shape[0]):
-        for r in range(3):
-            mean[r] += values[n, r] / values.shape[0]
-    for n in range(values.shape[0]):
-        square = 0.0
-        for r in range(3):
-            square += (values[n, r] - mean[r]) ** 2
-        most = max(most, square)
-    return np.sqrt(most)
-
-
-@device_function
-def _set_straight(turn: Matrix) -> None:
-    for r in range(3):
-        for c in range(3):
-            turn[r, c] = 1.0 if r == c else 0.0
-
-
-@device_function
-def _make_rotation(turn: Matrix, minors: Matrix) -> None:
-    """Replace a matrix by the rotation nearest to it, by none where that is not to be told."""
-    for _ in range(_ITERATIONS_MAX):
-        size, area, determinant, change = 0.0, 0.0, 0.0, 0.0
-        for r in range(3):
-            a, b = (r + 1) % 3, (r + 2) % 3
-            for c in range(3):
-                d, e = (c + 1) % 3, (c + 2) % 3
-                minors[r, c] = turn[a, d] * turn[b, e] - turn[a, e] * turn[b, d]
-                size, area = size + turn[r, c] * turn[r, c], area + minors[r, c] * minors[r, c]
-            determinant += turn[r, 0] * minors[r, 0]
-        if not determinant > _FLAT * size * np.sqrt(size):
-            break
-        scale = np.sqrt(np.sqrt(area / size) / determinant)
-        for r in range(3):
-            for c in range(3):
-                value = 0.5 * (scale * turn[r, c] + minors[r, c] / (scale * determinant))
-                change, turn[r, c] = max(change, abs(value - turn[r, c])), value
-        if change < 1e-13:
-            return
-    _set_straight(turn)
-
-
-@device_function
-def _fit(
-    x: Matrix, before: Matrix, nodes: Indices, span: tuple[int, int, int], rigid: Matrix, minors: Matrix
-) -> None:
-    """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`.
-
-    The span says from which on, up to which, and every how many: any rigid motion will do.
-    """
-    begin, end, step = span
-    for r in range(2):
-        for j in range(3):
-            rigid[r, j] = 0.0
-    share = 1.0 / len(range(begin, end, step))
-    for k in range(begin, end, step):
-        n = nodes[k]
-        for r in range(3):
-            rigid[0, r] += share * x[n, r]
-            rigid[1, r] += share * before[n, r]
-    a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(begin, end, step):
-        n = nodes[k]
-        u, v, w = before[n, 0] - rigid[1, 0], before[n, 1] - rigid[1, 1], before[n, 2] - rigid[1, 2]
-        p, q, s = x[n, 0] - rigid[0, 0], x[n, 1] - rigid[0, 1], x[n, 2] - rigid[0, 2]
-        a, b, c = a + p * u, b + p * v, c + p * w
-        d, e, f = d + q * u, e + q * v, f + q * w
-        g, h, i = g + s * u, h + s * v, i + s * w
-    turn = rigid[2:]
-    turn[0, 0], turn[0, 1], turn[0, 2] = a, b, c
-    turn[1, 0], turn[1, 1], turn[1, 2] = d, e, f
-    turn[2, 0], turn[2, 1], turn[2, 2] = g, h, i
-    _make_rotation(turn, minors)
-
-
-@device_function
-def _deviation(x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
-    """Return how far some nodes are at most from where a rigid motion takes them."""
-    most = 0.0
-    for k in range(begin, end):
-        square, n = 0.0, nodes[k]
-        u, v, w = before[n, 0] - rigid[1, 0], before[n, 1] - rigid[1, 1], before[n, 2] - rigid[1, 2]
-        for r in range(3):
-            off = x[n, r] - rigid[0, r] - rigid[2 + r, 0] * u - rigid[2 + r, 1] * v - rigid[2 + r, 2] * w
-            square += off * off
-        most = max(most, square)
-    return np.sqrt(most)
-
-
-@device_function
-def _radius(before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
-    """Return how far some nodes were at most from their mean."""
-    most = 0.0
-    for k in range(begin, end):
-        square = 0.0
-        for r in range(3):
-            square += (before[nodes[k], r] - rigid[1, r]) ** 2
-        most = max(most, square)
-    return np.sqrt(most)
-
-
-@device_function
-def _rigid_difference(one: Matrix, other: Matrix, radius: float) -> float:
-    """Return by how much two rigid motions differ at most within a ball around what the other has moved."""
-    apart, turned = 0.0, 0.0
-    for r in range(3):
-        off = other[0, r] - one[0, r]
-        for c in range(3):
-            off -= one[2 + r, c] * (other[1, c] - one[1, c])
-            turned += (other[2 + r, c] - one[2 + r, c]) ** 2
-        apart += off * off
-    return np.sqrt(apart) + radius * np.sqrt(0.5 * turned)
 
 
 class NearList(NamedTuple):
@@ -614,20 +492,20 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
     units = start.shape[0] - 1
     for a in range(units):
         some = start[a], start[a + 1], max(1, (start[a + 1] - start[a]) // _FITTED)
-        _fit(x, before, nodes, some, rigid[a], minors)
-        moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
-        moved[a, 1] = _radius(before, nodes, start[a], start[a + 1], rigid[a])
+        fit_motion(x, before, nodes, some, rigid[a], minors)
+        moved[a, 0] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+        moved[a, 1] = radius_of(before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
         fits = False
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
-            went = moved[a, 0] + moved[b, 0] + _rigid_difference(rigid[a], rigid[b], moved[b, 1])
+            went = moved[a, 0] + moved[b, 0] + rigid_difference(rigid[a], rigid[b], moved[b, 1])
             if not went <= allowed:
                 if not fits:
-                    _fit(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
-                    moved[a, 0] = _deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+                    fit_motion(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
+                    moved[a, 0] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
                     fits = True
-                went = moved[a, 0] + _deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
+                went = moved[a, 0] + deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
             if not went <= allowed:
                 return False
             lists.went[a, b] = went

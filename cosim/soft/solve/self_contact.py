@@ -30,7 +30,8 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
-from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, furthest_from_mean, stays_quiet
+from cosim.soft.contact.rigid_motion import furthest_from_mean
+from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, stays_quiet
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, settle_pairs

@@ -267,30 +267,6 @@ def margin_by(stiffness: float, fall: float, *, driven: bool) -> tuple[float, bo
     return (margin, snaps) if abs(margin) < 1.0 else (math.inf, False)
 
 
-def grown(loads: Loads, share: float, volumes_m3: tuple[float, ...]) -> Loads:
-    """Return loads grown by a share; commanded lengths stay, and what is touched.
-
-    Args:
-        loads: that act.
-        share: -1 to take them off.
-        volumes_m3: of the chambers, at which the gauge pressure of sealed gas grows.
-    """
-    factor = 1.0 + share
-    gases = zip(loads.gas, loads.pressures_at(volumes_m3), volumes_m3, strict=True) if loads.gas else ()
-    gx, gy, gz = (factor * component for component in loads.gravity)
-    return replace(
-        loads,
-        pressure_Pa=tuple(factor * p for p in loads.pressure_Pa),
-        cable_tension_N=tuple(factor * tension for tension in loads.cable_tension_N),
-        gravity=(gx, gy, gz),
-        nodal_force=None if loads.nodal_force is None else factor * loads.nodal_force,
-        gas=tuple(
-            None if gas is None else replace(gas.at(volume), pressure_Pa=gas.ambient_Pa + factor * p)
-            for gas, p, volume in gases
-        ),
-    )
-
-
 def nodal_loads(system: SoftSystem, positions: Array, memory: Array, loads: Loads) -> Array:
     """Return what loads exert on each node (n, 3) [N] by gas, cables of given tension, weight and dead loads.
 
@@ -303,7 +279,7 @@ def nodal_loads(system: SoftSystem, positions: Array, memory: Array, loads: Load
     share, found = system.segment_share(positions, loads), []
     volumes = tuple(system.gas.enclosed_volumes(positions[None])[0].tolist())
     for part in (-1.0, 0.0):
-        system.evaluate(positions, grown(loads, part, volumes), share, memory.copy(), hessian=False)
+        system.evaluate(positions, loads.grown(part, volumes), share, memory.copy(), hessian=False)
         found.append(system.gradient.copy())
     return np.asarray(found[0] - found[1])
 
@@ -353,8 +329,8 @@ class _Growth:
 
     def _gradient(self, share: float, moved: Array | float = 0.0) -> Array:
         system, x = self._solver.system, np.ascontiguousarray(self._state.positions + moved)
-        loads = grown(self._loads, share, self._volumes)
-        kept = system.segment_share(self._state.positions, loads)
+        loads = self._loads.grown(share, self._volumes)
+        kept = system.segment_share(self._state.positions, loads, self._state.memory)
         system.evaluate(x, loads, kept, self._state.memory, hessian=False)
         return np.where(self._solver.free, system.gradient, 0.0)
 
