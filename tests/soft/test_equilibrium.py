@@ -113,16 +113,18 @@ def test_a_hopeless_way_is_given_up_soon_with_what_was_reached(monkeypatch: pyte
     arm = held(hexagon_arm(2))
     begin, loads = hung(arm), no_load(arm.body, pressure_Pa=(8000.0,))
     tried: list[float] = []
-    solve = EquilibriumSolver.solve
+    solve = EquilibriumSolver._solve  # what `solve` and the end of `slide` have in common
 
-    def stuck_above_half(self: EquilibriumSolver, state: Any, pose: Pose, load: Loads) -> Any:
+    def stuck_above_half(
+        self: EquilibriumSolver, films: None, guess: Array, memory: Array, pose: Pose, load: Loads
+    ) -> Any:
         tried.append(load.pressure_Pa[0])
         if load.pressure_Pa[0] > 4000.0:
             raise ConvergenceError("stuck at node 5", 1.0, 100)
-        return solve(self, state, pose, load)
+        return solve(self, films, guess, memory, pose, load)
 
     with monkeypatch.context() as patch:
-        patch.setattr(EquilibriumSolver, "solve", stuck_above_half)
+        patch.setattr(EquilibriumSolver, "_solve", stuck_above_half)
         with pytest.raises(ConvergenceError, match=r"at node 5; followed over 50 % of the way") as caught:
             arm.equilibrium.follow(begin, HANGING, loads)
     # three that led nowhere, the slide's end; down to 1/256 of the way there would be ten
