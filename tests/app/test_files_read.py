@@ -21,6 +21,7 @@ from cosim.cli.main import EXIT_DONE, EXIT_INPUT, EXIT_INTERRUPTED, main
 from cosim.config.loading import register_module
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.soft_robot import BodySourceTable
+from cosim.config.toml.parsing import forget_schemas
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.surface import rims
 from tests.build.test_mesh_source import written
@@ -109,11 +110,19 @@ def test_a_sweep_runs_a_changed_body_mesh_again(executor: Executor, tmp_path: Pa
     assert cosim.sweep(of, out=out, engine=executor).reused == 1
 
 
+@pytest.fixture
+def kinds_as_they_were(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Kinds that a test registers are gone after it, also from what checks files."""
+    for family in (BodySourceTable, CommandTable):
+        monkeypatch.setattr(family, "kinds", dict(family.kinds))
+    yield
+    forget_schemas()
+
+
 def test_a_new_kind_of_file_is_seen_in_a_sweep(
-    executor: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    executor: Executor, tmp_path: Path, kinds_as_they_were: None
 ) -> None:
     robot = written(tmp_path)
-    monkeypatch.setitem(BodySourceTable.kinds, "listed", ListedTable)
     cosim.register_kind(ListedTable)
     number = tmp_path / "number.txt"
     number.write_text("1.0")
@@ -129,9 +138,8 @@ def test_a_new_kind_of_file_is_seen_in_a_sweep(
 
 
 def test_the_module_of_a_kind_is_one_of_the_files(
-    executor: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    executor: Executor, tmp_path: Path, kinds_as_they_were: None
 ) -> None:
-    monkeypatch.setattr(CommandTable, "kinds", dict(CommandTable.kinds))  # as they were, for other tests
     written(tmp_path)
     module, file = tmp_path / "idle_commands.py", tmp_path / "scenario.toml"
     module.write_text(MODULE, encoding="utf-8")
