@@ -43,7 +43,10 @@ def test_a_stack_has_a_unit_per_chamber_and_two_faces_per_unit() -> None:
     assert (relation == relation.T).all()
     step = np.abs(unit[:, None] - unit[None, :])
     assert (relation[step == 0] == Relation.NONE).all()
-    assert (relation[step > 1] == Relation.APART).all()
+    # far sides of two units that flank a third never meet; the stack has two such pairs, seen from both sides
+    assert (relation[step == 2] == Relation.NONE).sum() == 2 * 2
+    assert (relation[(step > 1) & (relation != Relation.NONE)] == Relation.APART).all()
+    assert (relation[step > 2] == Relation.APART).all()
     # of the four pairs of faces of two neighbours one meets in the valley, seen from both sides
     assert (relation[step == 1] == Relation.VALLEY).sum() == 2 * 3
     points = FilmPoints.of(faces, body.positions)

@@ -105,8 +105,14 @@ def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
     neighbours = np.eye(int(unit.max()) + 1, dtype=bool)
     neighbours[unit[valleys[:, 0]], unit[valleys[:, 1]]] = True
     neighbours |= neighbours.T
-    relation = np.where(neighbours[np.ix_(unit, unit)], Relation.NONE, Relation.APART)
     a, b = valleys[unit[valleys[:, 0]] != unit[valleys[:, 1]]].T
+    towards = np.zeros((len(unit), len(neighbours)), dtype=bool)
+    towards[a, unit[b]] = towards[b, unit[a]] = True
+    # far sides of two units that flank a third see each other through it, as if one had come through
+    away = neighbours[unit] & ~towards
+    away[np.arange(len(unit)), unit] = False
+    meet = ~neighbours[np.ix_(unit, unit)] & ~(away @ away.T)
+    relation = np.where(meet, Relation.APART, Relation.NONE)
     relation[a, b] = relation[b, a] = Relation.VALLEY
     return np.ascontiguousarray(relation, dtype=np.int64)
 
