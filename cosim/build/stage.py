@@ -228,7 +228,6 @@ def decisions(
         contact,
         _self_contact(scenario, body),
         _cables(scenario, body, plan),
-        *_losses(scenario, body),
         _hinges(scenario, body),
     )
 
@@ -266,18 +265,11 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
     commands = [plan.command, *(asked for phase in plan.phases for asked in (phase.begin, phase.end))]
     driven = scenario.winches or scenario.controllers or scenario.commands or scenario.endless
     if any(any(command.cable_tension_N) for command in commands) or driven:
-        return Decision(what, True, "they are pulled", switch)
+        one_way = [cable for cable in body.cables if not cable.directed]
+        loses = any(cable.loss_factor < 1.0 or cable.friction_coefficient > 0.0 for cable in one_way)
+        given_back = "; a release gives back what a pull has lost (losses of cables)" if loses else ""
+        return Decision(what, True, f"they are pulled{given_back}", switch)
     return Decision(what, False, "they are slack throughout", switch)
-
-
-def _losses(scenario: Scenario, body: SoftBody) -> tuple[Decision, ...]:
-    loses = [(c.loss_factor < 1.0 or c.friction_coefficient > 0.0 or c.loss_N > 0.0, c) for c in body.cables]
-    lossy = [cable for rubs, cable in loses if rubs]
-    if scenario.fidelity == "rigid" or not lossy:
-        return ()
-    directed = all(cable.directed for cable in lossy)
-    law = "losses oppose it, with stick and slip" if directed else "a release gives back what a pull has lost"
-    return (Decision("way that cables slide", directed, law, _of_robot(scenario, "cable.*.losses")),)
 
 
 def _hinges(scenario: Scenario, body: SoftBody) -> Decision:

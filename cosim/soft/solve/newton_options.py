@@ -147,6 +147,21 @@ class SearchEffort:
         finally:
             self._within.pop()
 
+    @contextmanager
+    def search_apart(self, what: str) -> Iterator[None]:
+        """Begin a search with a bound of its own, also within one whose result is there already.
+
+        Args:
+            what: is looked for.
+        """
+        within, spent = self._within, self.spent
+        self._within = []
+        try:
+            with self.search(what):
+                yield
+        finally:
+            self._within, self.spent = within, spent
+
     def tries(self, tensions_N: Sequence[float], done: float, wanted: float) -> None:
         """Note which piece of a way is tried next.
 

@@ -154,7 +154,8 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
     leaves = follower.options.leaves_saddles
     if not found.negative_pivots and not (leaves and begin is not None and _jumped(begin, found)):
         return found
-    with follower.effort.search("a stable equilibrium beside an unstable one"):
+    effort, what = follower.effort, "a stable equilibrium beside an unstable one"
+    with effort.search(what) if found.negative_pivots else effort.search_apart(what):
         fork = _Fork(1.0, found, found, 0) if begin is None else _fork(follower, begin, found)
         saddle, spent = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:
@@ -510,7 +511,8 @@ def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[E
 
 def _again(follower: BranchFollower, found: Equilibrium) -> Equilibrium:
     """Return what was found, as the last one that was solved: solvers keep its forces."""
-    again = follower.solve(found.state, found.world_from_flange, found.loads)
+    with follower.effort.search_apart("an equilibrium that is known"):
+        again = follower.solve(found.state, found.world_from_flange, found.loads)
     return replace(again, slides=found.slides)
 
 
