@@ -113,7 +113,7 @@ class SearchEffort:
 
     def __init__(self, most: int) -> None:
         self.most, self.spent, self._left, self._residual_N = most, 0, "", math.inf
-        self.place, self.trying = "", ""
+        self.place, self.trying, self._bound = "", "", most
         self.tell: Callable[[str], None] = say_nothing
         self._within: list[str] = []
         self._began = self._next = 0.0
@@ -139,7 +139,7 @@ class SearchEffort:
             what: is looked for.
         """
         if not self._within:
-            self.spent, self.trying, self._began = 0, "", time.monotonic()
+            self.spent, self._bound, self.trying, self._began = 0, self.most, "", time.monotonic()
             self._next = self._began + _SILENT_S
         self._within.append(what)
         try:
@@ -154,13 +154,13 @@ class SearchEffort:
         Args:
             what: is looked for.
         """
-        within, spent = self._within, self.spent
-        self._within = []
+        begin, bound = self.spent, self._bound
+        self._bound = begin + self.most
         try:
             with self.search(what):
                 yield
         finally:
-            self._within, self.spent = within, spent
+            self._bound = bound + self.spent - begin
 
     def tries(self, tensions_N: Sequence[float], done: float, wanted: float) -> None:
         """Note which piece of a way is tried next.
@@ -183,7 +183,7 @@ class SearchEffort:
         Raises:
             ConvergenceError: nothing is left.
         """
-        left = self.most - self.spent if self._within else options.iterations_max
+        left = self._bound - self.spent if self._within else options.iterations_max
         if left <= 0:
             raise ConvergenceError(
                 f"the search for {self._within[0]} reached its bound of {self.most} Newton "
@@ -216,4 +216,4 @@ class SearchEffort:
             place = f"{self.place}: " if self.place else ""
             tried = f"{self._within[0]}, {self.trying}" if self.trying else self._within[0]
             count = self.spent + under_way
-            self.tell(f"{place}{tried}: {count} of at most {self.most} Newton iterations so far")
+            self.tell(f"{place}{tried}: {count} of at most {self._bound} Newton iterations so far")
