@@ -217,7 +217,7 @@ def _true(meshes: Meshes, end: PhaseEnd, shape: Any, closer: Any) -> dict[str, A
 
 
 def with_bar(row: dict[str, Any], key: str) -> tuple[float, float] | None:
-    """Return bar, with the factors of now, and true error of a figure of a row; None where there is none."""
+    """Return the bar (present factors) and the true error of a figure of a row; None without a bar."""
     if "truth" not in row or row["truth"].get(key) is None:
         return None
     parts = row["bars"]["of_tick"], row["bars"]["of_solver"]

@@ -142,7 +142,7 @@ def found_recordings(run: str | Path | RunResult) -> list[Path]:
         run: directory of the run, a .rrd file, or a run that wrote a recording.
 
     Raises:
-        InputError: there is none.
+        InputError: no run was found there.
     """
     if isinstance(run, RunResult):
         if run.directory is None:

@@ -191,7 +191,7 @@ def _live_view(options: argparse.Namespace) -> AbstractContextManager[LiveView |
 
 PLOT: Final = "sweep.png"
 _REASONS: Final = 3
-"""Of a sweep that are told; all are in the table."""
+"""How many faults of a sweep are printed; the table has all."""
 _REDRAW_S: Final = 0.2
 _RETOLD_S: Final = 30.0
 

@@ -473,7 +473,10 @@ def _gas_told(
     """Yield what is wrong with the gas of one chamber in one phase."""
     if not now.sealed:
         if was.sealed and wanted is None:
-            yield "pressure_Pa", "is missing: the phase before is sealed, so there is none to keep"
+            yield (
+                "pressure_Pa",
+                "is missing: the phase before is sealed, so it has no pressure that could be kept",
+            )
         return
     ambient_Pa = scenario.gas.ambient_Pa
     if not scenario.model.closed:

@@ -109,7 +109,7 @@ _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
 
 @device_function
 def _command(chain: LoadedChain, tables: ChainTables, commands: ChainCommands, k: int) -> None:
-    """Bring tensions, and where it has changed sections and eyelets, to what is asked for in tick k."""
+    """Set tensions to the command of tick k; if its pressure is new, sections and eyelets as well."""
     for i in range(chain.tension.shape[0]):
         chain.tension[i] = commands.tension[k, i]
     if k == 0 or commands.pressure[k] == commands.pressure[k - 1]:

@@ -79,7 +79,7 @@ class Choices:
             if other != value:
                 raise InputError(
                     f"{key} is '{other}', in the run whose state it goes on from '{value}'; that state is of "
-                    f"another kind: leave {key} = '{value}', or start a run with '{other}' anew"
+                    f"another kind: leave {key} = '{value}', or restart a run with '{other}'"
                 )
         if self.contact.included and not here.contact.included:
             raise InputError(

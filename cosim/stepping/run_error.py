@@ -238,7 +238,7 @@ class ErrorFinder:
         """Return the states at rest at the end of a phase; None where it is not known how it is held.
 
         Raises:
-            ConvergenceError: there is none near that of the run.
+            ConvergenceError: no equilibrium was found near that of the run.
         """
         if place not in self._pairs:
             end, side, before = self.ends[place], self.side, None

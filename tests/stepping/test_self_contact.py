@@ -35,6 +35,38 @@ def closed(**overrides: Any) -> tuple[cosim.RunResult, float]:
     return result, deepest_m(body, result.node_position[-1])
 
 
+FLAT = """
+schema = 2
+title = "a flat arm is held sideways"
+robot = "none"
+mode = "quasistatic"
+soft_robot = "hexagon_arm_five"
+fidelity = "lumped"
+
+[start]
+flange.position_m = [0.0, 0.0, 0.5]
+flange.direction = [1.0, 0.0, 0.0]
+
+[[phase]]
+name = "inflate"
+duration_s = 1.0
+increments = 2
+pressure_Pa = 100.0
+"""
+
+
+@pytest.mark.parametrize("asked", ["auto", True])
+def test_units_of_a_flat_arm_hold_each_other_apart(asked: str | bool, tmp_path: Path) -> None:
+    """They do not turn inside out, as when one saw another through those between them."""
+    scenario = tmp_path / "flat.toml"
+    scenario.write_text(FLAT, encoding="utf-8")
+    result, through = (
+        cosim.run(scenario, overrides={"contact.self_contact": each}, error=False) for each in (asked, False)
+    )
+    assert result.summary["max_self_contact_force_N"] > 0.1
+    assert result.tip_position[-1, 0] > through.tip_position[-1, 0]  # 18 and 17 mm; -0.4 mm inside out
+
+
 def test_fingers_meet_and_press_in_statics() -> None:
     result, depth = closed()
     summary = result.summary

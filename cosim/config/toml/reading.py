@@ -1,6 +1,6 @@
 """Reads TOML files that may be anybody's, changes tables by key path, and collects their faults.
 
-Faults of a file that are collected, so that all are told at once; values that no one can know; and the
+All faults of a file, collected so that they are reported together; values that no one can know; and the
 rules of tables, which are beside their fields.
 
 Changes to a scenario's tables by key path, as `--set key=value` gives them.

@@ -398,11 +398,8 @@ class LightBodies:
         self._ahead = arrays.bodies.leads.ahead
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        self._counts, self._gives, self._ticks = (
-            arrays.counts,
-            arrays.gives,
-            min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS),
-        )
+        self._counts, self._gives = arrays.counts, arrays.gives
+        self._ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
         exchange.ask_for_weighing_after(self._ticks)
         self.ratio, self._room = 0.0, RENEW_ABOVE
         self.trials = 1
@@ -533,10 +530,9 @@ class LightBodies:
             _ratio(stiffness, self._tick_s**2 * self._exchange.bodies.mobility(bodies, held=held))
             for held in (True, False)
         )
-        self.ratio, self._room = (
-            free,
-            max(RENEW_ABOVE, min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9))),
-        )
+        self.ratio = free
+        most = min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9))
+        self._room = max(RENEW_ABOVE, most)
         return held <= RATIO_BOUND and free <= _HELD_RATIO
 
     def _learn(self, step: _Step) -> None:

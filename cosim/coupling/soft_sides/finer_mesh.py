@@ -80,7 +80,7 @@ class FinerMesh:
             before: on the run's mesh and on the refined one, whose difference is taken along; None: none is.
 
         Raises:
-            ConvergenceError: there is none near it.
+            ConvergenceError: no equilibrium was found near it.
         """
         side, shape, flange = self.side, rest.state.positions, rest.world_from_flange
         self.hold(clamp)

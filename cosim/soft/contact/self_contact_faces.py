@@ -18,7 +18,7 @@ from typing import final
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, shortest_path
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
@@ -31,7 +31,7 @@ class Relation(enum.IntEnum):
     """How two faces can meet."""
 
     NONE = 0
-    """Of one unit, or of neighbours but turned away from each other."""
+    """Of one unit, of neighbours but turned away from each other, or far sides of two units of one stack."""
     VALLEY = 1
     """They share a valley: a point always belongs to the nearest triangle that faces it."""
     APART = 2
@@ -106,12 +106,13 @@ def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
     neighbours[unit[valleys[:, 0]], unit[valleys[:, 1]]] = True
     neighbours |= neighbours.T
     a, b = valleys[unit[valleys[:, 0]] != unit[valleys[:, 1]]].T
+    hops = shortest_path(neighbours & ~np.eye(len(neighbours), dtype=bool), unweighted=True)
     towards = np.zeros((len(unit), len(neighbours)), dtype=bool)
-    towards[a, unit[b]] = towards[b, unit[a]] = True
-    # far sides of two units that flank a third see each other through it, as if one had come through
-    away = neighbours[unit] & ~towards
-    away[np.arange(len(unit)), unit] = False
-    meet = ~neighbours[np.ix_(unit, unit)] & ~(away @ away.T)
+    for near, far in ((a, b), (b, a)):
+        np.logical_or.at(towards, near, hops[unit[far]] < hops[unit[near]])
+    # far sides of two units see each other through those between them, as if one had come through
+    away = ~towards[:, unit]
+    meet = ~neighbours[np.ix_(unit, unit)] & ~(away & away.T & np.isfinite(hops)[np.ix_(unit, unit)])
     relation = np.where(meet, Relation.APART, Relation.NONE)
     relation[a, b] = relation[b, a] = Relation.VALLEY
     return np.ascontiguousarray(relation, dtype=np.int64)

@@ -115,10 +115,8 @@ def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, 
             if friction > 0.0 and s > first:
                 along = before = square = 0.0
                 for r in range(3):
-                    one, two = (
-                        x[segments[s, 1], r] - x[segments[s, 0], r],
-                        x[segments[s - 1, 1], r] - x[segments[s - 1, 0], r],
-                    )
+                    one = x[segments[s, 1], r] - x[segments[s, 0], r]
+                    two = x[segments[s - 1, 1], r] - x[segments[s - 1, 0], r]
                     along, before, square = along + one * two, before + one * one, square + two * two
                 cosine = along / max(math.sqrt(before * square), 1e-300)
                 factor *= math.exp(-friction * math.acos(min(1.0, max(-1.0, cosine))))

@@ -378,19 +378,8 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
 
 def _no_slots(caps: int) -> FilmSlots:
     table, none = np.zeros((0, 0), np.int64), np.zeros(0, np.int64)
-    return FilmSlots(
-        table,
-        table,
-        table,
-        none,
-        np.zeros(1, np.int64),
-        table,
-        none,
-        np.zeros(caps + 1, np.int64),
-        none,
-        none,
-        none,
-    )
+    firsts, of_caps = np.zeros(1, np.int64), np.zeros(caps + 1, np.int64)
+    return FilmSlots(table, table, table, none, firsts, table, none, of_caps, none, none, none)
 
 
 def _parts(rows: Sequence[Sequence[IntArray] | IntArray], apart: IntArray) -> IntArray:

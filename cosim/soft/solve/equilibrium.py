@@ -158,9 +158,9 @@ class EquilibriumSolver:
         if films is None or not films.waits(state):
             return self._solve(films, *here)
         found = self._solve(None, *here)
-        if not self._press(films, found):
+        if not films.press_at_rest(found.state.positions):
             return found
-        again = self._solve(films, found.state.positions, *here[1:])
+        again = self._solve(films, *here)
         return replace(again, iterations=found.iterations + again.iterations)
 
     def _solve(
@@ -188,11 +188,6 @@ class EquilibriumSolver:
             result.residual_N, result.iterations, result.potential_J, result.shifted,
             negative_pivots=self._negative_pivots(result, loads, frame),
         )  # fmt: skip
-
-    def _press(self, films: SelfContact, found: Equilibrium) -> bool:
-        """Return whether films press on one another where contact was left out."""
-        # film without pressure bears nothing: contact of units that lie in one another turns them inside out
-        return any(found.loads.pressure_Pa) and films.press_at_rest(found.state.positions)
 
     def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
         """Return in how many directions the potential falls; None where there is none."""
@@ -315,7 +310,7 @@ class EquilibriumSolver:
             return self._slide(films, state, world_from_flange, loads)
         try:
             found = self._slide(None, state, world_from_flange, loads)
-            if not self._press(films, found):
+            if not films.press_at_rest(found.state.positions):
                 return found
         except ConvergenceError:
             if films.static_pairs(state.positions) is None:
