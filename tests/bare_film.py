@@ -13,19 +13,14 @@ from cosim.config.schema.soft_robot import FilmTable
 
 
 def bare_film(name: str, law: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """Return a scenario whose robot is the paper's but for its film's law, and whose films do not touch.
-
-    Without a frame, the units of such film lie in one another as soon as it is hung up; nothing is known of
-    how they would lie on one another.
+    """Return a scenario whose robot is the paper's but for its film's law.
 
     Args:
         name: of a scenario that comes with cosim.
         law: of the film.
         overrides: values by key path.
     """
-    scenario = load_scenario(
-        name, {"contact.self_contact": False, **(overrides or {}), "model.published": False}
-    )
+    scenario = load_scenario(name, {**(overrides or {}), "model.published": False})
     robot = published_robot(scenario.soft_robot)
     film: FilmTable = replace(robot.film, law=law)
     return replace(scenario, soft_robot=replace(robot, film=film, hinge=scenario.soft_robot.hinge))
