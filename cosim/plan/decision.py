@@ -85,12 +85,12 @@ class Choices:
             raise InputError(
                 f"{here.contact.switch}: contact with the scene is left out ({here.contact.reason}), in the "
                 f"run whose state it goes on from it is modelled ({self.contact.reason}); leave "
-                f"{here.contact.switch} as it is there, or start anew without contact"
+                f"{here.contact.switch} as it is there, or restart without contact"
             )
         if here.contact.included and self.contact.switch == CONTACT_ENABLED and not self.contact.included:
             raise InputError(
                 f"{CONTACT_ENABLED} is true, in the run whose state it goes on from false: the film may be "
-                f"inside of what it would touch; leave it false, or start anew with {CONTACT_ENABLED} = true"
+                f"inside of what it would touch; leave it false, or restart with {CONTACT_ENABLED} = true"
             )
 
     def keep(self, contact: Decision) -> Decision:

@@ -84,7 +84,7 @@ def test_what_is_modelled_stays_so(tmp_path: Path) -> None:
     [
         (DOWN, {"contact.enabled": False}, r"contact\.enabled: .* left out \(switched off\)"),
         ({"contact.enabled": False}, DOWN | {"contact.enabled": True}, r"contact\.enabled is true, .* false"),
-        ({}, {"coupling.scheme": "iterated"}, r"coupling\.scheme is 'iterated', .* 'staggered'; .* anew"),
+        ({}, {"coupling.scheme": "iterated"}, r"coupling\.scheme is 'iterated', .* 'staggered'; .* restart"),
         ({}, {"fidelity": "rigid"}, "fidelity is 'rigid', .* 'lumped'; .* leave fidelity = 'lumped'"),
         ({}, {"mode": "quasistatic"}, "mode is 'quasistatic', .* 'dynamic'"),
     ],
