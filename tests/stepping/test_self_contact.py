@@ -122,3 +122,97 @@ def test_a_static_run_with_pressing_films_goes_on_bit_for_bit(tmp_path: Path) ->
 def test_negative_friction_is_refused() -> None:
     with pytest.raises(cosim.ScenarioError, match=r"contact\.self_friction"):
         load_scenario(SCENARIO, {"contact.self_friction": -0.5})
+
+
+BENT = """
+schema = 2
+title = "a soft arm is bent until it touches itself"
+robot = "none"
+mode = "quasistatic"
+fidelity = "lumped"
+
+[soft_robot]
+file = "hexagon_arm_five"
+cable = [{cables}]
+
+[start]
+flange.position_m = [0.0, 0.0, 0.5]
+flange.direction = [0.0, 0.0, {up}]
+
+[[phase]]
+name = "inflate"
+duration_s = 1.0
+increments = 10
+pressure_Pa = {pressure_Pa}
+
+[[phase]]
+name = "bend"
+duration_s = 1.0
+increments = 20
+{load}
+"""
+CABLE = '{{ name = "{}", corner = {}, units = [{}, {}], capstan_factor = 1.0 }}'
+PULLED = "cable_tension_N = [{}]"
+PUSHED_OVER = """
+[[phase.force]]
+rings = ["unit_5.outer"]
+total_N = [1.5, 0.0, -3.0]
+"""
+CURLED = {"cables": [(1, 1, 5)], "up": -1.0, "pressure_Pa": 20e3, "load": PULLED.format("12.0")}
+S_SHAPED = CURLED | {"cables": [(1, 1, 3), (4, 3, 5)], "load": PULLED.format("12.0, 12.0")}
+FOLDED = {"cables": [(1, 1, 5)], "up": 1.0, "pressure_Pa": 10e3, "load": PUSHED_OVER}
+
+
+@pytest.mark.parametrize("bent", [CURLED, S_SHAPED, FOLDED], ids=["curled", "s_shaped", "folded"])
+def test_no_way_of_bending_lets_films_pass_through_one_another(bent: dict[str, Any], tmp_path: Path) -> None:
+    cables = ", ".join(CABLE.format(f"c{k}", *each) for k, each in enumerate(bent["cables"]))
+    scenario = tmp_path / "bent.toml"
+    scenario.write_text(BENT.format(**{**bent, "cables": cables}), encoding="utf-8")
+    body = fidelity_body(load_scenario(scenario))
+    auto, throughout, through = (
+        cosim.run(scenario, overrides={"contact.self_contact": each}, error=False)
+        for each in ("auto", True, False)
+    )
+    deep, crossed = (deepest_m(body, run.node_position[-1]) for run in (auto, through))
+    assert deep < 4e-4  # the law's own softness
+    assert crossed > 3e-3
+    assert abs(auto.tip_position[-1] - throughout.tip_position[-1]).max() < 1e-4
+    assert auto.summary["self_contact_since_s"] is not None
+    assert auto.summary["overlaps"] == []
+    assert [each["phase"] for each in through.summary["overlaps"]][-1] == "bend"
+
+
+FOREARM = """
+schema = 2
+title = "a soft arm is bent back onto the forearm that carries it"
+robot = "ur5e"
+soft_robot = "hexagon_arm"
+mode = "quasistatic"
+
+[start]
+flange = { position_m = [0.3, 0.0, 0.6], direction = [-0.95, 0.0, 0.3], roll_rad = 1.5708 }
+
+[[phase]]
+name = "inflate"
+duration_s = 1.0
+increments = 10
+pressure_Pa = 30e3
+
+[[phase]]
+name = "pull"
+duration_s = 1.0
+increments = 5
+cable_tension_N = [0.0, 6.0]
+"""
+
+
+def test_a_run_names_the_link_of_the_arm_that_its_film_is_in(tmp_path: Path) -> None:
+    scenario = tmp_path / "forearm.toml"
+    scenario.write_text(FOREARM, encoding="utf-8")
+    result = cosim.run(scenario, error=False)
+    (found,) = result.summary["overlaps"]
+    assert (found["phase"], found["link"]) == ("pull", "forearm_link")
+    # a corner of a unit, no deeper than to the middle of the link
+    assert 1e-3 < found["depth_m"] < 0.03
+    assert found["since_s"] <= found["time_s"] <= 2.0
+    assert found["place"].startswith("node ")
