@@ -52,6 +52,7 @@ from cosim.config.toml.reading import (
     NotKnown,
     Unreadable,
     apply_override,
+    blamed_on,
     check,
     copy_with,
     merge,
@@ -377,10 +378,8 @@ def _found(name: Any, folder: Path, path: str) -> Path:
     if not isinstance(name, str):
         raise ScenarioError(path, f"expected a name or path, got {describe(name)}")
     beside = folder / name
-    try:
+    with blamed_on(path):
         return beside if beside.suffix == ".toml" and is_file(beside) else soft_robot_path(name)
-    except InputError as error:
-        raise ScenarioError(path, str(error)) from error
 
 
 def load_scenario(

@@ -18,9 +18,9 @@ from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 
-def phase_row(phase: dict[str, Any]) -> str:
-    """Return the Markdown line on a phase."""
-    cells = (
+def phase_cells(phase: dict[str, Any]) -> tuple[str, ...]:
+    """Return a phase's row of the table for people: name, end, pressure, cables, tip, sag, tip error."""
+    return (
         phase["name"] + ("" if phase["complete"] else " (incomplete)"),
         f"{phase['end_s']:.2f}",
         _scaled([entry["pressure_Pa"] for entry in phase["chambers"].values()], 1e-3),
@@ -29,7 +29,6 @@ def phase_row(phase: dict[str, Any]) -> str:
         _scaled(phase["sag_m"], 1e3),
         _scaled(phase["tip_error_m"], 1e3, 3) if "tip_error_m" in phase else "",
     )
-    return "| " + " | ".join(cells) + " |"
 
 
 def _scaled(value: Any, scale: float, digits: int = 1) -> str:
@@ -63,7 +62,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
     ]
-    rows = [phase_row(phase) for phase in summary["phases"]]
+    rows = [f"| {' | '.join(phase_cells(phase))} |" for phase in summary["phases"]]
     return "\n".join(lines + rows + figures.path_lines(summary["phases"])) + "\n"
 
 
@@ -199,7 +198,7 @@ class SummaryBuilder:
             finite=False,
         )
         for phase in state.gathered["_phases"]:
-            phase_row(json_ready(phase))
+            phase_cells(json_ready(phase))
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})
 

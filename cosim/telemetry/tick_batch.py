@@ -200,11 +200,14 @@ class TickBatch(RigidColumns):
             placed = zip(begins, batches, strict=False)
             return {a + row: found for a, each in placed for row, found in getattr(each, name).items()}
 
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS
+        }
         return cls(
             film=FilmShapes.joined([batch.film for batch in batches]),
             devices=[report for batch in batches for report in batch.devices],
             **{name: by_row(name) for name in _BY_ROW},
-            **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
+            **arrays,
         )
 
     def __len__(self) -> int:
@@ -218,7 +221,7 @@ class TickBatch(RigidColumns):
         """Return some of the ticks, by their rows, in arrays of their own."""
         places = {row: place for place, row in enumerate(rows.tolist())}
 
-        def by_row(given: Mapping[int, Any]) -> dict[int, Any]:
+        def by_row(given: Mapping[int, Any]) -> Any:
             return {places[row]: found for row, found in given.items() if row in places}
 
         return replace(

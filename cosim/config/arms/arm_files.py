@@ -39,7 +39,7 @@ from cosim.config.arms.package_files import (
 from cosim.config.arms.robot_tree import link_of, read_robot
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Faults, read_table
+from cosim.config.toml.reading import Faults, blamed_on, read_table
 from cosim.errors import InputError, ScenarioError
 
 LEFT_OUT: Final = "left out, because not on the way to the flange"
@@ -297,14 +297,10 @@ def with_arm_path(robot: str, folder: Path) -> str:
         place = str(path.resolve())
     else:
         raise ScenarioError("robot", f"arm file {path} does not exist")
-    try:
+    with blamed_on("robot"):
         source = arm_source(place)
         if not source.is_mjcf:
             read_urdf(source)
-    except ScenarioError:
-        raise
-    except InputError as error:
-        raise ScenarioError("robot", str(error)) from error
     return place
 
 
