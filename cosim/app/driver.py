@@ -179,7 +179,7 @@ def execute(
         files = None
         if options.directory is not None:
             files = RunFiles(options.directory, resume=options.resume)
-            stack.enter_context(files)
+            stack.enter_context(files.out)
         with files_read() as read:
             simulation, earlier = build(scenario), None
         if files is not None:

@@ -247,7 +247,8 @@ def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
     (stem, unit), (likely_stem, likely_unit) = split_unit(key), split_unit(likely[0])
     if likely_unit and likely_stem.lower() == stem.lower():
         given = f"'{unit}' is not the unit of this key" if unit else "the unit is part of the key"
-        return f"unknown key; {given}: write {likely[0]} (in {likely_unit}; units are not converted)"
+        right = f"{likely[0]} (in {unit_text(likely_unit)}; units are not converted)"
+        return f"unknown key; {given}: write {right}"
     return f"unknown key; did you mean {' or '.join(likely)}?"
 
 
