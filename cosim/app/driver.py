@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
@@ -41,9 +41,6 @@ from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.build.soft_body import AnyBody, NamedBody
-    from cosim.devices.controller import AnyController
-    from cosim.plan.decision import Choices
-    from cosim.soft.body.body import SoftBody
     from cosim.stepping.stepped_run import FindsErrors, SteppedRun
 
 
@@ -182,7 +179,7 @@ def execute(
         files = None
         if options.directory is not None:
             files = RunFiles(options.directory, resume=options.resume)
-            stack.enter_context(files)
+            stack.enter_context(files.out)
         with files_read() as read:
             simulation, earlier = build(scenario), None
         if files is not None:
@@ -270,27 +267,17 @@ def _begin_files(
     return Recorders((options.make_recorder(files.next_part(RECORDING), scenario.recording, part), arrays))
 
 
-def build_simulation(
-    scenario: Scenario,
-    controllers: Mapping[str, AnyController] | None = None,
-    before: Choices | None = None,
-    body: SoftBody | None = None,
-    tell: Callable[[str], None] = lambda _text: None,
-    kept: KeptParts | None = None,
-) -> SteppedRun:
+def build_simulation(scenario: Scenario, *given: Any, **further: Any) -> SteppedRun:
     """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
 
     Args:
         scenario: checked.
-        controllers: of kind "python", by name.
-        before: of the run whose state it goes on from; None for a run from its start.
-        body: the soft body, where the scenario's is given as arrays.
-        tell: told what takes long, see `cosim.build.simulation.build`.
-        kept: parts that may serve again, and gets others.
+        given: as `cosim.build.simulation.build` takes it.
+        further: the same, by name.
     """
     from cosim.build import simulation
 
-    return simulation.build(scenario, controllers, before, body, tell, kept)
+    return simulation.build(scenario, *given, **further)
 
 
 @contextmanager

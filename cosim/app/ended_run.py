@@ -13,7 +13,7 @@ from cosim.base.resources import is_file
 from cosim.errors import InputError
 from cosim.results.array_files import check_rows, read_parts, read_stage
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, as_html
-from cosim.telemetry.summary import Status, phase_row
+from cosim.telemetry.summary import Status, phase_cells
 
 
 def load_run(directory: str | Path) -> RunResult:
@@ -73,7 +73,7 @@ def _check_figures(summary: dict[str, Any]) -> None:
     if status not in get_args(Status) or type(ticks) is not int or not 0 <= ticks < 2**53:
         raise ValueError(f"status {status!r:.80}, ticks {ticks!r:.80}")
     for phase in summary["phases"]:
-        phase_row(phase)
+        phase_cells(phase)
 
 
 def _again(where: Path) -> str:

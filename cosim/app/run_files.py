@@ -273,29 +273,18 @@ def scenario_digest(scenario: Scenario) -> str:
 class RunFiles:
     """Writes the files of one run; an earlier run in the same directory is replaced.
 
-    Attributes: `loaded`, digests of the scenario and of the files that the run was built from, by names.
+    Attributes: `loaded`, digests of the scenario and of the files that the run was built from, by names;
+    `out`, the directory, entered before anything is written: no other run writes to it until it is left.
 
     Args:
-        directory: made if it does not exist; no other run writes to it until the block is left.
+        directory: made if it does not exist.
         resume: whether the run in it goes on.
-
-    Raises:
-        InputError: on entering: see `check_directory`.
     """
 
     def __init__(self, directory: Path, *, resume: bool = False) -> None:
         self.directory = directory
         self.loaded: dict[str, str] = {}
-        self._out = OutputDirectory(directory, adopt=resume)
-
-    def __enter__(self) -> RunFiles:
-        self._out.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._out.__exit__(kind, error, trace)
+        self.out = OutputDirectory(directory, adopt=resume)
 
     def note_loaded(self, scenario: Scenario, read: Mapping[str, str]) -> None:
         """Take in what the run was built from.
@@ -315,7 +304,7 @@ class RunFiles:
         stem, _, suffix = first.partition(".")
         names = (f"{stem}-{number}.{suffix}" if number > 1 else first for number in count(1))
         name = next(name for name in names if not (self.directory / name).exists())
-        self._out.claim(name)
+        self.out.claim(name)
         return self.directory / name
 
     def begin(self, scenario: Scenario) -> None:
@@ -326,20 +315,20 @@ class RunFiles:
                 nothing was removed.
         """
         text = scenario_text(scenario)
-        self._out.make()
+        self.out.make()
         try:
-            self._out.claim(SCENARIO, SUMMARY, CHECKPOINT)
-            self._out.remove_written()
-            self._out.claim(SCENARIO, SUMMARY, CHECKPOINT)
-            self._out.write(SCENARIO, text)
+            self.out.claim(SCENARIO, SUMMARY, CHECKPOINT)
+            self.out.remove_written()
+            self.out.claim(SCENARIO, SUMMARY, CHECKPOINT)
+            self.out.write(SCENARIO, text)
         except InputError:
-            self._out.discard()
+            self.out.discard()
             raise
 
     def go_on(self) -> None:
         """Take away the summary of the part before: the run is not over."""
-        self._out.make()
-        self._out.claim(SCENARIO, SUMMARY, CHECKPOINT)
+        self.out.make()
+        self.out.claim(SCENARIO, SUMMARY, CHECKPOINT)
         (self.directory / SUMMARY).unlink(missing_ok=True)
 
     def finish(self, summary: dict[str, Any]) -> None:

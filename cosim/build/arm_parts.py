@@ -9,20 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Mask, Pose
 from cosim.base.kept_parts import KeptParts, name_of, stamps
-from cosim.base.triangle_mesh import TriangleMesh, read_mesh
-from cosim.build.arms import blamed_on, cell_of, motion_of, placed_arm
+from cosim.base.triangle_mesh import read_mesh
+from cosim.build.arms import cell_of, motion_of, placed_arm
 from cosim.build.soft_model import SoftModel
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import PalmTable
-from cosim.config.toml.reading import Faults
+from cosim.config.toml.reading import Faults, blamed_on
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
@@ -106,6 +106,7 @@ def _refuse(arm: Arm, differs: Mask, what: str, *, first: bool = False) -> None:
 
 
 PALM_NAME = "palm"
+_OF_A_SOLID = ("shape", "size_m", "position_m", "quaternion", "convex")
 
 
 def rigid_object(entry: ObjectTable) -> SceneObject:
@@ -113,20 +114,15 @@ def rigid_object(entry: ObjectTable) -> SceneObject:
     with blamed_on(f"object.{entry.name}"):
         return SceneObject(
             name=entry.name,
-            shape=entry.shape,
-            size_m=entry.size_m,
-            position_m=entry.position_m,
-            quaternion=entry.quaternion,
             mass_kg=entry.mass_kg or 0.0,
             rgba=entry.rgba,
             friction=entry.friction,
-            mesh=_mesh(entry),
-            convex=entry.convex,
             parts=tuple(_object_geometry(part, entry) for part in entry.parts),
             joint=_joint(entry),
             inertia=entry.inertia_kg_m2,
             center_of_mass_m=entry.center_of_mass_m or (0.0, 0.0, 0.0),
             spin_friction_m=_spin_friction(entry),
+            **_solid(entry),
         )
 
 
@@ -151,20 +147,17 @@ def _joint(entry: ObjectTable) -> Joint | None:
 
 def _object_geometry(part: SolidTable, entry: ObjectTable) -> Geometry:
     return Geometry(
-        shape=part.shape,
-        size_m=part.size_m,
-        position_m=part.position_m,
-        quaternion=part.quaternion,
         rgba=entry.rgba if part.rgba is None else part.rgba,
         friction=entry.friction if part.friction is None else part.friction,
         relative_density=part.relative_density,
-        mesh=_mesh(part),
-        convex=part.convex,
+        **_solid(part),
     )
 
 
-def _mesh(entry: ObjectTable | SolidTable) -> TriangleMesh | None:
-    return None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)
+def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
+    """Return what a solid and the object that it is part of say of their shape alike."""
+    mesh = None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)
+    return {"mesh": mesh} | {name: getattr(entry, name) for name in _OF_A_SOLID}
 
 
 def palm_object(palm: PalmTable) -> SceneObject:

@@ -7,8 +7,6 @@ The cell of a scenario, as the rigid side wants it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,29 +20,11 @@ from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
-from cosim.errors import InputError, ScenarioError
+from cosim.config.toml.reading import blamed_on
 from cosim.plan.motion import CellMotion, cell_motion
 
 if TYPE_CHECKING:
     from cosim.rigid.build.description import Cell
-
-
-@contextmanager
-def blamed_on(path: str) -> Iterator[None]:
-    """Turn every refusal within into one that names a key; those that name one already stay.
-
-    Args:
-        path: of the key.
-
-    Raises:
-        ScenarioError: instead of any other InputError.
-    """
-    try:
-        yield
-    except ScenarioError:
-        raise
-    except InputError as error:
-        raise ScenarioError(path, str(error)) from error
 
 
 def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:

@@ -18,11 +18,11 @@ from typing import final
 from cosim.base.files import cache_directory, keep, kept
 from cosim.base.kept_parts import KeptParts, content_name, name_of, nameless, stamps
 from cosim.base.state_archive import packed, unpacking
-from cosim.build.arms import blamed_on
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, ModelTable, Scenario
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
+from cosim.config.toml.reading import blamed_on
 from cosim.coupling.soft_sides.frozen_body import FrozenBody
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm

@@ -35,15 +35,14 @@ def parser() -> argparse.ArgumentParser:
     _add_sweep(commands)
     _add_replay(commands)
     for name in ("run", "check", "schema", "trade", "sweep"):
-        commands.choices[name].add_argument(
-            "--import",
-            dest="modules",
-            metavar="MODULE",
-            action="append",
-            default=[],
-            help="make kinds of your own known: a module, or a .py file; may be repeated",
-        )
+        known = "make kinds of your own known: a module, or a .py file; may be repeated"
+        _add_list(commands.choices[name], "--import", "modules", "MODULE", known, action="append")
     return made
+
+
+def _add_list(command: Any, option: str, into: str, metavar: str, meaning: str, **how: Any) -> None:
+    """Add an option that takes, or is, several; none unless given."""
+    command.add_argument(option, dest=into, metavar=metavar, default=[], help=meaning, **how)
 
 
 def _add_view(commands: Any) -> None:
@@ -88,15 +87,8 @@ def _add_export(commands: Any) -> None:
     export.add_argument("--csv", action="store_true", help="all curves as one table, arrays.csv")
     export.add_argument("--vtk", action="store_true", help="the deformed film, film.pvd and its .vtp files")
     export.add_argument("--plot", action="store_true", help="the usual curves, curves.png")
-    export.add_argument(
-        "--at",
-        dest="times_s",
-        metavar="SECONDS",
-        type=float,
-        nargs="+",
-        default=[],
-        help="times of the film (default: all frames of the recording)",
-    )
+    times = "times of the film (default: all frames of the recording)"
+    _add_list(export, "--at", "times_s", "SECONDS", times, type=float, nargs="+")
     export.add_argument("--out", metavar="DIR", type=Path, help="where to (default: the run's directory)")
 
 
@@ -114,14 +106,7 @@ def _add_export_path(commands: Any) -> None:
 
 
 def _add_changes(command: Any, meaning: str = "change a value of the scenario first") -> None:
-    command.add_argument(
-        "--set",
-        dest="assignments",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help=f"{meaning}; may be repeated",
-    )
+    _add_list(command, "--set", "assignments", "KEY=VALUE", f"{meaning}; may be repeated", action="append")
 
 
 def _add_files(commands: Any) -> None:
@@ -181,14 +166,8 @@ def _add_sweep(commands: Any) -> None:
     sweep.add_argument(
         "--workers", metavar="N", type=int, help="processes of this machine (default: one for each processor)"
     )
-    sweep.add_argument(
-        "--plot",
-        dest="columns",
-        metavar="COLUMN",
-        nargs="+",
-        default=[],
-        help="draw columns of the table, the one to the right first",
-    )
+    drawn = "draw columns of the table, the one to the right first"
+    _add_list(sweep, "--plot", "columns", "COLUMN", drawn, nargs="+")
     sweep.add_argument("--quiet", action="store_true", help="show errors only")
 
 

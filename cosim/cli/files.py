@@ -15,7 +15,7 @@ from cosim.app.ended_run import load_run
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import write_whole
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
-from cosim.build.arms import blamed_on, find_arm
+from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
 from cosim.config.arms.package_files import is_of_menagerie
@@ -24,6 +24,7 @@ from cosim.config.loading import load_file
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
+from cosim.config.toml.reading import blamed_on
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
 from cosim.results.exports import COLLECTION, write_csv, write_film

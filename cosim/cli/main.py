@@ -121,11 +121,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
 
             return trade_command(options)
         case "export":
-            from cosim.cli.files import export_command
-
-            wanted = {key: vars(options)[key] for key in ("csv", "vtk", "plot", "times_s")}
-            export_command(options.directory, options.out, **wanted)
-            return EXIT_DONE
+            return _export(options)
         case "sweep":
             return _sweep(options)
         case "replay":

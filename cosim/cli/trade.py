@@ -19,19 +19,9 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.recording import colours
+from cosim.trade import report
 from cosim.trade.candidates import Candidate, candidates_of
 from cosim.trade.measuring import Measured, Telling, compile_for_trade, measure
-from cosim.trade.report import (
-    Requirement,
-    as_json,
-    choice_lines,
-    draw,
-    markdown,
-    parse_budget,
-    parse_force,
-    parse_tolerance,
-    result_line,
-)
 
 TABLE, FIGURES, PLOT = "trade.md", "trade.json", "trade.png"
 
@@ -45,7 +35,7 @@ def trade_command(options: argparse.Namespace) -> int:
     Raises:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
-    requirement, bound = _requirement(options), parse_budget(options.slowest)
+    requirement, bound = _requirement(options), report.parse_budget(options.slowest)
     scenario = load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
     check_ends(scenario)
     scenario = replace(scenario, fidelity="lumped", auto=None)
@@ -60,7 +50,7 @@ def trade_command(options: argparse.Namespace) -> int:
         _write(directory, scenario, results, requirement)
     if requirement is None:
         return 0
-    line = choice_lines(results, requirement)
+    line = report.choice_lines(results, requirement)
     print(printable(line))
     return int(line.startswith("No candidate"))
 
@@ -69,26 +59,26 @@ def _write(
     directory: OutputDirectory,
     scenario: Scenario,
     results: Sequence[Measured],
-    requirement: Requirement | None,
+    requirement: report.Requirement | None,
 ) -> None:
-    table = markdown(scenario.title, results)
+    table = report.markdown(scenario.title, results)
     # before anything is written: what took long must not be lost with a full disk
     print(printable(table), flush=True)
     directory.make()
     directory.claim(TABLE, FIGURES, PLOT)
     directory.write(TABLE, table)
-    directory.write(FIGURES, as_json(scenario.name, results, requirement))
+    directory.write(FIGURES, report.as_json(scenario.name, results, requirement))
     try:
-        draw(scenario.title, results, directory.path / PLOT)
+        report.draw(scenario.title, results, directory.path / PLOT)
     except InputError as error:
         tell(f"no plot: {error}")
 
 
-def _requirement(options: argparse.Namespace) -> Requirement | None:
+def _requirement(options: argparse.Namespace) -> report.Requirement | None:
     given = (options.budget, options.tolerance, options.force_tolerance)
-    readers = (parse_budget, parse_tolerance, parse_force)
+    readers = (report.parse_budget, report.parse_tolerance, report.parse_force)
     values = [None if text is None else read(text) for text, read in zip(given, readers, strict=True)]
-    return None if values == [None] * 3 else Requirement(*values)
+    return None if values == [None] * 3 else report.Requirement(*values)
 
 
 @final
@@ -119,7 +109,7 @@ class TradeProgress:
     def done(self, result: Measured) -> None:
         """A candidate is done."""
         start = "\r\x1b[K" if self._terminal else ""
-        self._write(f"{start}{self._head} {result_line(result)}\n")
+        self._write(f"{start}{self._head} {report.result_line(result)}\n")
 
     @property
     def _head(self) -> str:

@@ -44,20 +44,10 @@ from cosim.config.schema.phase import HOLD, MOST_POINTS, PhaseTable, StartTable,
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.studies import StudyTable, is_study, load_study
+from cosim.config.toml import reading
 from cosim.config.toml.keys import describe, join, label
 from cosim.config.toml.parsing import KindTable, name_of, parse, register_kind, with_unknown
-from cosim.config.toml.reading import (
-    UNKNOWN,
-    Faults,
-    NotKnown,
-    Unreadable,
-    apply_override,
-    check,
-    copy_with,
-    merge,
-    only_readable,
-    read_table,
-)
+from cosim.config.toml.reading import UNKNOWN, Faults
 from cosim.config.writing import to_table
 from cosim.errors import InputError, ScenarioError
 
@@ -78,7 +68,7 @@ def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
     with faults:
         start = _with_list(start, before, cables, "start")
         before = start.cable_tension_N or before
-        start = copy_with(start, cable_tension_N=before)
+        start = reading.copy_with(start, cable_tension_N=before)
     for phase in scenario.phases:
         listed = phase
         with faults:
@@ -87,7 +77,7 @@ def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
             if listed.tip_target is not None and listed.tip_target.reach_with == "cables":
                 before = None
         phases.append(listed)
-    return copy_with(scenario, start=start, phases=tuple(phases))
+    return reading.copy_with(scenario, start=start, phases=tuple(phases))
 
 
 def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[str], path: str) -> Table:
@@ -107,7 +97,7 @@ def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[
             f"leaves out {missing[0]}, whose tension before is not known here; name all cables",
         )
     tensions = dict(zip(cables, before or (), strict=False)) | found
-    return copy_with(table, cable_tension_N=tuple(tensions[name] for name in cables))
+    return reading.copy_with(table, cable_tension_N=tuple(tensions[name] for name in cables))
 
 
 _POINT: Final = ("x_m", "y_m", "z_m")
@@ -142,7 +132,7 @@ def _duration_s(path: Any) -> Any:
         return UNKNOWN
     try:
         return parse(TipPathTable, path, "", Faults()).course().duration_s
-    except (InputError, NotKnown):
+    except (InputError, reading.NotKnown):
         return UNKNOWN
 
 
@@ -328,7 +318,7 @@ class RobotFiles:
         self, table: Mapping[str, Any], folder: Path, path: str, chain: tuple[Path, ...]
     ) -> dict[str, Any]:
         """Return a soft robot's table with the files that it and its attachments start from put in."""
-        full: dict[str, Any] = only_readable(table)
+        full: dict[str, Any] = reading.only_readable(table)
         body = full.get("body")
         if isinstance(body, dict) and isinstance(body.get("file"), str) and is_file(folder / body["file"]):
             body["file"] = str((folder / body["file"]).resolve())
@@ -353,7 +343,7 @@ class RobotFiles:
             file = _found(name, folder, path)
         if file is None:
             return with_unknown(SoftRobotTable, changes)
-        return merge(self._table(file, name, path, chain), changes)
+        return reading.merge(self._table(file, name, path, chain), changes)
 
     def _table(self, file: Path, name: str, path: str, chain: tuple[Path, ...]) -> dict[str, Any]:
         here = file.resolve()
@@ -362,7 +352,7 @@ class RobotFiles:
         if len(chain) >= LONGEST_CHAIN:
             raise ScenarioError(path, f"'{name}' comes after {LONGEST_CHAIN} files that lead to one another")
         if here not in self._read:
-            self._read[here] = read_table(file)
+            self._read[here] = reading.read_table(file)
         return self._complete(self._read[here], file.parent, path.removesuffix(".file"), (*chain, here))
 
 
@@ -372,15 +362,13 @@ def _found(name: Any, folder: Path, path: str) -> Path:
     Raises:
         ScenarioError: the name is no text, or there is no such file.
     """
-    if isinstance(name, Unreadable):
+    if isinstance(name, reading.Unreadable):
         raise ScenarioError(path, name.problem)
     if not isinstance(name, str):
         raise ScenarioError(path, f"expected a name or path, got {describe(name)}")
     beside = folder / name
-    try:
+    with reading.blamed_on(path):
         return beside if beside.suffix == ".toml" and is_file(beside) else soft_robot_path(name)
-    except InputError as error:
-        raise ScenarioError(path, str(error)) from error
 
 
 def load_scenario(
@@ -405,7 +393,7 @@ def load_scenario(
         table, folder = to_table(source), Path()
     else:
         path = scenario_path(source)
-        table, folder = read_table(path), path.parent
+        table, folder = reading.read_table(path), path.parent
         table.setdefault("name", path.stem)
     place = folder
     arm_folder = Path() if "robot" in overrides else folder
@@ -415,7 +403,7 @@ def load_scenario(
             _check_no_robot(overrides, body)
         table["soft_robot"] = UNKNOWN
     elif "soft_robot" in overrides:
-        apply_override(table, "soft_robot", overrides.pop("soft_robot"))
+        reading.apply_override(table, "soft_robot", overrides.pop("soft_robot"))
         folder = Path()
     if "soft_robot" in table and body is None:
         robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
@@ -424,18 +412,18 @@ def load_scenario(
             table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
     for key, value in overrides.items():
         with faults:
-            apply_override(table, key, value)
+            reading.apply_override(table, key, value)
     path_folder = Path() if any(".tip_path" in key for key in overrides) else place
     complete_tip_paths(table, path_folder, faults)
     scenario = parse(Scenario, table, "", faults)
     if body is not None:
-        scenario = copy_with(scenario, soft_robot=body)
+        scenario = reading.copy_with(scenario, soft_robot=body)
     with faults:
-        scenario = copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
+        scenario = reading.copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
     with faults:
-        scenario = copy_with(scenario, robot=with_arm_path(scenario.robot, arm_folder))
+        scenario = reading.copy_with(scenario, robot=with_arm_path(scenario.robot, arm_folder))
     with faults:
-        scenario = copy_with(scenario, scene=with_scene_path(scenario.scene, scene_folder))
+        scenario = reading.copy_with(scenario, scene=with_scene_path(scenario.scene, scene_folder))
     return _resolved(scenario, faults)
 
 
@@ -482,7 +470,7 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
     path, faults = soft_robot_path(name_or_path), Faults()
     table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
     robot = parse(SoftRobotTable, table, "soft_robot", faults)
-    check(robot, "soft_robot", None, (), faults)
+    reading.check(robot, "soft_robot", None, (), faults)
     faults.tell()
     return robot
 
@@ -498,7 +486,7 @@ def load_file(path: Path) -> Scenario | SoftRobotTable | StudyTable:
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
     """
-    table = read_table(path)
+    table = reading.read_table(path)
     if is_study(table):
         return load_study(path)
     return load_scenario(path) if is_scenario(table) else load_soft_robot(path)
@@ -515,7 +503,7 @@ def resolve(scenario: Scenario) -> Scenario:
 
 def _resolved(scenario: Scenario, faults: Faults) -> Scenario:
     with faults:
-        scenario = scenario if scenario.phases else copy_with(scenario, phases=(HOLD,))
+        scenario = scenario if scenario.phases else reading.copy_with(scenario, phases=(HOLD,))
     with faults:
         scenario = with_listed_tensions(scenario, faults)
     with faults:

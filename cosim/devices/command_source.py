@@ -337,7 +337,8 @@ class FlangeOffset:
     """
 
     def __init__(self, joints: int) -> None:
-        self._offset: Array = np.zeros(joints)
+        self.offset: Array = np.zeros(joints)
+        """By how much it is off, (joints,) [rad]."""
 
     def moved(
         self,
@@ -358,21 +359,13 @@ class FlangeOffset:
             InputError: no motion of the joints moves the flange like that.
         """
         if twist is None:
-            if not self._offset.any():
+            if not self.offset.any():
                 return planned
-            return JointReference(planned.position + self._offset, planned.velocity, planned.acceleration)
+            return JointReference(planned.position + self.offset, planned.velocity, planned.acceleration)
         rate = joint_rate(see().flange_jacobian, np.array(twist))
-        position, velocity = planned.position + self._offset, planned.velocity + rate
-        self._offset = self._offset + step_s * rate
+        position, velocity = planned.position + self.offset, planned.velocity + rate
+        self.offset = self.offset + step_s * rate
         return JointReference(position, velocity, planned.acceleration)
-
-    def save_state(self) -> Array:
-        """Return the offset (joints,) [rad]."""
-        return self._offset
-
-    def restore_state(self, state: Array) -> None:
-        """Return to a state of `save_state`."""
-        self._offset = state
 
 
 def joint_rate(jacobian: Array, twist: Array) -> Array:

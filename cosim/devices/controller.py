@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, Final, Generic, TypeVar, final
@@ -24,6 +24,7 @@ from cosim.base.frames import Array, Pose, Shown, Wrench
 from cosim.errors import InputError, InstabilityError
 
 State = TypeVar("State")
+Value = TypeVar("Value")
 
 
 @final
@@ -295,6 +296,11 @@ def whole(value: Any) -> int | None:
         return None
 
 
+def over(values: Iterable[Value | None], others: Iterable[Value]) -> list[Value]:
+    """Return values with others in place of those that are None."""
+    return [other if value is None else value for value, other in zip(values, others, strict=True)]
+
+
 def shown(value: Any) -> str:
     """Return a value as a message shows it: in one line, not too long."""
     text = " ".join(repr(value).split())
@@ -371,11 +377,12 @@ class ZeroOrderHold:
     ) -> None:
         self.name, self.controller, self.period_ticks = name, controller, period_ticks
         self._cables, self._pumps = cables, pumps
-        self._state = HoldState()
+        self.state = HoldState()
+        """What the next tick depends on."""
 
     def start(self, seen: Measurement) -> None:
         """Begin anew: the next tick asks the controller."""
-        self._state = HoldState(self.controller.start(seen))
+        self.state = HoldState(self.controller.start(seen))
 
     def tick(self, see: Callable[[], Measurement]) -> Held:
         """Return what is commanded in the next tick.
@@ -387,22 +394,14 @@ class ZeroOrderHold:
             InputError: it commands what does not exist or what no device can do.
             InstabilityError: it commands a number that is not finite.
         """
-        state = self._state
+        state = self.state
         if state.wait_ticks > 0 and state.held is not None:
-            self._state = HoldState(state.controller, state.held, state.wait_ticks - 1)
+            self.state = HoldState(state.controller, state.held, state.wait_ticks - 1)
             return state.held
         after, command = self.controller.act(state.controller, see())
         held = self._ordered(command)
-        self._state = HoldState(after, held, self.period_ticks - 1)
+        self.state = HoldState(after, held, self.period_ticks - 1)
         return held
-
-    def save_state(self) -> HoldState:
-        """Return what the next tick depends on."""
-        return self._state
-
-    def restore_state(self, state: HoldState) -> None:
-        """Return to a state of `save_state`."""
-        self._state = state
 
     def _ordered(self, command: Command) -> Held:
         who = f"controller '{self.name}'"

@@ -33,10 +33,18 @@ from cosim.devices.command_source import (
     measured,
     measured_cables,
 )
-from cosim.devices.controller import AnyController, Controller, Held, HoldState, Measurement, ZeroOrderHold
+from cosim.devices.controller import (
+    AnyController,
+    Controller,
+    Held,
+    HoldState,
+    Measurement,
+    ZeroOrderHold,
+    over,
+)
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral
-from cosim.devices.pump import Pump, PumpDrive, PumpDriveState
+from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpDriveState, PumpState
 from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, orders_of
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
@@ -224,7 +232,7 @@ class Actuation:
         """Drive cables from now on that nothing drove before, at these tensions."""
         self._held = True
         for drive, tension in zip(self.cables, tension_N, strict=True):
-            drive.restore_state(CableDriveState(tension, tension))
+            drive.state = CableDriveState(tension, tension)
 
     def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
         """Take over what a phase asks; nothing moves at this instant."""
@@ -235,7 +243,7 @@ class Actuation:
             drive.begin(order, soft.state.positions)
         pressures = soft.pressures_Pa
         for pump in self.pumps:
-            given = (planned.phase.pump_pressure_Pa or {}).get(pump.name, pump.setpoint_Pa)
+            given = (planned.phase.pump_pressure_Pa or {}).get(pump.name, pump.state.setpoint_Pa)
             sealed = planned.gas[pump.chamber].sealed
             pump.begin(given if sealed else None, pressures[pump.chamber])
         self._started = tuple(name for name in self._started if name in self._setpoints)
@@ -272,13 +280,11 @@ class Actuation:
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
                 order: Order | None = None if tension is None else ("tension", tension)
                 commanded[k] = order or (commanded[k] if length is None else ("length", length))
-            pairs = zip(held.pump_pressure_Pa, pressures, strict=True)
-            pressures = [old if new is None else new for new, old in pairs]
+            pressures = over(held.pump_pressure_Pa, pressures)
             twist = twist if held.flange_twist is None else held.flange_twist
         if self.live is not None:
-            commanded = [mine or order for mine, order in zip(self.live.cables, commanded, strict=True)]
-            pairs = zip(self.live.pump_pressure_Pa, pressures, strict=True)
-            pressures = [old if new is None else new for new, old in pairs]
+            commanded = over(self.live.cables, commanded)
+            pressures = over(self.live.pump_pressure_Pa, pressures)
         self._work_pumps(gas, soft, pressures)
         triples = zip(self.cables, self._orders, commanded, strict=True)
         for drive, order, command in triples:
@@ -290,7 +296,7 @@ class Actuation:
         if not self.active:
             return planned
         tension = tuple(drive.given_tension_N for drive in self.cables)
-        lengths = tuple(drive.length_m for drive in self.cables)
+        lengths = tuple(drive.state.length_m for drive in self.cables)
         return replace(planned, cable_tension_N=tension, cable_length_m=lengths)
 
     def report(self, soft: SoftSide, flange: Pose) -> ActuationReport | None:
@@ -305,7 +311,7 @@ class Actuation:
         return ActuationReport(
             cable_tension_N=np.array([drive.tension_N(x) for drive in drives]),
             cable_length_m=np.array([drive.cable.length(x) for drive in drives]),
-            unstretched_m=np.array([np.nan if d.length_m is None else d.length_m for d in drives]),
+            unstretched_m=np.array([d.state.length_m for d in drives], dtype=float),
             lost_steps=np.array([drive.lost_steps for drive in drives], dtype=np.int64),
             bending_angle_rad=angle,
             pumps=tuple(_pump_report(drive) for drive in self.pumps),
@@ -318,9 +324,9 @@ class Actuation:
     def save_state(self) -> ActuationState:
         """Return what the next tick depends on."""
         return ActuationState(
-            tuple(drive.save_state() for drive in self.cables),
-            tuple(pump.save_state() for pump in self.pumps),
-            tuple(hold.save_state() for hold in self._holds.values()),
+            tuple(drive.state for drive in self.cables),
+            tuple(pump.state for pump in self.pumps),
+            tuple(hold.state for hold in self._holds.values()),
             self._started,
             self._held,
         )
@@ -343,11 +349,11 @@ class Actuation:
                 f"{here[0]}, {here[1]} and {here[2]}"
             )
         for drive, cable in zip(self.cables, state.cables, strict=True):
-            drive.restore_state(cable)
+            drive.state = cable
         for pump, own in zip(self.pumps, state.pumps, strict=True):
-            pump.restore_state(own)
+            pump.state = own
         for hold, held in zip(self._holds.values(), state.holds, strict=True):
-            hold.restore_state(held)
+            hold.state = held
         self._started, self._held = state.started, state.held
 
     def _take_over(self, planned: PhasePlan) -> None:
@@ -389,12 +395,8 @@ class Actuation:
 
 
 def _pump_report(drive: PumpDrive) -> PumpReport:
-    state = drive.state
-    if state is None:
-        return PumpReport(drive.setpoint_Pa, False, False, 0, 0.0, 0.0)
-    return PumpReport(
-        drive.setpoint_Pa, state.on, state.venting, state.starts, state.on_s, state.delivered_kg
-    )
+    setpoint_Pa, pump = drive.state.setpoint_Pa, drive.state.pump or PumpState(DelayLine())
+    return PumpReport(setpoint_Pa, pump.on, pump.venting, pump.starts, pump.on_s, pump.delivered_kg)
 
 
 @final
@@ -469,12 +471,12 @@ class PlannedCommands(CommandSource):
 
     def save_state(self) -> PlannedCommandsState:
         gas, devices = self.gas.save_state(), self.actuation.save_state()
-        return PlannedCommandsState(gas, devices, self._offset.save_state())
+        return PlannedCommandsState(gas, devices, self._offset.offset)
 
     def restore_state(self, state: PlannedCommandsState) -> None:
         self.gas.restore_state(state.gas)
         self.actuation.restore_state(state.devices)
-        self._offset.restore_state(state.offset)
+        self._offset.offset = state.offset
 
     def _of(self, phase: int) -> TickReferences | IncrementReferences:
         """Return what a phase asks for, step by step."""

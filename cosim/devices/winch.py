@@ -112,33 +112,29 @@ class CableDrive:
 
     def __init__(self, cable: Cable, winch: WinchTable | None, tension_N: float) -> None:
         self.cable, self.winch = cable, winch
-        self._state = CableDriveState(tension_N, tension_N)
-
-    @property
-    def length_m(self) -> float | None:
-        """Unstretched length off the drum; None while the tension is commanded."""
-        return self._state.length_m
+        self.state = CableDriveState(tension_N, tension_N)
+        """What the next tick depends on."""
 
     @property
     def lost_steps(self) -> int:
         """Steps that the winch has lost since the length is commanded."""
-        return 0 if self._state.winch is None else self._state.winch.lost
+        return 0 if self.state.winch is None else self.state.winch.lost
 
     @property
     def given_tension_N(self) -> float:
         """Commanded tension; zero, and without meaning, while the length is commanded."""
-        return self._state.wanted if self._state.length_m is None else 0.0
+        return self.state.wanted if self.state.length_m is None else 0.0
 
     def tension_N(self, positions: Array) -> float:
         """Return the tension at the base end at the given shape (n, 3) [m]."""
-        length = self._state.length_m
-        return self._state.wanted if length is None else base_tension(self.cable, positions, length)
+        length = self.state.length_m
+        return self.state.wanted if length is None else base_tension(self.cable, positions, length)
 
     def unstretched_m(self, positions: Array) -> float:
         """Return the commanded length; while the tension is, that by which it would be the same."""
-        if self._state.length_m is not None:
-            return self._state.wanted
-        return self.cable.length(positions) - stretch_at(self._state.wanted, self.cable.stiffness_N_m)
+        if self.state.length_m is not None:
+            return self.state.wanted
+        return self.cable.length(positions) - stretch_at(self.state.wanted, self.cable.stiffness_N_m)
 
     def begin(self, order: Order | None, positions: Array) -> None:
         """Begin a phase; nothing changes at this instant.
@@ -148,7 +144,7 @@ class CableDrive:
             positions: (n, 3) [m].
         """
         state = self._prepared(order, positions)
-        self._state = replace(state, begin=state.wanted)
+        self.state = replace(state, begin=state.wanted)
 
     def move(
         self,
@@ -181,20 +177,12 @@ class CableDrive:
             state = replace(state, length_m=turned.length_m(self.winch), winch=turned)
         elif state.length_m is not None:
             state = replace(state, length_m=wanted)
-        self._state = state
-
-    def save_state(self) -> CableDriveState:
-        """Return what the next tick depends on."""
-        return self._state
-
-    def restore_state(self, state: CableDriveState) -> None:
-        """Return to a state of `save_state`."""
-        self._state = state
+        self.state = state
 
     def _prepared(self, order: Order | None, positions: Array) -> CableDriveState:
         """Return the state in which an order can be followed, with the present tension."""
-        if order is None or (order[0] == "tension") == (self._state.length_m is None):
-            return self._state
+        if order is None or (order[0] == "tension") == (self.state.length_m is None):
+            return self.state
         if order[0] == "tension":
             tension = self.tension_N(positions)
             return CableDriveState(tension, tension)

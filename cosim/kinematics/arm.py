@@ -58,7 +58,6 @@ def axis_error(flange: Pose, jacobian: Array, target: Pose) -> tuple[Array, Arra
 
 
 COUNT: Final = 10
-_ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
 
 
 def inertial_parameters(mass_kg: float, center: Array, inertia: Array) -> Array:
@@ -69,37 +68,19 @@ def inertial_parameters(mass_kg: float, center: Array, inertia: Array) -> Array:
         center: (3,) [m], of mass.
         inertia: (3, 3) [kg m^2], about the centre, axes of the frame.
     """
-    offset = cross_matrix(center)
-    about_origin = inertia - mass_kg * offset @ offset
-    return np.concatenate([[mass_kg], mass_kg * center, about_origin[_ROWS, _COLUMNS]])
+    return np.array(pin.Inertia(mass_kg, center, inertia).toDynamicParameters())
 
 
 def change_of_frame(frame_from_body: Pose) -> Array:
-    """Return T (10, 10): parameters in a frame = T parameters in the body's own axes.
+    """Return T (10, 10): parameters in a frame = T parameters in the body's own axes."""
 
-    With the second moments S = trace(I) / 2 1 - I, which are a sum of m x x^T, all moves as points do:
-        [S, m c; (m c)^T, m] -> H [S, m c; (m c)^T, m] H^T,    H = [R, t; 0, 1].
-    """
-    homogeneous = np.eye(4)
-    homogeneous[:3, :3], homogeneous[:3, 3] = frame_from_body.rotation, frame_from_body.translation
-    columns = []
-    for unit in np.eye(COUNT):
-        moved = homogeneous @ _moments(unit) @ homogeneous.T
-        second = moved[:3, :3]
-        inertia = np.trace(second) * np.eye(3) - second
-        columns.append(np.concatenate([[moved[3, 3]], moved[:3, 3], inertia[_ROWS, _COLUMNS]]))
-    return np.stack(columns, axis=1)
+    def moved(parameters: Array) -> Array:
+        body = pin.Inertia.FromDynamicParameters(parameters)
+        return np.array(_placement(frame_from_body).act(body).toDynamicParameters())
 
-
-def _moments(parameters: Array) -> Array:
-    """Return the sum (4, 4) of m (x, 1) (x, 1)^T of a body with such parameters (10,)."""
-    inertia = np.empty((3, 3))
-    inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = parameters[4:]
-    result = np.empty((4, 4))
-    result[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    result[:3, 3] = result[3, :3] = parameters[1:4]
-    result[3, 3] = parameters[0]
-    return result
+    mass, *others = np.eye(COUNT)  # what has no mass is moved together with a point that has
+    point = moved(mass)
+    return np.stack([point, *(moved(mass + other) - point for other in others)], axis=1)
 
 
 def model_of(arm: ArmFile) -> pin.Model:

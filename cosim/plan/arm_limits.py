@@ -180,13 +180,7 @@ class Touch:
 
     def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
         """Return it for the summary."""
-        return {
-            "link": self.link,
-            "other": self.other,
-            "first_s": self.first_s,
-            "phase": phase_names[self.phase],
-            "depth_m": self.depth_m,
-        }
+        return vars(self) | {"phase": phase_names[self.phase]}
 
     def text(self, phase_names: tuple[str, ...]) -> str:
         """Return it as part of a sentence."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Final
 
 import numpy as np
@@ -157,22 +157,25 @@ def _check_reach(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int
     for index, way in enumerate(ways):
         far = np.linalg.norm(way.end.translation - arm.shoulder) > arm.reach
         if far and not isinstance(way, PoseTrack):
-            _check_end(arm, index, way, seed, blame)
+            with _blamed(blame(index)):
+                solve(arm, way.end, seed, candidates=1)
 
 
 def _check_ends(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
     """Raise UnreachableError for the first phase whose end no configuration reaches, on whatever branch."""
     for index, way in enumerate(ways):
-        if way.pieces == 0 or isinstance(way, PoseTrack):  # of which it is said where it breaks off
-            continue
-        _check_end(arm, index, way, seed, blame)
+        if way.pieces and not isinstance(way, PoseTrack):  # of which it is said where it breaks off
+            with _blamed(blame(index)):
+                solve(arm, way.end, seed, candidates=1)
 
 
-def _check_end(arm: Arm, index: int, way: AnyWay, seed: Array, blame: Callable[[int], str]) -> None:
+@contextmanager
+def _blamed(key: str) -> Iterator[None]:
+    """Let what cannot be reached within begin with a key."""
     try:
-        solve(arm, way.end, seed, candidates=1)
+        yield
     except UnreachableError as error:
-        raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
+        raise UnreachableError(f"{key}: {error}", error.closest) from error
 
 
 def _configurations(arm: Arm, start: Pose, nearest: Array) -> Iterator[Array]:
@@ -203,10 +206,8 @@ def _follow_all(arm: Arm, ways: list[AnyWay], q: Array, blame: Callable[[int], s
             paths.append(JointPath(q, None))
             continue
         poses = [way.at(k / count) for k in range(1, count + 1)]
-        try:
+        with _blamed(blame(index)):
             knots = np.concatenate([q[None], follow(arm, poses, q)])
-        except UnreachableError as error:
-            raise UnreachableError(f"{blame(index)}: {error}", error.closest) from error
         paths.append(JointPath(q, _spline(arm, way, knots)))
         q = paths[-1].last
     return tuple(paths)

@@ -28,7 +28,6 @@ from cosim.config.schema.phase import TipPathTable, TipTargetTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import CosimError, InputError, SolverError, UnreachableError
 from cosim.plan.motion import FlangeWay, PlannedTipPath, TipErrors, tip_distances
-from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, center_line_length, center_rings
 from cosim.soft.solve.state import Equilibrium
@@ -206,7 +205,8 @@ class _Trip:
         """Return how far the tip would be from the path on a flange that takes the arm to be straight."""
         soft = self._soft
         try:
-            pose = rigid.pose(begin.world_from_flange, self.instants.row(0))
+            wanted = self.instants.row(0)
+            pose = rigid.pose(begin.world_from_flange, wanted.position, wanted.direction)
             first = begin
             for share in np.linspace(0.0, 1.0, _APPROACH + 1)[1:].tolist():
                 between = begin.world_from_flange.interpolated(pose, share)
@@ -252,16 +252,16 @@ class _RigidArm:
             )
         return cls(float(way @ axis))
 
-    def pose(self, here: Pose, wanted: CourseInstant) -> Pose:
-        """Return the flange's next pose."""
+    def pose(self, here: Pose, position: Array, direction: Array | None) -> Pose:
+        """Return the flange's next pose, for a tip at a position, along a direction if one is given."""
         axis = here.rotation[:, 2]
-        direction = axis if wanted.direction is None else wanted.direction
-        rotation = rotation_from_vector(shortest_turn(axis, direction)) @ here.rotation
-        return Pose(rotation, wanted.position - self.length_m * rotation[:, 2])
+        turn = shortest_turn(axis, axis if direction is None else direction)
+        rotation = rotation_from_vector(turn) @ here.rotation
+        return Pose(rotation, position - self.length_m * rotation[:, 2])
 
     def moved(self, soft: SoftSide, here: Equilibrium, wanted: CourseInstant, loads: Loads) -> Equilibrium:
         """Return the equilibrium at the flange's next pose."""
-        return soft.follow(here, self.pose(here.world_from_flange, wanted), loads)
+        return soft.follow(here, self.pose(here.world_from_flange, wanted.position, wanted.direction), loads)
 
 
 def _onto(
@@ -391,20 +391,7 @@ def _search(
         return soft.find_tensions(here, wanted)
     if target.reach_with == "flange":
         return soft.find_flange_pose(here, wanted)
-    guess = _rigid_guess(soft.body, here, wanted)
-    return walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)
-
-
-def _rigid_guess(body: SoftBody, here: Equilibrium, target: search.TipTarget) -> Pose:
-    """Return the flange pose that would meet the target if the arm were straight along the flange's axis."""
-    if target.position is None:
+    if wanted.position is None:
         raise InputError("a target without position_m needs reach_with = 'cables'")
-    rotation = here.world_from_flange.rotation
-    axis = rotation[:, 2]
-    if target.direction is not None:
-        turn = search.shortest_turn(axis, target.direction)
-        rotation = rotation_from_vector(turn) @ rotation
-        axis = rotation[:, 2]
-    return Pose(
-        rotation, target.position - center_line_length(center_rings(body), here.state.positions) * axis
-    )
+    guess = _RigidArm.at(soft, here).pose(here.world_from_flange, wanted.position, wanted.direction)
+    return walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)

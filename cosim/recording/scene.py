@@ -18,29 +18,12 @@ from typing import Final, TypeAlias, final
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.components import (
-    ColorBatch,
-    Position3DBatch,
-    RotationQuatBatch,
-    TextBatch,
-    Translation3DBatch,
-    Vector3DBatch,
-)
+from rerun import components
 
 from cosim.base.frames import Array, IntArray, cross
 from cosim.base.solid import BodyShape
+from cosim.recording import colours
 from cosim.recording.blueprint import FOLLOW, TIP_PATH, Eye, close_eye, soft_size
-from cosim.recording.colours import (
-    FLOOR_SHADE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PINK,
-    SKY,
-    VERMILION,
-    WHITE,
-    MembraneColours,
-)
 from cosim.recording.columns import column, send_lines, style_lines
 from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -107,7 +90,7 @@ def rigid_mesh(shape: BodyShape, body: str) -> rr.Mesh3D:
         body: its body's name; the floor is darkened, so that it stays behind what stands on it.
     """
     corners = shape.vertices[shape.triangles].reshape(-1, 3)
-    shade = (*FLOOR_SHADE, 1.0) if body == FLOOR_NAME else (1.0, 1.0, 1.0, 1.0)
+    shade = (*colours.FLOOR_SHADE, 1.0) if body == FLOOR_NAME else (1.0, 1.0, 1.0, 1.0)
     return rr.Mesh3D(
         vertex_positions=corners.astype(np.float32),
         vertex_normals=corner_normals(shape.vertices, shape.triangles).astype(np.float32),
@@ -214,14 +197,18 @@ class LoadArrows:
 
     def _log_styles(self) -> None:
         """Log once what does not change: colours, radii and the weight's label."""
-        arrows = (("weight", WHITE), ("flange_force", VERMILION), ("flange_torque/head", SKY))
+        arrows = (
+            ("weight", colours.WHITE),
+            ("flange_force", colours.VERMILION),
+            ("flange_torque/head", colours.SKY),
+        )
         for name, colour in arrows:
             style = rr.Arrows3D.from_fields(colors=[colour], radii=[_RADIUS_M])
             self._stream.log(f"/world/loads/{name}", style, static=True)
         for name, labels in (("weight", [f"weight {self._weight_N:.1f} N"]), ("flange_force", None)):
-            label = rr.Points3D.from_fields(colors=[WHITE], radii=[1e-4], labels=labels)
+            label = rr.Points3D.from_fields(colors=[colours.WHITE], radii=[1e-4], labels=labels)
             self._stream.log(f"/world/loads/{name}/label", label, static=True)
-        style_lines(self._stream, "/world/loads/flange_torque", _RADIUS_M, SKY)
+        style_lines(self._stream, "/world/loads/flange_torque", _RADIUS_M, colours.SKY)
 
     def _send_arrows(self, name: str, origins: Array, vectors: Array, times: Sequence[rr.TimeColumn]) -> None:
         # Without length an arrow has no direction to be drawn in.
@@ -232,9 +219,9 @@ class LoadArrows:
     def _send_labels(
         self, name: str, places: Array, texts: list[str] | None, times: Sequence[rr.TimeColumn]
     ) -> None:
-        columns = [column(rr.Points3D, "positions", Position3DBatch(places))]
+        columns = [column(rr.Points3D, "positions", components.Position3DBatch(places))]
         if texts is not None:
-            columns.append(column(rr.Points3D, "labels", TextBatch(texts)))
+            columns.append(column(rr.Points3D, "labels", components.TextBatch(texts)))
         self._stream.send_columns(f"/world/loads/{name}/label", times, columns)
 
     def _send_arcs(self, centres: Array, torque: Array, times: Sequence[rr.TimeColumn]) -> None:
@@ -266,8 +253,8 @@ class LoadArrows:
 def _arrows(origins: Array, vectors: Array, rows: IntArray) -> list[rr.ComponentColumn]:
     """Return the columns of arrows, so many in each row."""
     return [
-        column(rr.Arrows3D, "origins", Position3DBatch(origins), rows),
-        column(rr.Arrows3D, "vectors", Vector3DBatch(vectors), rows),
+        column(rr.Arrows3D, "origins", components.Position3DBatch(origins), rows),
+        column(rr.Arrows3D, "vectors", components.Vector3DBatch(vectors), rows),
     ]
 
 
@@ -289,9 +276,9 @@ class TipMarks:
     def __init__(self, stream: rr.RecordingStream, start: Array) -> None:
         self._stream = stream
         self._tip = start
-        style_lines(stream, TIP_PATH, _PATH_RADIUS_M, PINK)
-        style_lines(stream, _TARGET, _CROSS_RADIUS_M, GREEN)
-        label = rr.Points3D.from_fields(colors=[GREEN], radii=[1e-4], labels=["target"])
+        style_lines(stream, TIP_PATH, _PATH_RADIUS_M, colours.PINK)
+        style_lines(stream, _TARGET, _CROSS_RADIUS_M, colours.GREEN)
+        label = rr.Points3D.from_fields(colors=[colours.GREEN], radii=[1e-4], labels=["target"])
         stream.log(f"{_TARGET}/label", label, static=True)
 
     def send(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
@@ -311,7 +298,7 @@ class TipMarks:
         arms = 0.5 * _CROSS_M * np.stack([-np.eye(3), np.eye(3)], axis=1)
         points = (targets[:, None, None] + arms).reshape(-1, 3)
         send_lines(self._stream, _TARGET, times, points, np.full(3 * len(targets), 2), 3 * rows)
-        below = Position3DBatch(targets - (0.0, 0.0, 0.5 * _CROSS_M))
+        below = components.Position3DBatch(targets - (0.0, 0.0, 0.5 * _CROSS_M))
         columns = [column(rr.Points3D, "positions", below, rows)]
         self._stream.send_columns(f"{_TARGET}/label", times, columns)
 
@@ -345,7 +332,7 @@ class Scene:
         nodes = len(first.node_position)
         self._share = np.full(nodes, 1.0 / nodes)
         # a copy: kernels take no array that is read-only
-        self._colours = MembraneColours(stage.soft_triangles.copy(), nodes)
+        self._colours = colours.MembraneColours(stage.soft_triangles.copy(), nodes)
         self._seams = crease_lines(first.node_position, stage.soft_triangles)
         self._paths = [body_path(name) for name in stage.body_names]
         self._drawn = sorted({shape.body for shape in stage.shapes})
@@ -387,27 +374,27 @@ class Scene:
         positions = frames.body_position
         quaternions = frames.body_quaternion[..., [1, 2, 3, 0]]
         for body in self._drawn:
-            there = column(rr.Transform3D, "translation", Translation3DBatch(positions[:, body]))
-            turned = column(rr.Transform3D, "quaternion", RotationQuatBatch(quaternions[:, body]))
+            there = column(rr.Transform3D, "translation", components.Translation3DBatch(positions[:, body]))
+            turned = column(rr.Transform3D, "quaternion", components.RotationQuatBatch(quaternions[:, body]))
             self._stream.send_columns(self._paths[body], times, [there, turned])
         seen = frames.flange_position + _FOLLOWED * (frames.tip_position - frames.flange_position)
-        followed = column(rr.Transform3D, "translation", Translation3DBatch(seen))
+        followed = column(rr.Transform3D, "translation", components.Translation3DBatch(seen))
         self._stream.send_columns(FOLLOW, times, [followed])
 
     def _send_film(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> tuple[Single, Array]:
         """Write the film; return its nodes (frames, n, 3) and their mean (frames, 3)."""
         count, nodes = len(frames), len(self._share)
         positions, centre = np.empty((count, nodes, 3), dtype=np.float32), np.empty((count, 3))
-        colours = np.empty((count, nodes), dtype=np.uint32)
+        packed = np.empty((count, nodes), dtype=np.uint32)
         for begin in range(0, count, _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
             x = frames.film.node_position(some)
             positions[some], centre[some] = x, self._share @ x
-            colours[some] = self._colours.packed(x, np.array([self._stage.membrane_stress(one) for one in x]))
+            packed[some] = self._colours.packed(x, np.array([self._stage.membrane_stress(one) for one in x]))
         each = np.full(count, nodes)
         columns = [
-            column(rr.Mesh3D, "vertex_positions", Position3DBatch(positions.reshape(-1, 3)), each),
-            column(rr.Mesh3D, "vertex_colors", ColorBatch(colours.ravel()), each),
+            column(rr.Mesh3D, "vertex_positions", components.Position3DBatch(positions.reshape(-1, 3)), each),
+            column(rr.Mesh3D, "vertex_colors", components.ColorBatch(packed.ravel()), each),
         ]
         self._stream.send_columns("/world/soft/film", times, columns)
         return positions, centre
@@ -415,8 +402,8 @@ class Scene:
     def _send_cables(self, frames: TickBatch, positions: Single, times: Sequence[rr.TimeColumn]) -> None:
         tension = frames.cable_tension_N.reshape(-1, 1)
         taut = tension / (tension + _HALF_TAUT_N)
-        colours = (1.0 - taut) * np.array(GREY) + taut * np.array(ORANGE)
-        self._send_node_lines("cables", positions, self._stage.cables, times, colours.astype(np.uint8))
+        shade = (1.0 - taut) * np.array(colours.GREY) + taut * np.array(colours.ORANGE)
+        self._send_node_lines("cables", positions, self._stage.cables, times, shade.astype(np.uint8))
 
     def _send_node_lines(
         self,
@@ -424,11 +411,11 @@ class Scene:
         positions: Single,
         lines: Sequence[IntArray],
         times: Sequence[rr.TimeColumn],
-        colours: NDArray[np.uint8] | None = None,
+        shades: NDArray[np.uint8] | None = None,
     ) -> None:
         if not lines:
             return
         points = positions[:, np.concatenate(lines)].reshape(-1, 3)
         lengths = np.tile([len(line) for line in lines], len(positions))
         per_frame = np.full(len(positions), len(lines))
-        send_lines(self._stream, f"/world/soft/{name}", times, points, lengths, per_frame, colours)
+        send_lines(self._stream, f"/world/soft/{name}", times, points, lengths, per_frame, shades)

@@ -26,7 +26,7 @@ from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import InputError
 from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo
-from cosim.telemetry.summary import SummaryBuilder, reason_of
+from cosim.telemetry.summary import SummaryBuilder, phase_cells, reason_of
 from cosim.telemetry.tick_batch import RigidColumns, TickBatch
 
 _ENTRY: Final = re.compile(r"\(([^)]*)\)(?: \[([^\]]*)\])?,? ?(.*)")
@@ -100,6 +100,7 @@ USUAL: Final = (
 )  # fmt: skip
 _PREFIXES: Final = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "rad": (180.0 / np.pi, "degrees")}
 _ACROSS: Final = 2
+_SHOWN_CELLS: Final = (0, 1, 2, 4, 5)  # of a phase's row of the summary
 
 
 @final
@@ -203,27 +204,14 @@ def as_html(text: str, summary: Mapping[str, Any]) -> str:
     heads = ("phase", "end [s]", "pressure [kPa]", "tip [mm]", "sag [mm]")
     lines += [f"stability: {text}" for text in branching_lines(summary.get("branchings", []))]
     lines += [f"overlap: {text}" for text in overlap_lines(summary.get("overlaps", []))]
-    rows = [
-        (
-            phase["name"] + ("" if phase["complete"] else " (incomplete)"),
-            f"{phase['end_s']:.2f}",
-            ", ".join(_scaled(entry["pressure_Pa"], 1e-3) for entry in phase["chambers"].values()),
-            ", ".join(_scaled(value, 1e3) for value in phase["tip_position_m"]),
-            _scaled(phase["sag_m"], 1e3),
-        )
-        for phase in summary["phases"]
-    ]
+    rows = [[phase_cells(phase)[k] for k in _SHOWN_CELLS] for phase in summary["phases"]]
     table = "".join(_row("td", row) for row in rows)
     texts = "<br>".join(map(escape, lines))
     return f"<div>{texts}<table><thead>{_row('th', heads)}</thead><tbody>{table}</tbody></table></div>"
 
 
-def _row(kind: str, cells: tuple[str, ...]) -> str:
+def _row(kind: str, cells: Sequence[str]) -> str:
     return "<tr>" + "".join(f"<{kind}>{escape(cell)}</{kind}>" for cell in cells) + "</tr>"
-
-
-def _scaled(value: float | None, scale: float) -> str:
-    return "?" if value is None else f"{scale * value:.1f}"
 
 
 @final

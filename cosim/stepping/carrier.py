@@ -29,7 +29,8 @@ class Carrier(ABC):
     """Carries the flange along its planned way, and is acted on by the soft robot.
 
     Statics: `set_configuration`, then `track` and `relax_under` for every increment. Dynamics:
-    `set_configuration`, `couple`, then `advance`.
+    `set_configuration`, `couple`, then `advance`. What a subclass leaves out is as without an arm: at rest,
+    with no joints and no rigid bodies.
     """
 
     @property
@@ -38,29 +39,29 @@ class Carrier(ABC):
         """World from flange."""
 
     @property
-    @abstractmethod
     def flange_twist(self) -> Twist:
         """Of the flange's origin, world axes."""
+        return Twist()
 
     @property
-    @abstractmethod
     def joint_position(self) -> Array:
         """(joints,) [rad]."""
+        return np.zeros(0)
 
     @property
-    @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
         """Base to flange."""
+        return ()
 
     @property
-    @abstractmethod
     def joint_velocity(self) -> Array:
         """(joints,) [rad/s]."""
+        return np.zeros(0)
 
     @property
-    @abstractmethod
     def joint_torque(self) -> Array:
         """(joints,) [N m], that the servos gave in the last tick."""
+        return np.zeros(0)
 
     @property
     @abstractmethod
@@ -71,28 +72,28 @@ class Carrier(ABC):
         """Return (6, joints): the twist of the flange's origin by the joint speeds, world axes."""
         return np.zeros((6, 0))
 
-    @abstractmethod
     def holding_torque(self, wrench: Wrench) -> Array:
         """Return what the servos give (joints,) [N m] at rest, with a wrench on the flange."""
+        return np.zeros(0)
 
     @property
-    @abstractmethod
     def body_names(self) -> tuple[str, ...]:
         """Rigid bodies, in the order of `body_poses`."""
+        return ()
 
     @property
-    @abstractmethod
     def shapes(self) -> tuple[BodyShape, ...]:
         """What is drawn of the rigid bodies."""
+        return ()
 
     @property
     @abstractmethod
     def report(self) -> Mapping[str, str]:
         """What is modelled of it, by heading."""
 
-    @abstractmethod
     def body_poses(self) -> tuple[Array, Array]:
         """Return positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
+        return np.zeros((0, 3)), np.zeros((0, 4))
 
     @property
     def touched(self) -> ContactReport:
@@ -107,9 +108,9 @@ class Carrier(ABC):
     def track(self, reference: Array) -> None:
         """Move on to new references (joints,) [rad] at rest, the deflection under load unchanged."""
 
-    @abstractmethod
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
+        return False
 
     @abstractmethod
     def servos(self, references: JointReference) -> Servos:
@@ -201,55 +202,18 @@ class HeldBase(Carrier):
         return self._pose
 
     @property
-    def flange_twist(self) -> Twist:
-        return Twist()
-
-    @property
-    def joint_position(self) -> Array:
-        return np.zeros(0)
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def joint_velocity(self) -> Array:
-        return np.zeros(0)
-
-    @property
-    def joint_torque(self) -> Array:
-        return np.zeros(0)
-
-    @property
     def wrench(self) -> Wrench:
         return self._wrench
-
-    def holding_torque(self, wrench: Wrench) -> Array:
-        return np.zeros(0)
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def shapes(self) -> tuple[BodyShape, ...]:
-        return ()
 
     @property
     def report(self) -> Mapping[str, str]:
         return {"Arm": "none: the base is held where it starts"}
-
-    def body_poses(self) -> tuple[Array, Array]:
-        return np.zeros((0, 3)), np.zeros((0, 4))
 
     def set_configuration(self, joints: Array) -> None:
         pass
 
     def track(self, reference: Array) -> None:
         pass
-
-    def relax_under(self, reference: Array, wrench: Wrench) -> bool:
-        return False
 
     def couple(self, wrench: Wrench) -> None:
         self._wrench = wrench

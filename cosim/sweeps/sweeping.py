@@ -21,12 +21,11 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, TextIO, final
 
 from cosim.app.driver import Observer, Options, build_simulation, execute, prepared
@@ -42,21 +41,9 @@ from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
 from cosim.config.writing import scenario_text
 from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
+from cosim.sweeps import table as tables
 from cosim.sweeps.engines import PROCESSES, Engine, rows_of
-from cosim.sweeps.table import (
-    LOST,
-    TABLE,
-    Design,
-    Measure,
-    Row,
-    Task,
-    check_travels,
-    figures_of,
-    measure_identity,
-    measure_named,
-    measured,
-    write_table,
-)
+from cosim.sweeps.table import LOST, TABLE, Design, Measure, Row, Task
 from cosim.telemetry.summary import reason_of
 
 
@@ -110,7 +97,7 @@ def _unpacked(task: Task) -> Scenario:
 
 def _run(scenario: Scenario, task: Task) -> Row:
     started = time.perf_counter()
-    measure = measure_named(task.measure) if isinstance(task.measure, str) else task.measure
+    measure = tables.measure_named(task.measure) if isinstance(task.measure, str) else task.measure
     arrays = ResultBuilder(scenario.recording.frames_per_s)
     watchers: Sequence[Observer] = () if measure is None else (arrays,)
     directory = None if task.directory is None else Path(task.directory)
@@ -119,9 +106,9 @@ def _run(scenario: Scenario, task: Task) -> Row:
     error, summary = outcome.error, outcome.summary
     if isinstance(error, InputError):
         return Row("refused", reason_of(error))
-    figures = figures_of(summary)
+    figures = tables.figures_of(summary)
     if measure is not None and summary["status"] == "completed":
-        figures |= measured(measure, arrays.result(summary, directory))
+        figures |= tables.measured(measure, arrays.result(summary, directory))
     return Row(summary["status"], summary["reason"], figures)
 
 
@@ -151,19 +138,22 @@ class Journal:
         self.rows = {name: row for name, row in _read(path) if row.status != LOST}
         self._file: TextIO | None = None
 
-    def __enter__(self) -> Journal:
+    @contextmanager
+    def open(self) -> Iterator[Journal]:
+        """Open its file for further rows.
+
+        Raises:
+            InputError: it cannot be written.
+        """
         try:
             self._file = self._path.open("a", encoding="utf-8")
             if self._file.tell():
                 self._file.write("\n")  # whoever was killed may have left half a line
         except OSError as error:
             raise InputError(f"{self._path}: cannot be written: {error.strerror}") from error
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._file is not None:
+        try:
+            yield self
+        finally:
             with suppress(OSError):
                 self._file.close()
 
@@ -173,7 +163,7 @@ class Journal:
         Raises:
             OutputError: it cannot be written.
         """
-        assert self._file is not None, "a journal is entered first"
+        assert self._file is not None, "a journal is opened first"
         self.rows[name] = row
         with writing(self._path):
             table = {"design": name, **asdict(row)}
@@ -292,7 +282,7 @@ class _Sweep:
 
     def __post_init__(self) -> None:
         self.varied = designs_of(self.study)
-        self._code = content_name(code_identity(), self.measure and measure_identity(self.measure))
+        self._code = content_name(code_identity(), self.measure and tables.measure_identity(self.measure))
         self._seen: dict[str, str] = {}  # digests of files, each taken once
         self._first_s: float | None = None
 
@@ -396,17 +386,17 @@ def sweep(
     if measure is not None and table.measure is not None:
         raise InputError("measure: is given in the study as well; leave it out in one of them")
     if measure is not None and isinstance(engine, str):
-        check_travels(measure)
+        tables.check_travels(measure)
     chosen = Engine(engine, workers)
-    function = measure_named(table.measure) if table.measure is not None else measure
+    function = tables.measure_named(table.measure) if table.measure is not None else measure
     name = f"sweep_{Path(table.scenario).stem}" if isinstance(study, Mapping) else Path(study).stem
     where = Path(out) if out is not None else Path("runs", name)
     with OutputDirectory(where) as directory:
         directory.make()
         directory.claim(JOURNAL, TABLE)
-        with Journal(where / JOURNAL) as journal:
+        with Journal(where / JOURNAL).open() as journal:
             under_way = _Sweep(table, where, journal, function, tuple(modules), tell or _tell_nobody)
             under_way.fan_out(chosen)
         outcome = under_way.outcome()
-        write_table(where / TABLE, varied_keys(table), under_way.designs(), table.figures)
+        tables.write_table(where / TABLE, varied_keys(table), under_way.designs(), table.figures)
     return outcome

@@ -1,4 +1,4 @@
-"""Figures of a summary: of the exchange, of what is stretched, of tip paths, of the arm, of devices."""
+"""Figures of a summary: of what is stretched, of tip paths, of the arm, of devices."""
 
 from __future__ import annotations
 
@@ -16,60 +16,6 @@ from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
 from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
-
-
-@final
-@dataclass(frozen=True)
-class ExchangeFigures:
-    """Figures of the ticks so far.
-
-    Args:
-        iterated_ticks: ticks that were repeated until the loads agreed.
-        trials: how often these were taken, together.
-        most_trials: the same, of one tick.
-        residual: largest relative difference of the loads in them.
-        power_error: largest relative one, of any tick.
-        momentum_error: the same.
-        contact_ratio: largest; above 2 touched bodies give way within the film's step.
-    """
-
-    iterated_ticks: int = 0
-    trials: int = 0
-    most_trials: int = 0
-    residual: float = 0.0
-    power_error: float = 0.0
-    momentum_error: float = 0.0
-    contact_ratio: float = 0.0
-
-    def after(self, batch: TickBatch) -> ExchangeFigures:
-        """Return the figures with some ticks more."""
-        trials = batch.iterated_trials
-        return ExchangeFigures(
-            self.iterated_ticks + int(np.count_nonzero(trials)),
-            self.trials + int(trials.sum()),
-            max(self.most_trials, int(trials.max())),
-            largest(self.residual, batch.interface_residual),
-            largest(self.power_error, batch.power_error),
-            largest(self.momentum_error, batch.momentum_error),
-            largest(self.contact_ratio, batch.contact_ratio),
-        )
-
-    def summary(self) -> dict[str, Any]:
-        """Return them by their keys in the summary."""
-        return {
-            "iterated_ticks": self.iterated_ticks,
-            "interface_trials": self.trials,
-            "max_interface_trials": self.most_trials,
-            "max_interface_residual": self.residual,
-            "max_interface_power_error": self.power_error,
-            "max_momentum_error": self.momentum_error,
-            "max_contact_ratio": self.contact_ratio,
-        }
-
-
-def largest(before: float, values: Array) -> float:
-    """Return the largest of a number and values (k,); what is not a number does not count."""
-    return float(np.fmax.reduce(values, initial=before))
 
 
 def elastic_figures(run: RunInfo, positions: Array) -> dict[str, Any]:
@@ -311,48 +257,36 @@ SETTLED_SHARE: Final = 0.05
 
 @final
 @dataclass(frozen=True)
-class DeviceFiguresState:
-    """The figures of a phase so far.
+class DeviceFigures:
+    """The devices in the ticks of a phase so far.
 
     Args:
         last: report seen.
-        time_s: of the ticks of the phase.
+        time_s: of the ticks.
         measured: by each controller, by its name.
         setpoint: of each controller.
     """
 
-    last: ActuationReport | None
-    time_s: tuple[float, ...]
-    measured: dict[str, tuple[float, ...]]
-    setpoint: dict[str, float]
+    last: ActuationReport | None = None
+    time_s: tuple[float, ...] = ()
+    measured: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    setpoint: dict[str, float] = field(default_factory=dict)
 
-
-@final
-class DeviceFigures:
-    """Follows the devices through a run.
-
-    Args:
-        names: of the devices.
-    """
-
-    def __init__(self, names: DeviceNames) -> None:
-        self._names = names
-        self._last: ActuationReport | None = None
-        self._begin()
-
-    def observe(self, batch: TickBatch) -> None:
-        """Take in ticks; they come in order."""
-        self._last = batch.devices[-1]
-        self._time_s += batch.time_s.tolist()
+    def after(self, batch: TickBatch) -> DeviceFigures:
+        """Return the same with further ticks, which come in order."""
+        measured = {name: list(values) for name, values in self.measured.items()}
+        setpoint = dict(self.setpoint)
         for report in batch.devices:
             for control in () if report is None else report.controls:
                 if control.measured is not None and control.setpoint is not None:
-                    self._setpoint[control.name] = control.setpoint
-                    self._measured.setdefault(control.name, []).append(control.measured)
+                    setpoint[control.name] = control.setpoint
+                    measured.setdefault(control.name, []).append(control.measured)
+        kept = {name: tuple(values) for name, values in measured.items()}
+        return DeviceFigures(batch.devices[-1], (*self.time_s, *batch.time_s.tolist()), kept, setpoint)
 
-    def close_phase(self) -> dict[str, Any]:
-        """Return the figures of the phase that ends, and begin the next one."""
-        devices = self._last
+    def figures(self, names: DeviceNames) -> dict[str, Any]:
+        """Return the figures of the phase that ends."""
+        devices = self.last
         if devices is None:
             return {}
         figures: dict[str, Any] = {
@@ -360,36 +294,17 @@ class DeviceFigures:
             "cable_unstretched_m": devices.unstretched_m,
             "bending_angle_rad": devices.bending_angle_rad,
         }
-        if self._names.winches:
+        if names.winches:
             figures["lost_steps"] = devices.lost_steps
         if devices.pumps:
-            pairs = zip(self._names.pumps, devices.pumps, strict=True)
-            figures["pumps"] = {name: asdict(pump) for name, pump in pairs}
-        if self._measured:
-            figures["controllers"] = {name: self._controlled(name) for name in self._measured}
-        self._begin()
+            figures["pumps"] = dict(zip(names.pumps, map(asdict, devices.pumps), strict=True))
+        if self.measured:
+            time_s = np.array(self.time_s)
+            figures["controllers"] = {
+                name: control_figures(time_s[-len(values) :], np.array(values), self.setpoint[name])
+                for name, values in self.measured.items()
+            }
         return figures
-
-    def _begin(self) -> None:
-        self._time_s: list[float] = []
-        self._measured: dict[str, list[float]] = {}
-        self._setpoint: dict[str, float] = {}
-
-    def save_state(self) -> DeviceFiguresState:
-        """Return what was gathered since the phase began."""
-        measured = {name: tuple(values) for name, values in self._measured.items()}
-        return DeviceFiguresState(self._last, tuple(self._time_s), measured, dict(self._setpoint))
-
-    def restore_state(self, state: DeviceFiguresState) -> None:
-        """Go on from what was gathered."""
-        self._last, self._time_s = state.last, list(state.time_s)
-        self._measured = {name: list(values) for name, values in state.measured.items()}
-        self._setpoint = dict(state.setpoint)
-
-    def _controlled(self, name: str) -> dict[str, Any]:
-        measured = np.array(self._measured[name])
-        time_s = np.array(self._time_s)[-len(measured) :]
-        return control_figures(time_s, measured, self._setpoint[name])
 
 
 def control_figures(time_s: Array, measured: Array, setpoint: float) -> dict[str, Any]:

@@ -9,36 +9,18 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
+from cosim.base.frames import Array
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
+from cosim.telemetry import figures
 from cosim.telemetry.closing import error_line
-from cosim.telemetry.figures import (
-    ArmFigures,
-    DeviceFigures,
-    DeviceFiguresState,
-    ExchangeFigures,
-    TipPathFigures,
-    arm_table,
-    branching_lines,
-    elastic_figures,
-    footing_figures,
-    joined_branchings,
-    joined_overlaps,
-    largest,
-    overlap_lines,
-    path_lines,
-    resting,
-    standing_lines,
-    strength_warnings,
-    undecided_warnings,
-)
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 
-def phase_row(phase: dict[str, Any]) -> str:
-    """Return the Markdown line on a phase."""
-    cells = (
+def phase_cells(phase: dict[str, Any]) -> tuple[str, ...]:
+    """Return a phase's row of the table for people: name, end, pressure, cables, tip, sag, tip error."""
+    return (
         phase["name"] + ("" if phase["complete"] else " (incomplete)"),
         f"{phase['end_s']:.2f}",
         _scaled([entry["pressure_Pa"] for entry in phase["chambers"].values()], 1e-3),
@@ -47,7 +29,6 @@ def phase_row(phase: dict[str, Any]) -> str:
         _scaled(phase["sag_m"], 1e3),
         _scaled(phase["tip_error_m"], 1e3, 3) if "tip_error_m" in phase else "",
     )
-    return "| " + " | ".join(cells) + " |"
 
 
 def _scaled(value: Any, scale: float, digits: int = 1) -> str:
@@ -73,16 +54,16 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         f"largest power error {_figure(summary['max_interface_power_error_W'])} W",
         "",
         *(f"- warning: {line}" for line in summary["warnings"]),
-        *(f"- stability: {line}" for line in branching_lines(summary["branchings"])),
-        *(f"- stability: {line}" for line in standing_lines(summary["phases"])),
-        *(f"- overlap: {line}" for line in overlap_lines(summary["overlaps"])),
+        *(f"- stability: {line}" for line in figures.branching_lines(summary["branchings"])),
+        *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
+        *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
         f"- error: {error_line(summary)}",
-        *arm_table(summary["arm"]),
+        *figures.arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
     ]
-    rows = [phase_row(phase) for phase in summary["phases"]]
-    return "\n".join(lines + rows + path_lines(summary["phases"])) + "\n"
+    rows = [f"| {' | '.join(phase_cells(phase))} |" for phase in summary["phases"]]
+    return "\n".join(lines + rows + figures.path_lines(summary["phases"])) + "\n"
 
 
 def _figure(value: float | None) -> str:
@@ -92,14 +73,39 @@ def _figure(value: float | None) -> str:
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
 
-_LARGEST: Final = (
-    "residual_N", "stability_ratio", "contact_force_N", "contact_depth_m", "self_contact_force_N",
-    "self_contact_depth_m",
-)  # fmt: skip
-"""Of every tick: the largest of the run is kept."""
+_GATHERED: Final[dict[str, tuple[str, str, float]]] = {
+    "newton_iterations": ("sum", "newton_iterations", 0),
+    "slides": ("sum", "slides", 0),
+    "max_equilibrium_residual_N": ("largest", "residual_N", 0.0),
+    "max_interface_power_error_W": ("largest", "power_error_W", 0.0),
+    "max_stability_ratio": ("largest", "stability_ratio", 0.0),
+    "iterated_ticks": ("count", "iterated_trials", 0),
+    "interface_trials": ("sum", "iterated_trials", 0),
+    "max_interface_trials": ("largest", "iterated_trials", 0),
+    "max_interface_residual": ("largest", "interface_residual", 0.0),
+    "max_interface_power_error": ("largest", "power_error", 0.0),
+    "max_momentum_error": ("largest", "momentum_error", 0.0),
+    "max_contact_ratio": ("largest", "contact_ratio", 0.0),
+    "contact_since_s": ("since", "contacts", math.nan),
+    "max_contact_force_N": ("largest", "contact_force_N", 0.0),
+    "max_contact_depth_m": ("largest", "contact_depth_m", 0.0),
+    "max_self_contact_force_N": ("largest", "self_contact_force_N", 0.0),
+    "max_self_contact_depth_m": ("largest", "self_contact_depth_m", 0.0),
+    "self_contact_since_s": ("since", "self_contacts", math.nan),
+}
+"""Figure of the run -> how it is gathered, from which column of the ticks, and its value before any."""
 
-# of the builder; the rest is gathered
-_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last", "_devices"}
+_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last"}  # of the builder
+
+
+def _gathered(how: str, before: float, values: Array, time_s: Array) -> float:
+    """Return a figure after further ticks; what is not a number is no largest one."""
+    if how == "largest":
+        return np.fmax.reduce(np.abs(values), initial=before).item()
+    if how == "since":
+        found = values.any() and math.isnan(before)
+        return time_s.item(int(np.argmax(values > 0))) if found else before
+    return before + int(np.count_nonzero(values) if how == "count" else values.sum())
 
 
 @final
@@ -110,12 +116,10 @@ class SummaryState:
     Args:
         last: snapshot seen.
         gathered: from all snapshots up to it, by name.
-        devices: figures of the devices; None without any.
     """
 
     last: Snapshot
     gathered: dict[str, Any]
-    devices: DeviceFiguresState | None
 
     @property
     def tick(self) -> int:
@@ -143,62 +147,39 @@ class SummaryBuilder:
         self._resumed_at_ticks = resumed_at_ticks
         self._phases: list[dict[str, Any]] = []
         self._last: Snapshot | None = None
-        self._newton_iterations = 0
-        self._slides = 0
-        self._phase_iterations = 0
-        self._max_residual_N = 0.0
-        self._max_power_error_W = 0.0
-        self._max_stability_ratio = 0.0
-        self._exchange = ExchangeFigures()
-        self._contact_since_s = math.nan
-        self._max_contact_force_N = 0.0
-        self._max_contact_depth_m = 0.0
-        self._max_self_contact_force_N = 0.0
-        self._max_self_contact_depth_m = 0.0
-        self._self_contact_since_s: float | None = None
-        self._arm = ArmFigures()
-        self._tip_path = TipPathFigures()
+        self._figures = {key: initial for key, (_, _, initial) in _GATHERED.items()}
+        self._arm = figures.ArmFigures()
+        self._tip_path = figures.TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
         self._overlaps: list[dict[str, Any]] = []
-        self._devices = None if stage.devices is None else DeviceFigures(stage.devices)
+        self._devices = figures.DeviceFigures()
 
     def observe(self, batch: TickBatch) -> None:
         """Take in ticks of one phase; they come in order, tick 0 first."""
         if self._last is not None and batch.phase[0] != self._last.phase:
             self._close_phase(complete=True)
         self._last = batch.snapshot(-1)
-        if self._devices is not None:
-            self._devices.observe(batch)
-        iterations = int(batch.newton_iterations.sum())
-        self._newton_iterations += iterations
-        self._slides += int(batch.slides.sum())
-        self._phase_iterations += iterations
-        name = self._stage.phase_names[self._last.phase]
+        for key, (how, column, _) in _GATHERED.items():
+            self._figures[key] = _gathered(how, self._figures[key], getattr(batch, column), batch.time_s)
+        if self._stage.devices is not None:
+            self._devices = self._devices.after(batch)
+        name, time_s = self._stage.phase_names[self._last.phase], batch.time_s.tolist()
         for row, passed in batch.branchings.items():
-            self._branchings = joined_branchings(self._branchings, name, batch.time_s.item(row), passed)
+            self._branchings = figures.joined_branchings(self._branchings, name, time_s[row], passed)
         for row, overlaps in batch.overlaps.items():
-            self._overlaps = joined_overlaps(self._overlaps, name, batch.time_s.item(row), overlaps)
-        if self._self_contact_since_s is None and batch.self_contacts.any():
-            self._self_contact_since_s = batch.time_s.item(int(np.argmax(batch.self_contacts > 0)))
-        self._exchange = self._exchange.after(batch)
+            self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
             self._tip_path = self._tip_path.after(batch, path)
         if self._stage.arm is not None:
             dynamic = self._stage.mode == "dynamic"
             self._arm = self._arm.after(batch, self._stage.arm.limits, dynamic=dynamic)
-        if math.isnan(self._contact_since_s) and batch.contacts.any():
-            self._contact_since_s = batch.time_s.item(int(np.argmax(batch.contacts > 0)))
-        self._max_power_error_W = largest(self._max_power_error_W, np.abs(batch.power_error_W))
-        for name in _LARGEST:
-            here = f"_max_{name}"
-            setattr(self, here, largest(getattr(self, here), getattr(batch, name)))
 
     def save_state(self) -> SummaryState:
         """Return the figures so far; there is a snapshot."""
         assert self._last is not None, "observe() comes before save_state()"
         gathered = {name: copy(value) for name, value in vars(self).items() if name not in _GIVEN}
-        return SummaryState(self._last.kept(), gathered, self._devices and self._devices.save_state())
+        return SummaryState(self._last.kept(), gathered)
 
     def restore_state(self, state: SummaryState) -> None:
         """Go on from figures of `save_state`.
@@ -207,25 +188,24 @@ class SummaryBuilder:
             InputError: they are not those of this run.
         """
         own = {name: value for name, value in vars(self).items() if name not in _GIVEN}
-        if own.keys() != state.gathered.keys() or (self._devices is None) is not (state.devices is None):
+        if (own.keys(), own["_figures"].keys()) != (state.gathered.keys(), state.gathered["_figures"].keys()):
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
         check_state(
             state.gathered,
             own | {"_phases": [], "_branchings": [], "_overlaps": []},
             place="figures",
+            sizes={"cables": len(self._stage.cables)},
             finite=False,
         )
         for phase in state.gathered["_phases"]:
-            phase_row(json_ready(phase))
+            phase_cells(json_ready(phase))
         self._last = state.last
         vars(self).update({name: copy(value) for name, value in state.gathered.items()})
-        if self._devices is not None and state.devices is not None:
-            self._devices.restore_state(state.devices)
 
     @property
     def newton_iterations(self) -> int:
         """Taken so far."""
-        return self._newton_iterations
+        return int(self._figures["newton_iterations"])
 
     def finish(
         self, status: Status, reason: str | None, wall_s: float, errors: RunErrors | None = None
@@ -259,18 +239,7 @@ class SummaryBuilder:
             "ticks": last.tick if last is not None else 0,
             "planned_ticks": stage.ticks,
             "resumed_at_ticks": self._resumed_at_ticks,
-            "newton_iterations": self._newton_iterations,
-            "slides": self._slides,
-            "max_equilibrium_residual_N": self._max_residual_N,
-            "max_interface_power_error_W": self._max_power_error_W,
-            "max_stability_ratio": self._max_stability_ratio,
-            **self._exchange.summary(),
-            "contact_since_s": self._contact_since_s,
-            "max_contact_force_N": self._max_contact_force_N,
-            "max_contact_depth_m": self._max_contact_depth_m,
-            "max_self_contact_force_N": self._max_self_contact_force_N,
-            "max_self_contact_depth_m": self._max_self_contact_depth_m,
-            "self_contact_since_s": self._self_contact_since_s,
+            **self._figures,
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
@@ -293,7 +262,7 @@ class SummaryBuilder:
 
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
-        beyond = [*strength_warnings(self._phases), *undecided_warnings(self._branchings)]
+        beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
@@ -302,25 +271,28 @@ class SummaryBuilder:
         if self._last is None:
             return
         name = self._stage.phase_names[self._last.phase]
-        figures = _phase_figures(self._last, name, self._phase_iterations, complete)
-        figures |= _chamber_figures(self._last, self._stage.chamber_names)
-        self._branchings = resting(self._branchings, name, self._last.footing)
-        own = [row for row in self._branchings if row["phase"] == name]
-        figures["branchings"] = [*branching_lines(own), *undecided_warnings(own)]
-        figures |= footing_figures(self._last.footing, own)
-        figures |= elastic_figures(self._stage, self._last.node_position)
+        iterations = self.newton_iterations - sum(phase["newton_iterations"] for phase in self._phases)
+        row = _phase_figures(self._last, name, iterations, complete)
+        row |= _chamber_figures(self._last, self._stage.chamber_names)
+        self._branchings = figures.resting(self._branchings, name, self._last.footing)
+        own = [each for each in self._branchings if each["phase"] == name]
+        row["branchings"] = [*figures.branching_lines(own), *figures.undecided_warnings(own)]
+        row |= figures.footing_figures(self._last.footing, own)
+        row |= figures.elastic_figures(self._stage, self._last.node_position)
         path = self._stage.tip_paths.get(self._last.phase)
         if path is not None:
-            figures["tip_path"], self._tip_path = self._tip_path.figures(path), TipPathFigures()
-        self._phases.append(
-            figures if self._devices is None else figures | {"devices": self._devices.close_phase()}
-        )
-        self._phase_iterations = 0
+            row["tip_path"], self._tip_path = self._tip_path.figures(path), figures.TipPathFigures()
+        if self._stage.devices is not None:
+            row["devices"], self._devices = (
+                self._devices.figures(self._stage.devices),
+                figures.DeviceFigures(),
+            )
+        self._phases.append(row)
 
 
 def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: bool) -> dict[str, Any]:
     wrench = last.ledger.wrench
-    figures: dict[str, Any] = {
+    found: dict[str, Any] = {
         "name": name,
         "complete": complete,
         "end_s": last.time_s,
@@ -338,17 +310,17 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
         "flange_wrench": {"force_N": wrench.force, "torque_Nm": wrench.torque},
     }
     if last.tip_target is not None:
-        figures["tip_target_m"] = last.tip_target
+        found["tip_target_m"] = last.tip_target
         # components that the target leaves free are NaN
-        figures["tip_error_m"] = float(np.sqrt(np.nansum((last.tip_position - last.tip_target) ** 2)))
-    return figures
+        found["tip_error_m"] = float(np.sqrt(np.nansum((last.tip_position - last.tip_target) ** 2)))
+    return found
 
 
 def _chamber_figures(last: Snapshot, names: tuple[str, ...]) -> dict[str, Any]:
     """Return pressure and volume of each chamber, by name."""
     pairs = zip(last.chamber_pressure_Pa, last.chamber_volume_m3, strict=True)
-    figures = [{"pressure_Pa": pressure, "volume_m3": volume} for pressure, volume in pairs]
-    return {"chambers": dict(zip(names, figures, strict=True))}
+    found = [{"pressure_Pa": pressure, "volume_m3": volume} for pressure, volume in pairs]
+    return {"chambers": dict(zip(names, found, strict=True))}
 
 
 def reason_of(error: BaseException) -> str:

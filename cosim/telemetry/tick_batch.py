@@ -36,6 +36,8 @@ _STACKED: Final = (
     "body_contact_force", "chamber_pressure_Pa", "cable_tension_N",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing")
+"""What few ticks have: by the rows of those."""
 _KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
 _OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
 """What a ledger says beside the wrench, and of which kind the columns are."""
@@ -157,10 +159,7 @@ class TickBatch(RigidColumns):
             wrench=np.hstack([rows("ledger.wrench.force"), rows("ledger.wrench.torque")]),
             tick_wall_s=column("tick_wall_s", np.float64),
             devices=[snapshot.devices for snapshot in snapshots],
-            link_contacts=by_row("link_contacts"),
-            branchings=by_row("branchings"),
-            overlaps=by_row("overlaps"),
-            footing=by_row("footing"),
+            **{name: by_row(name) for name in _BY_ROW},
             **{name: rows(name) for name in _STACKED},
             **{name: column(f"ledger.{name}", kind) for name, kind in _OF_LEDGER.items()},
         )
@@ -201,14 +200,14 @@ class TickBatch(RigidColumns):
             placed = zip(begins, batches, strict=False)
             return {a + row: found for a, each in placed for row, found in getattr(each, name).items()}
 
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS
+        }
         return cls(
             film=FilmShapes.joined([batch.film for batch in batches]),
             devices=[report for batch in batches for report in batch.devices],
-            link_contacts=by_row("link_contacts"),
-            branchings=by_row("branchings"),
-            overlaps=by_row("overlaps"),
-            footing=by_row("footing"),
-            **{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _ARRAYS},
+            **{name: by_row(name) for name in _BY_ROW},
+            **arrays,
         )
 
     def __len__(self) -> int:
@@ -222,17 +221,14 @@ class TickBatch(RigidColumns):
         """Return some of the ticks, by their rows, in arrays of their own."""
         places = {row: place for place, row in enumerate(rows.tolist())}
 
-        def by_row(given: Mapping[int, Any]) -> dict[int, Any]:
+        def by_row(given: Mapping[int, Any]) -> Any:
             return {places[row]: found for row, found in given.items() if row in places}
 
         return replace(
             self,
             film=self.film.some(rows),
             devices=[self.devices[row] for row in places],
-            link_contacts=by_row(self.link_contacts),
-            branchings=by_row(self.branchings),
-            overlaps=by_row(self.overlaps),
-            footing=by_row(self.footing),
+            **{name: by_row(getattr(self, name)) for name in _BY_ROW},
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
@@ -256,10 +252,7 @@ class TickBatch(RigidColumns):
             ledger=LedgerEntry(Wrench.owning(wrench[:3].copy(), wrench[3:].copy()), **of_ledger),
             tick_wall_s=self.tick_wall_s.item(row),
             devices=self.devices[row],
-            link_contacts=self.link_contacts.get(row, ()),
-            branchings=self.branchings.get(row, ()),
-            overlaps=self.overlaps.get(row, ()),
-            footing=self.footing.get(row),
+            **{name: getattr(self, name)[row] for name in _BY_ROW if row in getattr(self, name)},
             **{name: getattr(self, name)[row].copy() for name in _STACKED},
         )
 
@@ -355,5 +348,5 @@ def _stacked(rows: Sequence[Array]) -> Array:
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)  # in half the time of np.stack
 
 
-_NO_ARRAYS: Final = ("film", "devices", "link_contacts", "branchings", "overlaps", "footing")
+_NO_ARRAYS: Final = ("film", "devices", *_BY_ROW)
 _ARRAYS: Final = tuple(field.name for field in fields(TickBatch) if field.name not in _NO_ARRAYS)

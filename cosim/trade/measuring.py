@@ -41,7 +41,6 @@ from cosim.config.schema.phase import FlangePoseTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.errors import CosimError, ScenarioError
 from cosim.plan.motion import rotation_from_direction
-from cosim.plan.plan import PhasePlan
 from cosim.soft.solve.compilation import compile_kernels
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import RunInfo
@@ -307,18 +306,13 @@ def with_commands(scenario: Scenario, build: Build) -> Scenario:
     for planned in build(scenario).plan.phases:
         phase, target = planned.phase, planned.phase.tip_target
         if target is not None:
-            found = _tensions(planned) if target.reach_with == "cables" else _flange(planned)
-            phase = replace(phase, tip_target=None, **found)
+            phase = replace(phase, tip_target=None)
+            if target.reach_with == "cables":
+                phase = replace(phase, cable_tension_N=tuple(planned.end.cable_tension_N))
+            else:
+                phase = replace(phase, flange=flange_pose(planned.flange))
         phases.append(phase)
     return resolve(replace(scenario, phases=tuple(phases)))
-
-
-def _tensions(planned: PhasePlan) -> dict[str, tuple[float, ...]]:
-    return {"cable_tension_N": tuple(planned.end.cable_tension_N)}
-
-
-def _flange(planned: PhasePlan) -> dict[str, FlangePoseTable]:
-    return {"flange": flange_pose(planned.flange)}
 
 
 def flange_pose(pose: Pose) -> FlangePoseTable:

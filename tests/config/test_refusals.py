@@ -20,6 +20,7 @@ WRONG_VALUES = {
     "calibration": ("model.calibrated=true", "model.calibrated", 'film.law = "wrinkling"'),
     "other unit": ("phase.inflate.pressure_kPa=30", "phase.inflate.pressure_kPa", "write pressure_Pa"),
     "no unit": ("phase.inflate.duration=3", "phase.inflate.duration", "write duration_s"),
+    "no such unit": ("contact.stiffness=1e8", "contact.stiffness", "write stiffness_N_m3 (in N/m^3"),
     "text for a number": ("phase.inflate.pressure_Pa=30kPa", "phase.inflate.pressure_Pa", "'30kPa'"),
     "bool for a number": ("clock.tick_s=true", "clock.tick_s", "expected a number"),
     "number for a text": ("title=3", "title", "expected a text"),

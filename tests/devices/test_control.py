@@ -130,7 +130,7 @@ def test_a_command_is_held_between_samples_and_resumes_from_a_saved_state() -> N
     values = [hold.tick(seen).tension_N for _ in range(7)]
     assert values == [(None, 1.0)] * 3 + [(None, 2.0)] * 3 + [(None, 3.0)]
     again = ZeroOrderHold("c", Counting(), 3, ("a", "b"))
-    again.restore_state(hold.save_state())
+    again.state = hold.state
     expected = [hold.tick(seen) for _ in range(5)]
     assert [again.tick(seen) for _ in range(5)] == expected
     assert expected[-1].tension_N == (None, 4.0)

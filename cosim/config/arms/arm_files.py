@@ -18,6 +18,7 @@ import numpy as np
 from cosim.base.arm_file import ArmFile, LinkShape
 from cosim.base.frames import Array, Pose
 from cosim.base.resources import arm_path, is_file, list_arms
+from cosim.config.arms import package_files
 from cosim.config.arms.arm_table import ArmTable, add_adapter
 from cosim.config.arms.chain import (
     chain_to,
@@ -28,18 +29,10 @@ from cosim.config.arms.chain import (
     numbers,
     replace_unreadable,
 )
-from cosim.config.arms.package_files import (
-    DATA_PACKAGE,
-    PREFIX,
-    found_file,
-    is_of_menagerie,
-    menagerie_file,
-    packaged_share,
-)
 from cosim.config.arms.robot_tree import link_of, read_robot
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Faults, read_table
+from cosim.config.toml.reading import Faults, blamed_on, read_table
 from cosim.errors import InputError, ScenarioError
 
 LEFT_OUT: Final = "left out, because not on the way to the flange"
@@ -262,7 +255,7 @@ _TABLE_FILE: Final = "arm.toml"
 
 def is_arm_path(robot: str) -> bool:
     """Return whether what names an arm leads to a file: whether it ends like one, or is of the Menagerie."""
-    return is_of_menagerie(robot) or Path(robot).suffix.lower() in ARM_SUFFIXES
+    return package_files.is_of_menagerie(robot) or Path(robot).suffix.lower() in ARM_SUFFIXES
 
 
 def is_arm_file(path: Path) -> bool:
@@ -291,20 +284,16 @@ def with_arm_path(robot: str, folder: Path) -> str:
     if not is_arm_path(robot):
         return robot
     path = folder / robot
-    if is_of_menagerie(robot):
+    if package_files.is_of_menagerie(robot):
         place = robot
     elif is_file(path):
         place = str(path.resolve())
     else:
         raise ScenarioError("robot", f"arm file {path} does not exist")
-    try:
+    with blamed_on("robot"):
         source = arm_source(place)
         if not source.is_mjcf:
             read_urdf(source)
-    except ScenarioError:
-        raise
-    except InputError as error:
-        raise ScenarioError("robot", str(error)) from error
     return place
 
 
@@ -323,9 +312,9 @@ def arm_source(robot: str) -> ArmSource:
         if robot not in list_arms():
             raise InputError(unknown_arm(robot))
         return _from_table(arm_path(robot))
-    if is_of_menagerie(robot):
-        found = menagerie_file(robot)
-        return ArmSource(robot.removeprefix(PREFIX), found, ArmTable(file=found.name))
+    if package_files.is_of_menagerie(robot):
+        found = package_files.menagerie_file(robot)
+        return ArmSource(robot.removeprefix(package_files.PREFIX), found, ArmTable(file=found.name))
     path = Path(robot)
     if not is_file(path):
         raise InputError(f"arm file {path} does not exist")
@@ -381,11 +370,12 @@ def _from_table(path: Path) -> ArmSource:
     )
     name = path.resolve().parent.name if path.name == _TABLE_FILE else path.stem
     try:
-        file = found_file(table.file, path, folders)
+        file = package_files.found_file(table.file, path, folders)
     except InputError as error:
-        if DATA_PACKAGE in table.file and packaged_share() is None:
+        if package_files.DATA_PACKAGE in table.file and package_files.packaged_share() is None:
             raise InputError(
-                f"arm {name!r} is read from the package {DATA_PACKAGE}, which is not installed; install it"
+                f"arm {name!r} is read from the package {package_files.DATA_PACKAGE}, which is not installed"
+                "; install it"
             ) from None
         raise InputError(f"arm file {path}: file {error}") from None
     return ArmSource(name, file, table, folders, (path,))

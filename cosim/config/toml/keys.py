@@ -229,38 +229,12 @@ def unit_text(unit: str) -> str:
     return _TEXTS.get(unit, unit)
 
 
-_UNITS = (
-    "kg_s_Pa",
-    "m_s2",
-    "kg_m3",
-    "g_cm3",
-    "per_s",
-    "Pa",
-    "hPa",
-    "kPa",
-    "MPa",
-    "GPa",
-    "mbar",
-    "bar",
-    "psi",
-    "m",
-    "mm",
-    "cm",
-    "um",
-    "N",
-    "mN",
-    "kN",
-    "s",
-    "ms",
-    "us",
-    "min",
-    "rad",
-    "deg",
-    "degrees",
-    "kg",
-    "g",
-    "K",
-)
+_FOREIGN: Final = (
+    "g_cm3", "hPa", "kPa", "MPa", "GPa", "mbar", "bar", "psi", "mm", "cm", "um", "mN", "kN", "ms", "us",
+    "min", "deg", "degrees", "g",
+)  # fmt: skip
+"""Units of other programs: who writes one is told that of the key."""
+_UNITS: Final = sorted((*_BY_UNIT, *_FOREIGN), key=len, reverse=True)
 
 
 def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
@@ -273,7 +247,8 @@ def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
     (stem, unit), (likely_stem, likely_unit) = split_unit(key), split_unit(likely[0])
     if likely_unit and likely_stem.lower() == stem.lower():
         given = f"'{unit}' is not the unit of this key" if unit else "the unit is part of the key"
-        return f"unknown key; {given}: write {likely[0]} (in {likely_unit}; units are not converted)"
+        right = f"{likely[0]} (in {unit_text(likely_unit)}; units are not converted)"
+        return f"unknown key; {given}: write {right}"
     return f"unknown key; did you mean {' or '.join(likely)}?"
 
 

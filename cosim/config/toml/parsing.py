@@ -26,17 +26,8 @@ from typing import Any, ClassVar, Final, NamedTuple, TypeAlias, TypeVar
 from pydantic import GetCoreSchemaHandler, TypeAdapter
 from pydantic_core import CoreSchema, SchemaValidator, ValidationError, core_schema
 
-from cosim.config.toml.keys import (
-    Name,
-    describe,
-    join,
-    label,
-    likely_keys,
-    listing,
-    magnitude_of,
-    shown,
-    unknown_key_message,
-)
+from cosim.config.toml import keys as words
+from cosim.config.toml.keys import Name
 from cosim.config.toml.reading import UNKNOWN, Fault, Faults, Told, Unreadable, guard, only_readable, rule
 from cosim.errors import InputError
 
@@ -106,7 +97,7 @@ def _bounded(node: Any, key: str) -> Any:
         key = str(node.get("validation_alias", node["name"]))
     made = {name: value if name == "default" else _bounded(value, key) for name, value in node.items()}
     if kind == "float":
-        magnitude = magnitude_of(key)
+        magnitude = words.magnitude_of(key)
         if not {"le", "lt"} & made.keys():
             made["le"] = magnitude.largest
         if not {"ge", "gt"} & made.keys():
@@ -181,8 +172,8 @@ class KindTable:
         if name_of(type(self)) is None:
             yield Fault(
                 "",
-                f"kind '{self.kind}' is not known; there are: {listing(tuple(self.kinds))}; make it known by "
-                "--import MODULE, or from Python by cosim.register_kind",
+                f"kind '{self.kind}' is not known; there are: {words.listing(tuple(self.kinds))}; make it "
+                "known by --import MODULE, or from Python by cosim.register_kind",
             )
 
 
@@ -269,7 +260,7 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
         if new := _renamed(node, key):
             return f"is called {new} since schema {SCHEMA}; {REMEDY}"
         gone = GONE.get(node["dataclass_name"], {}).get(key)
-        return gone or unknown_key_message(key, tuple(keys_of(node)))
+        return gone or words.unknown_key_message(key, tuple(keys_of(node)))
     if isinstance(value, Unreadable):
         return value.problem
     if kind == "rule":
@@ -278,25 +269,25 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
         return f"is {value}, that of older files; {REMEDY}"
     if node["type"] == "literal":
         allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c).lower() for c in node["expected"])
-        return f"got {describe(value)}; allowed: {allowed}"
+        return f"got {words.describe(value)}; allowed: {allowed}"
     if node["type"] == "tagged-union" and isinstance(node["discriminator"], str):
         key, allowed = node["discriminator"], ", ".join(f"'{tag}'" for tag in node["choices"])
         if not isinstance(value, Mapping):
-            return f"expected a table, got {describe(value)}"
-        given = describe(value[key]) if key in value else "missing"
+            return f"expected a table, got {words.describe(value)}"
+        given = words.describe(value[key]) if key in value else "missing"
         return f"{key} is {given}; allowed: {allowed}"
     if node["type"] == "tagged-union":
         expected = " or ".join(_EXPECTED[choice["type"]] for choice in node["choices"].values())
-        return f"expected {expected}, got {describe(value)}"
+        return f"expected {expected}, got {words.describe(value)}"
     if isinstance(value, bool) or not isinstance(value, _FITTING.get(node["type"], ())):
-        return f"expected {_EXPECTED[node['type']]}, got {describe(value)}"
+        return f"expected {_EXPECTED[node['type']]}, got {words.describe(value)}"
     if node["type"] == "tuple":
         return _length_text(node, len(value), "entries")
     if node["type"] == "str":
         if kind == "string_too_long":
             return _length_text(node, len(value), "characters")
         meaning = node.get("metadata", {}).get("meaning", "a text of Unicode's characters")
-        return f"{shown(value)} must be {meaning}"
+        return f"{words.shown(value)} must be {meaning}"
     if isinstance(value, float) and not math.isfinite(value):
         return f"got {value:g}; must be a finite number"
     return f"{value:g} is out of bounds; must be {bounds_text(node)}"
@@ -305,7 +296,7 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
 def meant_keys(node: Node, key: str) -> list[str]:
     """Return which keys of a table may be meant by one that does not exist; `node` is the table's."""
     new = _renamed(node, key)
-    return [new] if new else likely_keys(key, tuple(keys_of(node)))
+    return [new] if new else words.likely_keys(key, tuple(keys_of(node)))
 
 
 def _renamed(node: Node, key: str) -> str | None:
@@ -430,7 +421,7 @@ def _place(schema: Node, kept: dict[str, Any], path: str, found: Mapping[str, An
             node = inner_node(node["choices"][part], definitions)
             continue
         within, value = value, _item(value, part)
-        path = join(path, label(value, part + 1) if isinstance(part, int) else part)
+        path = words.join(path, words.label(value, part + 1) if isinstance(part, int) else part)
         if node["type"] == "dataclass-args":
             table, key = within, str(part)
             if found["type"] == UNKNOWN_KEY and part not in keys_of(node):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -20,7 +21,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, final, get_type_h
 
 from cosim.base.files import read_text
 from cosim.config.toml.keys import join, key_of
-from cosim.errors import ScenarioError
+from cosim.errors import InputError, ScenarioError
 
 T = TypeVar("T")
 
@@ -198,6 +199,24 @@ def _check_entries(
                 faults.add(join(path, name), "the name is used twice; names must differ")
             seen.add(name)
             check(entry, join(path, name), around, rules, faults)
+
+
+@contextmanager
+def blamed_on(path: str) -> Iterator[None]:
+    """Turn every refusal within into one that names a key; those that name one already stay.
+
+    Args:
+        path: of the key.
+
+    Raises:
+        ScenarioError: instead of any other InputError.
+    """
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError(path, str(error)) from error
 
 
 DEEPEST: Final = 24

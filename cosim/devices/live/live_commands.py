@@ -27,7 +27,7 @@ from cosim.devices.command_source import (
     joint_rate,
     measured,
 )
-from cosim.devices.controller import Command, Measurement
+from cosim.devices.controller import Command, Measurement, over
 from cosim.devices.device_loop import PlannedCommands
 from cosim.devices.device_report import ActuationReport
 from cosim.devices.live.live_values import WHO, GasOrders, LiveBounds, LiveValues
@@ -306,7 +306,7 @@ class LiveCommands(SteeredCommands):
         if self._state is None:
             return planned
         live = self._state.values(self._before[phase] + done).cable_tension_N
-        return tuple(old if new is None else new for new, old in zip(live, planned, strict=True))
+        return tuple(over(live, planned))
 
     def report(self, flange: Pose) -> ActuationReport | None:
         return self._given.report(flange)
@@ -335,8 +335,7 @@ class LiveCommands(SteeredCommands):
         now, end = (none, none) if before is None else (before.values(tick), before.end)
         if new.drives_cables and not self._actuation.active:
             given = self._given.cable_tension_N(phase, done)
-            pairs = zip(now.cable_tension_N, given, strict=True)
-            held = [planned if live is None else live for live, planned in pairs]
+            held = over(now.cable_tension_N, given)
             self._actuation.hold(held)
             end = replace(end, cable_tension_N=tuple(held))
         end = self._gas_orders.pumped_by(new, end).followed_by(new)
@@ -397,12 +396,9 @@ class LiveCommands(SteeredCommands):
         return tuple(found)
 
     def _changed(self, planned: SoftCommand, values: LiveValues) -> SoftCommand:
-        pairs = zip(values.pressure_Pa, planned.pressure_Pa, strict=True)
-        pressure = tuple([old if new is None else new for new, old in pairs])
-        tension = planned.cable_tension_N
+        pressure, tension = tuple(over(values.pressure_Pa, planned.pressure_Pa)), planned.cable_tension_N
         if not self._actuation.active:
-            pairs = zip(values.cable_tension_N, tension, strict=True)
-            tension = tuple([old if new is None else new for new, old in pairs])
+            tension = tuple(over(values.cable_tension_N, tension))
         return SoftCommand(pressure, planned.gas, tension, planned.cable_length_m, planned.nodal_force)
 
     def _limits(self, torque: Array) -> tuple[str, ...]:

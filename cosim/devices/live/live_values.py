@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, final
 
 from cosim.config.rules import gas_rules
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.controller import Command, check_command, check_one_order_each, named_values, numbers
+from cosim.devices.controller import Command, check_command, check_one_order_each, named_values, numbers, over
 from cosim.devices.pump import PumpDrive
 from cosim.devices.winch import LiveOrders, Order
 from cosim.errors import InputError
@@ -85,7 +85,7 @@ class LiveValues:
 
     def followed_by(self, new: LiveValues) -> LiveValues:
         """Return what is commanded once something new is; of a cable, length or tension."""
-        pressure, gas, tension, length, pump = map(_first, new._columns, self._columns)
+        pressure, gas, tension, length, pump = map(tuple, map(over, new._columns, self._columns))
         tension, length = _unless(new.cable_length_m, tension), _unless(new.cable_tension_N, length)
         return LiveValues(pressure, gas, tension, length, pump)
 
@@ -133,10 +133,6 @@ def _order(tension: float | None, length: float | None, wound: bool, wanted: flo
         return "tension", tension
     length = wanted if wound else length
     return None if length is None else ("length", length)
-
-
-def _first(values: _Values, others: _Values) -> _Values:
-    return tuple([other if value is None else value for value, other in zip(values, others, strict=True)])
 
 
 def _unless(instead: _Values, values: _Values) -> _Values:
@@ -196,7 +192,7 @@ class GasOrders:
             if not sealed and new.gas_kg[k] is not None:
                 raise InputError(f"{WHO}: gas_kg of '{name}', whose pressure is given; command pressure_Pa")
         for pump, setpoint in zip(pumps, new.pump_pressure_Pa, strict=True):
-            works = pump.setpoint_Pa is not None or setpoint is not None
+            works = pump.state.setpoint_Pa is not None or setpoint is not None
             if works and new.gas_kg[pump.chamber] is not None:
                 raise InputError(
                     f"{WHO}: gas_kg of '{self.chambers[pump.chamber]}', which pump '{pump.name}' fills; "

@@ -25,6 +25,7 @@ from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.solid import BodyShape
 from cosim.config.arms.chain import readable_mesh
 from cosim.errors import InputError, SceneError
+from cosim.rigid.build import object_bodies
 from cosim.rigid.build.cells import attach_cell
 from cosim.rigid.build.description import (
     FLANGE_SITE,
@@ -37,14 +38,6 @@ from cosim.rigid.build.description import (
 )
 from cosim.rigid.build.mjcf_arm import add_shapes
 from cosim.rigid.build.mjcf_files import check_finite, set_up_engine
-from cosim.rigid.build.object_bodies import (
-    add_corner_contacts,
-    add_mounted,
-    add_object,
-    add_wire,
-    prepare,
-    relax_wire,
-)
 
 SEGMENTS = 32
 _MOST_LINES = 200  # that a plane or a height field is drawn with, along an edge
@@ -214,18 +207,11 @@ def _meshes(model: mujoco.MjModel, geom: int) -> tuple[Mesh, ...]:
             heights = model.hfield_data[first : first + rows * columns].reshape(rows, columns)
             return (height_field(model.hfield_size[field], heights),)
         case mujoco.mjtGeom.mjGEOM_MESH | mujoco.mjtGeom.mjGEOM_SDF:
-            return (_mesh(model, int(model.geom_dataid[geom])),)
+            vertices, triangles = object_bodies.mesh_of(model, geom)
+            # every triangle gets its own corners, so that the edges of the casting stay sharp when shaded
+            return ((vertices[triangles.ravel()], np.arange(triangles.size).reshape(-1, 3)),)
         case _:
             raise ValueError(f"geom {geom}: no way to draw {kind.name}")
-
-
-def _mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    vertices = model.mesh_vert[first : first + count].astype(np.float64)
-    # Every triangle gets its own corners, so that the edges of the casting stay sharp when shaded.
-    corners = vertices[model.mesh_face[start : start + faces].reshape(-1)]
-    return corners, np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
 
 
 FLANGE_MOUNT = "flange_mount"
@@ -290,30 +276,30 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
         height = description.floor_height_m
         floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
-        add_object(spec, floor, {}, description.tick_s)
-    prepare(spec)
+        object_bodies.add_object(spec, floor, {}, description.tick_s)
+    object_bodies.prepare(spec)
     # What friction holds must not creep, as MuJoCo's regularised friction does. With its default, a pyramid
     # for a cone, it would all the same: each of the pyramid's two directions has a share of the normal force
     # for itself.
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = _WITH_WIRES if description.wires else _FRICTION_OVER_NORMAL
     for item in description.mounted:
-        add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
+        object_bodies.add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
     objects = {item.name: item for item in description.objects}
     for item in description.objects_by_parent():
-        add_object(spec, item, objects, description.tick_s)
+        object_bodies.add_object(spec, item, objects, description.tick_s)
     for carried, item in product(description.mounted, description.objects):
         if item.mass_kg > 0.0:
-            add_corner_contacts(spec, spec.body(carried.name), spec.body(item.name))
+            object_bodies.add_corner_contacts(spec, spec.body(carried.name), spec.body(item.name))
     for wire in description.wires:
-        add_wire(spec, wire, objects, description.tick_s)
+        object_bodies.add_wire(spec, wire, objects, description.tick_s)
     if cell is not None:
         still = [item.name for item in description.objects if item.mass_kg == 0.0]
         ground = [FLOOR] if spec.body(FLOOR) is not None else []
         attach_cell(spec, cell, [*still, *ground])
     model = spec.compile()
     for wire in description.wires:
-        relax_wire(model, wire)
+        object_bodies.relax_wire(model, wire)
     check_finite(model)
     return model
 

@@ -17,14 +17,14 @@ import mujoco
 import numpy as np
 
 from cosim.base.arm_file import FIXED, ArmFile, LinkShape
-from cosim.base.frames import Array, IntArray, Pose, rotation_from_vector
+from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.config.arms.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, check_limited_chain
 from cosim.config.arms.arm_table import add_inertial, add_origin, text_of
 from cosim.config.arms.chain import FLANGE_NAMES
 from cosim.errors import InputError
 from cosim.rigid.build.description import VISUAL_GROUP
 from cosim.rigid.build.mjcf_files import read_mjcf_file
-from cosim.rigid.build.object_bodies import GEOM_TYPES, SHAPES
+from cosim.rigid.build.object_bodies import GEOM_TYPES, SHAPES, mesh_of
 
 _GEOMETRY_KINDS: Final = {GEOM_TYPES[name]: name for name in SHAPES}
 _HIDDEN_GROUP: Final = 3
@@ -55,7 +55,7 @@ def link_shapes(model: mujoco.MjModel, bodies: list[int], names: list[str]) -> t
             drawn = not collides or all(touched.values())
             material, size = int(model.geom_matid[geom]), model.geom_size[geom].copy()
             colour = (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]).astype(np.float64)
-            mesh = _mesh(model, int(model.geom_dataid[geom])) if kind == "mesh" else _NO_MESH
+            mesh = mesh_of(model, geom) if kind == "mesh" else _NO_MESH
             shapes.append(LinkShape(name, kind, size, pose, colour, collides, drawn, *mesh))
     return tuple(shapes)
 
@@ -77,13 +77,6 @@ def add_shapes(spec: mujoco.MjSpec, shapes: tuple[LinkShape, ...]) -> None:
 
 
 _NO_MESH: Final = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-
-
-def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Array, IntArray]:
-    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-    vertices = model.mesh_vert[first : first + count].astype(np.float64)
-    return vertices, model.mesh_face[start : start + faces].astype(np.int64)
 
 
 ROOT: Final = "world"  # a link of this name is MuJoCo's world

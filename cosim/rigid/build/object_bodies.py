@@ -18,7 +18,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from cosim.base.frames import Array, Pose, quaternion_from_rotation
+from cosim.base.frames import Array, IntArray, Pose, quaternion_from_rotation
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.config.schema.objects import WireTable
 from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, wire_poses
@@ -43,6 +43,15 @@ def hollow(model: mujoco.MjModel) -> Array:
     if not model.nuser_geom:
         return np.zeros(model.ngeom, dtype=bool)
     return np.asarray(model.geom_user[:, 0] == _HOLLOW)
+
+
+def mesh_of(model: mujoco.MjModel, geom: int) -> tuple[Array, IntArray]:
+    """Return vertices (n, 3) [m] and triangles (m, 3) of a geom's mesh, geom frame."""
+    mesh = int(model.geom_dataid[geom])
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+    return vertices, np.array(model.mesh_face[start : start + faces], dtype=np.int64)
 
 
 def world_pose(item: SceneObject) -> Pose:

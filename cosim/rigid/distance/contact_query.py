@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.rigid.build.object_bodies import hollow
+from cosim.rigid.build.object_bodies import hollow, mesh_of
 from cosim.rigid.distance.shapes import (
     FeaturePoints,
     ShapeBounds,
@@ -147,20 +147,11 @@ def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:
     )  # fmt: skip
 
 
-def _vertices(model: mujoco.MjModel, geom: int) -> tuple[Array, IntArray]:
-    """Return vertices (n, 3) [m] and triangles (m, 3) of a geom's mesh, geom frame."""
-    mesh = int(model.geom_dataid[geom])
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    start, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
-    return vertices, np.array(model.mesh_face[start : start + faces], dtype=np.int64)
-
-
 def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
     """Return planes (f, 4) and corners (f, 3, 3) of a mesh geom's convex hull."""
     from scipy.spatial import ConvexHull, QhullError  # here: few scenes have meshes to touch
 
-    vertices, _ = _vertices(model, geom)
+    vertices, _ = mesh_of(model, geom)
     try:
         hull = ConvexHull(vertices)
     except QhullError:
@@ -172,7 +163,7 @@ def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
 
 def _distance_grid(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Array]:
     """Return distances (nx, ny, nz) [m], origin (3,) and spacing (3,) [m] around a closed mesh."""
-    vertices, triangles = _vertices(model, geom)
+    vertices, triangles = mesh_of(model, geom)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     cell = float((high - low).max()) / _GRID_CELLS
     shape = np.ceil((high - low) / cell).astype(np.int64) + 2 * _GRID_RIM_CELLS + 1

@@ -18,6 +18,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.solid import FilmInLink, LinkContact, Solid, SolidShape
+from cosim.rigid.build.object_bodies import mesh_of
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import ArmLayout
 
@@ -86,13 +87,7 @@ def _solid(model: mujoco.MjModel, geom: int) -> Solid:
     pose = Pose.from_quaternion(np.array(model.geom_quat[geom]), np.array(model.geom_pos[geom]))
     if kind in _SHAPES:
         return Solid(body, name, _SHAPES[kind], np.array(model.geom_size[geom]), pose)
-    return Solid(body, name, "hull", pose=pose, vertices=_vertices(model, geom))
-
-
-def _vertices(model: mujoco.MjModel, geom: int) -> Array:
-    mesh = int(model.geom_dataid[geom])
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    return np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+    return Solid(body, name, "hull", pose=pose, vertices=mesh_of(model, geom)[0])
 
 
 _SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves

@@ -36,7 +36,6 @@ from cosim.base.kernels import Vector
 from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.linear.pattern import BlockPattern
 
 NODES: Final = "nodes"
 ROWS: Final = "rows"
@@ -118,14 +117,14 @@ class Sums:
         diagonal: (n,), where the pair of each node with itself is in `blocks`.
         slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
         widened: nodes (parts, k) that touch -> blocks of a wider pattern, which hold all that was added to
-            `blocks` and stand for the tangent from now on, and that pattern.
+            `blocks` and stand for the tangent from now on, and that pattern, a `BlockPattern`.
     """
 
     gradient: Array
     blocks: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     diagonal: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     slots: Callable[[IntArray], IntArray] = _no_hessian
-    widened: Callable[[IntArray], tuple[Array, BlockPattern]] = _no_hessian
+    widened: Callable[[IntArray], tuple[Array, Any]] = _no_hessian
 
 
 class Term(Protocol):
