@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.kernels import Matrix, Vector, device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
-from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos, Ticks, fill_speed
+from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NativeScene
 
@@ -219,9 +219,6 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
     ticks.momentum_error[k] = max(_momentum_error(scene, ticks.handed[k]), _error_on_bodies(rigid.bodies))
-    leads = rigid.bodies.leads
-    for body in range(leads.before.shape[0]):
-        fill_speed(leads, body, leads.before[body])
     call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
     _drive(scene)
     call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])

@@ -10,6 +10,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.base.kernels import Blocks, Indices, Matrix, Vector, device_function
 from cosim.reduced.sections.assembly import FIGURES
+from cosim.rigid.scene.native import Foresight
 
 if TYPE_CHECKING:
     from cosim.rigid.scene.bodies import Bodies
@@ -66,7 +67,7 @@ class Leads(NamedTuple):
         mass: (bodies, 3) [m], centres of mass; MuJoCo's.
         flange: body that goes with it.
         ahead: (bodies,), 1 for those that are met ahead.
-        before: (bodies, 6), linear velocity at the world's origin, then angular, before the last step.
+        foresight: by which they are.
         lead: (bodies, 6), by what they are ahead: translation at the world's origin [m], then turn [rad].
     """
 
@@ -76,7 +77,7 @@ class Leads(NamedTuple):
     mass: Matrix
     flange: int
     ahead: Indices
-    before: Matrix
+    foresight: Foresight
     lead: Matrix
 
 
@@ -103,7 +104,7 @@ def leads_of(bodies: Bodies) -> Leads:
     count = bodies.count
     return Leads(
         bodies.spins, bodies.tree_centers, bodies.roots, bodies.mass_centers, bodies.flange,
-        np.zeros(count, np.int64), np.zeros((count, 6)), np.zeros((count, 6)),
+        np.zeros(count, np.int64), bodies.foresight, np.zeros((count, 6)),
     )  # fmt: skip
 
 

@@ -177,6 +177,31 @@ def test_slip_comes_from_the_contact_time_of_the_palm_not_from_the_tick() -> Non
     assert longer > 1.2 * fine
 
 
+def test_a_light_object_that_is_pressed_on_the_palm_does_not_sink_into_it() -> None:
+    # 12 N, as a gripper's fingers press: 20 g sank by 2.4 mm
+    arm = find_arm("ur5e")
+    flange = RigidScene(SceneDescription(arm)).flange_pose
+    normal = flange.rotation[:, 2]
+    place = tuple((flange.translation + 0.0205 * normal).tolist())
+    box = SceneObject("box", "box", (0.02, 0.02, 0.02), place, tuple(flange.quaternion.tolist()), 0.02)
+    scene = RigidScene(
+        SceneDescription(
+            arm, tick_s=4e-3, mounted=(palm_object(PALM),), objects=(box,), gravity=(0.0, 0.0, 0.0)
+        )
+    )
+    body = np.array([scene.body_names.index("box")])
+    for tick in range(75):
+        load = -12.0 * min(1.0, tick / 50) * scene.flange_pose.rotation[:, 2]
+        scene.bodies.apply(body, load[None], np.cross(scene.body_poses()[0][body], load))
+        scene.set_control(arm.home, feedforward=scene.bias_torque)
+        scene.finish_step()
+        scene.begin_step()
+    above = (scene.body_poses()[0][body[0]] - scene.flange_pose.translation) @ scene.flange_pose.rotation[
+        :, 2
+    ]
+    assert above == pytest.approx(0.02, abs=2e-4)
+
+
 def test_an_object_goes_with_a_palm_that_is_shaken() -> None:
     """Less than half of what friction holds accelerates it; contact and servos must be solved as one."""
     arm, tick_s, rate = find_arm("ur5e"), 4e-3, 2.0 * np.pi * 4.0

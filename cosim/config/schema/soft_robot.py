@@ -361,7 +361,7 @@ class PalmTable:
     thickness_m: Positive
     mass_kg: Positive
     friction: NonNegative = 0.8
-    contact_time_s: Positive = 0.012
+    contact_time_s: Positive = 0.004
     rgba: Colour = (0.25, 0.27, 0.30, 1.0)
 
 

@@ -38,7 +38,13 @@ from cosim.coupling.contact.contact_arrays import (
     SurfaceRows,
     Ties,
 )
-from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, search_calls, settle_touched
+from cosim.coupling.contact.contact_kernels import (
+    contact_calls,
+    find_touched,
+    foresee,
+    search_calls,
+    settle_touched,
+)
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.ticks import BodyLoads, leads_of
 from cosim.rigid.distance.contact_query import ContactQuery
@@ -138,6 +144,22 @@ class ContactExchange:
         planes.offset[contacts] += np.einsum("kr,kr->k", planes.normal[contacts], shift)
         planes.anchor[contacts] += shift
         self.arrays.ties.carrier[contacts] += shift
+
+    def answered(self, bodies: IntArray, loads: Array, tick_s: float) -> tuple[Array, Array]:
+        """Return how far bodies will be ahead (b, 6), see `Leads.lead`, and how they give way (6 b, 6 b).
+
+        Args:
+            bodies: (b,).
+            loads: (6 b,), about their centres of mass, instead of those that act now.
+            tick_s: length of MuJoCo's step [s].
+        """
+        leads, applied = self.arrays.bodies.leads, self.bodies.applied
+        before = applied[bodies]
+        applied[bodies] = loads.reshape(-1, 6)
+        foresee(leads, tick_s)
+        mobility = tick_s**2 * self.bodies.mobility(bodies, held=True)
+        applied[bodies] = before
+        return leads.lead[bodies], mobility
 
     @property
     def rest_reach_m(self) -> float:

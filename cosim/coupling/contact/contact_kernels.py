@@ -27,7 +27,7 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.base.numba_insides import caller
+from cosim.base.numba_insides import call_native, caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
     AHEAD_TICKS,
@@ -43,10 +43,11 @@ from cosim.coupling.contact.contact_arrays import (
     Search,
     Ties,
 )
-from cosim.coupling.ticks import fill_speed, led
+from cosim.coupling.ticks import Leads, fill_speed, led
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
+from cosim.rigid.scene.native import ACCELERATE, CONSTRAIN, VELOCITIES
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
 from cosim.soft.contact.point_kernels import combine, span
@@ -146,14 +147,53 @@ def find_near(
     return points, _find_features(x, low, high, reach, behind, search)
 
 
+@device_function
+def _fill_leads(leads: Any, h: float) -> None:
+    """Fill by how much bodies are ahead at the velocities that they have."""
+    now, flange = small_vector(6), small_vector(6)
+    fill_speed(leads, leads.flange, flange)
+    for b in range(leads.ahead.shape[0]):
+        lead = leads.lead[b]
+        lead[:] = 0.0
+        if leads.ahead[b]:
+            fill_speed(leads, b, now)
+            for r in range(6):
+                lead[r] = h * (now[r] - flange[r])
+
+
+@kernel
+def foresee(leads: Leads, h: float) -> None:
+    """Fill by how much bodies are ahead at the end of MuJoCo's next step, under the loads that act now.
+
+    Args:
+        leads: filled.
+        h: length of the step [s].
+    """
+    sight = leads.foresight
+    sides, speed, kept = sight.sides, sight.speed, sight.kept
+    for j in range(speed.shape[0]):
+        kept[0, j], kept[1, j] = speed[j], sight.acceleration[j]
+    call_native(sight.steps[ACCELERATE], sides[0], sides[1])
+    call_native(sight.steps[CONSTRAIN], sides[0], sides[1])
+    for j in range(speed.shape[0]):
+        # damping is implicit in MuJoCo's step; joints count as if each were alone
+        inertia = sight.mass[sight.diagonal[j]]
+        speed[j] += h * sight.acceleration[j] * inertia / (inertia + h * sight.damping[j])
+    call_native(sight.steps[VELOCITIES], sides[0], sides[1])
+    _fill_leads(leads, h)
+    for j in range(speed.shape[0]):
+        speed[j], sight.acceleration[j] = kept[0, j], kept[1, j]
+    call_native(sight.steps[VELOCITIES], sides[0], sides[1])
+
+
 _EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
-_CALLED = (find_near, span, fill_near_box)
-_FIND, _SPAN, _NEAR, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED = range(len(_CALLED) + 3)
-_find_near, _span, _fill_near_box = map(caller, _CALLED)
+_CALLED = (find_near, span, fill_near_box, foresee)
+_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED = range(len(_CALLED) + 3)
+_find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (6,) of the kernels of contact, for one another and for who takes a whole tick."""
+    """Return the addresses (7,) of the kernels of contact, for one another and for who takes a whole tick."""
     taken = *_CALLED, find_touched, settle_touched, meet_touched
     return np.array([address_of(called) for called in taken])
 
@@ -289,29 +329,11 @@ def _hold_features(
 
 
 @device_function
-def _fill_leads(leads: Any, h: float, centers: Matrix) -> None:
-    """Fill by how much bodies are ahead, and where the film meets their centres of mass.
-
-    Their acceleration stays what it was in the last step, in which the same loads acted.
-    """
-    now, flange = small_vector(6), small_vector(6)
-    fill_speed(leads, leads.flange, flange)
-    for r in range(6):
-        flange[r] = 2.0 * flange[r] - leads.before[leads.flange, r]
+def _read_poses(bounds: Any, body: Indices, leads: Any, centers: Matrix) -> None:
+    """Take the shapes' present poses and centres of mass over from MuJoCo, and bring them ahead."""
     for b in range(leads.ahead.shape[0]):
-        lead = leads.lead[b]
-        lead[:] = 0.0
-        if leads.ahead[b]:
-            fill_speed(leads, b, now)
-            for r in range(6):
-                lead[r] = h * (2.0 * now[r] - leads.before[b, r] - flange[r])
         for r in range(3):
-            centers[b, r] = leads.mass[b, r] + led(lead, leads.mass[b], r)
-
-
-@device_function
-def _read_poses(bounds: Any, body: Indices, leads: Any) -> None:
-    """Take the shapes' present poses over from MuJoCo, and bring them ahead."""
+            centers[b, r] = leads.mass[b, r] + led(leads.lead[b], leads.mass[b], r)
     for g in range(bounds.geoms.shape[0]):
         place, lead = bounds.places[bounds.geoms[g]], leads.lead[body[g]]
         for r in range(3):
@@ -340,9 +362,20 @@ def _turn_ahead(axes: Matrix, lead: Vector) -> None:
 
 
 @device_function
+def _leads_any(contact: Any, active: Indices) -> bool:
+    """Return whether any of some shapes is of a body that is met ahead."""
+    ahead = 0
+    for g in active:
+        ahead += contact.bodies.leads.ahead[contact.shapes.body[g]]
+    return ahead > 0
+
+
+@device_function
 def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
     """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
-    bounds, search, numbers = contact.search.bounds, contact.search, contact.numbers
+    bounds, search, numbers, bodies = contact.search.bounds, contact.search, contact.numbers, contact.bodies
+    _fill_leads(bodies.leads, ahead / AHEAD_TICKS)
+    _read_poses(bounds, contact.shapes.body, bodies.leads, bodies.centers)
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))
     contact.speed[0] = math.sqrt(fastest[0])
@@ -351,6 +384,9 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
     if near == 0:
         return 0, 0
+    if ahead > 0.0 and _leads_any(contact, bounds.near[:near]):
+        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
+        _read_poses(bounds, contact.shapes.body, bodies.leads, bodies.centers)
     first_key = contact.shapes.body.shape[0] * search.surface.nodes.shape[0]
     _hold_features(search.lists.features, first_key, contact.counts, contact.memory, search.held)
     return _find_near(contact.calls[_FIND], (x, low, high, bounds.near[:near], reach, numbers.behind, search))
@@ -371,9 +407,6 @@ def find_touched(contact: ContactArrays, x: Matrix, velocity: Matrix, rest: floa
     counts[ASKS] = 0
     if search.bounds.geoms.shape[0] == 0:
         return 0
-    leads = contact.bodies.leads
-    _fill_leads(leads, ahead / AHEAD_TICKS, contact.bodies.centers)
-    _read_poses(search.bounds, contact.shapes.body, leads)
     points, features = _find_pairs(contact, x, velocity, rest, ahead)
     if points < 0:
         return -1

@@ -6,14 +6,15 @@ in series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T.
 of S C (the contact ratio) is above 1, an exchange grows that is one tick late.
 
 So the film meets such a body where it will be at the end of the body's next step, in which the load of this
-very step acts: at x + h (v + h a) + C (F - F'), a the acceleration of the last step and F' the load that
-acted in it. That is implicit Euler for film and body together, stable whatever the body weighs, and the body
-bears F in MuJoCo's step, with its own mass and with whatever else holds it: impulses are exact. Seen from the
+very step acts: at x + h (v + h a(F)), a the accelerations that MuJoCo itself finds for a load, with all that
+touches and holds the body then. That is implicit Euler for film and body together, stable whatever the body
+weighs and however hard it is held, and the body bears F in MuJoCo's step: impulses are exact. Seen from the
 film the body is one tick ahead, in a frame that goes with the flange.
 
-Unknown is l = F - F', of all bodies that the film may touch. The film's step with its planes moved on by C l
-answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of the monotone residual. A step
-beyond it is cut by the secant of the work that the residual does along the motion C dl.
+Unknown is l = F - F', F' the load of the last step, of all bodies that the film may touch. The film's step
+with its planes where a(F' + l) brings them answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find
+the root of the monotone residual. A step beyond it is cut by the secant of the work that the residual does
+along the motion C dl.
 
 In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way
 into it. Bodies of a contact ratio below 2 are met where they are, and bear the load one tick later; so are
@@ -222,11 +223,13 @@ class _Trial:
     Args:
         change: l (6 b,), assumed.
         residual: (6 b,), of the loads.
+        away_m: how far it lets bodies go from where the film has met them.
         reply: of the soft side; None where it has not stepped.
     """
 
     change: Array
     residual: Array
+    away_m: float
     reply: SoftReply | None
 
 
@@ -260,7 +263,7 @@ class _Step:
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
-            self.mobility = self.tick_s**2 * exchange.bodies.mobility(self.bodies, held=True)
+            self._ahead, self.mobility = exchange.answered(self.bodies, self._applied, self.tick_s)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
             self._tolerance_N = 0.25 * AGREED_M / most
             if aim is not None:
@@ -273,7 +276,7 @@ class _Step:
             change = np.zeros(6 * len(self.bodies))
         moved = 0.0
         if len(self.bodies):
-            moved = self._meet(self.mobility @ change)
+            moved = self._meet(change)
             aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
         if self.trials:
             # from where the film was pressed hard it may not come back
@@ -289,10 +292,8 @@ class _Step:
         self.iterations += reply.iterations
         reply = replace(reply, iterations=self.iterations)
         if not len(self.bodies):
-            return _Trial(change, change, reply)
-        answered = self.answered(self._soft.state.positions)
-        self.touched = self.bodies[answered.reshape(-1, 6).any(axis=1)]
-        return _Trial(change, answered - self._applied - change, reply)
+            return _Trial(change, change, 0.0, reply)
+        return self._tried(change, self._soft.state.positions, reply)
 
     def guess(self) -> Array:
         """Return the change of loads (6 b,) with which bodies give way to a film that keeps its velocity.
@@ -318,8 +319,8 @@ class _Step:
         """
 
         def rests(change: Array) -> _Trial:
-            self._meet(self.mobility @ change)
-            return _Trial(change, self.answered(x) - self._applied - change, None)
+            self._meet(change)
+            return self._tried(change, x, None)
 
         trial = rests(change)
         for _ in range(_GUESSES):
@@ -328,6 +329,16 @@ class _Step:
             if self.mismatch_m(step) < _NEAR_M:
                 break
         return trial.change
+
+    def _tried(self, change: Array, x: Array, reply: SoftReply | None) -> _Trial:
+        """Return the trial of a film at x (n, 3) [m] that has met bodies by a change (6 b,) of loads."""
+        loads = self.answered(x)
+        self.touched = self.bodies[loads.reshape(-1, 6).any(axis=1)]
+        residual = loads - self._applied - change
+        if not residual.any():
+            return _Trial(change, residual, 0.0, reply)
+        further = self._motion(self._exchange.answered(self.bodies, loads, self.tick_s)[0]) - self._moved
+        return _Trial(change, residual, _farthest_m(further), reply)
 
     def newton_step(self, stiffness: Array, residual: Array) -> Array:
         """Return the change of loads (6 b,) that should take a residual away."""
@@ -345,15 +356,14 @@ class _Step:
         return float(np.einsum("kii->", tangents))
 
     def mismatch_m(self, residual: Array) -> float:
-        """Return how far a residual of loads lets bodies go from where the film has met them."""
-        away = np.abs(self.mobility @ residual).reshape(-1, 6)
-        return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
+        """Return how far a small residual of loads lets bodies go from where the film has met them."""
+        return _farthest_m((self.mobility @ residual).reshape(-1, 6))
 
-    def disagreement(self, residual: Array) -> float:
+    def disagreement(self, trial: _Trial) -> float:
         """Return how far film and bodies are from agreeing, over what is good enough."""
-        most = self.mismatch_m(residual) / AGREED_M
+        most = trial.away_m / AGREED_M
         if self._aim is not None:
-            forces = np.abs(residual.reshape(-1, 6) / _UNIT).max()
+            forces = np.abs(trial.residual.reshape(-1, 6) / _UNIT).max()
             most = max(most, float(forces) / (_SHARE * self._aim.tolerance_N))
         return most
 
@@ -368,9 +378,16 @@ class _Step:
         assert self._planes is not None, "there are bodies"
         return self._levers.loads(-self._planes.at(x).force[self._levers.mine])
 
-    def _meet(self, motion: Array) -> float:
-        """Let the film meet bodies where a motion (6 b,) brings them; return how far that is from before."""
-        moved = motion.reshape(-1, 6)
+    def _motion(self, ahead: Array) -> Array:
+        """Return by what bodies that are ahead (b, 6) have moved (b, 6), at their centres of mass."""
+        moved = ahead - self._ahead
+        moved[:, :3] += cross(moved[:, 3:], self._centers)
+        return moved
+
+    def _meet(self, change: Array) -> float:
+        """Let the film meet bodies where a change (6 b,) of loads brings them; return how far they go."""
+        ahead, self.mobility = self._exchange.answered(self.bodies, self._applied + change, self.tick_s)
+        self._moved = moved = self._motion(ahead)
         shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
         if not further.any():
@@ -542,14 +559,14 @@ class LightBodies:
 
     def _agree(self, step: _Step, trial: _Trial) -> _Trial:
         """Let bodies give way until they go where the film has met them."""
-        left, fresh = step.disagreement(trial.residual), False
+        left, fresh = step.disagreement(trial), False
         while left > 1.0:
             if step.trials >= _TRIALS_MAX:
-                raise self._error(step, step.mismatch_m(trial.residual))
+                raise self._error(step, trial.away_m)
             held = step.held_N_m()
             if not step.presses():  # they have come off: back to where the film is now
                 trial = step.take(step.rest_on(self._soft.state.positions, trial.change))
-                left = step.disagreement(trial.residual)
+                left = step.disagreement(trial)
                 continue
             if not self._held / _OTHER < held < self._held * _OTHER:
                 self._learn(step)
@@ -557,8 +574,8 @@ class LightBodies:
             stiffness = self._known_stiffness(step.bodies)
             change = step.newton_step(stiffness, trial.residual)
             trial = _search(step, step.take, trial, change)
-            before, left = left, step.disagreement(trial.residual)
-            if fresh and left > 0.5 * before and step.mismatch_m(trial.residual) < 10.0 * AGREED_M:
+            before, left = left, step.disagreement(trial)
+            if fresh and left > 0.5 * before and trial.away_m < 10.0 * AGREED_M:
                 break  # what the film's own residual leaves
             fresh = False
             if left > _FALLS_FAST * before:
@@ -605,7 +622,7 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
             here = 0.5 * (low + here)  # too deep in the film
             continue
         now = float(found.residual @ motion)
-        if abs(now) <= _LEFT * work or step.disagreement(found.residual) < 1.0:
+        if abs(now) <= _LEFT * work or step.disagreement(found) < 1.0:
             break
         if now < 0.0:
             high, high_work, low_work = here, now, low_work if high == 0.0 or here > high else 0.5 * low_work
@@ -616,6 +633,12 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
         share = low_work / (low_work - high_work)
         here = low + (high - low) * min(max(share, 0.05), 0.95)
     return found
+
+
+def _farthest_m(motion: Array) -> float:
+    """Return the largest part of motions (b, 6), turns at a lever."""
+    away = np.abs(motion)
+    return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
 
 
 def _ratio(stiffness: Array, mobility: Array) -> float:

@@ -226,7 +226,7 @@ class SceneObject:
     inertia: tuple[float, float, float] | None = None
     center_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     spin_friction_m: tuple[float, float] | None = None
-    contact_time_s: float = 0.012
+    contact_time_s: float = 0.004
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:

@@ -64,6 +64,9 @@ def world_pose(item: SceneObject) -> Pose:
 # a table, which throws it as it gets loose. So those of bodies below this mass are no softer than its own.
 _LIGHT_KG = 1.0 / 60.0
 _SOFTNESS_PER_KG, _LEAST_SOFTNESS = 3.0, 1e-4
+# A palm bears what the film presses on it, whatever that weighs: by default 12 N press a spool of 20 g by
+# 5 mm into it, and that far in, friction lets it tilt for seconds.
+_MOUNTED_SOFTNESS = 1e-3
 _DECIDES = 1e6  # share of a geom in the contact's parameters, over that of others
 
 
@@ -109,6 +112,7 @@ def add_mounted(
         geom.contype, geom.conaffinity = contact
         # MuJoCo's step takes a tick off the time in which speeds become equal, and allows no less than two
         geom.priority, geom.solref = 1, [max(item.contact_time_s, tick_s) + tick_s, 1.0]
+        geom.solimp[:2] = 1.0 - _MOUNTED_SOFTNESS
 
 
 def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:

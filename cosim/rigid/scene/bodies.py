@@ -16,6 +16,7 @@ from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
 from cosim.rigid.scene.arm import ArmLayout
+from cosim.rigid.scene.native import foresight
 
 
 @final
@@ -102,8 +103,8 @@ class Bodies:
     `applied` (bodies, 6) are MuJoCo's loads about `mass_centers` (bodies, 3) [m]; `loaded` names the bodies
     that bear a load of `apply`, and `bearing` (bodies,) is 1 for these. `spins` (bodies, 6) are MuJoCo's
     velocities, angular then linear, at the centres of mass `tree_centers` (bodies, 3) [m] of their trees,
-    each in row `roots` (bodies,); `flange` is the body that goes with it. `carried` is what the arm's joints
-    carry.
+    each in row `roots` (bodies,); `flange` is the body that goes with it, `foresight` how all will move.
+    `carried` is what the arm's joints carry.
 
     Args:
         model: compiled scene.
@@ -121,6 +122,7 @@ class Bodies:
         self.spins: Array = data.cvel
         self.tree_centers: Array = data.subtree_com
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
+        self.foresight = foresight(model, data)
         self.carried = AddedInertia(model, data, layout.dofs)
 
     @property
@@ -189,17 +191,21 @@ class Bodies:
 
         Args:
             bodies: (b,).
-            held: whether constraints that act as in the last step count as well.
+            held: whether constraints that act under the present loads count as well.
         """
         model, data = self._model, self._data
         resisting = np.diag(model.opt.timestep * model.dof_damping)
         if held and data.nefc:
+            before = np.array(data.qacc)
+            mujoco.mj_fwdAcceleration(model, data)
+            mujoco.mj_fwdConstraint(model, data)
+            data.qacc[:] = before
             resisting += active_constraints(model, data)
         return mobility(model, data, bodies, resisting)
 
 
 def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Return J^T D J (nv, nv) of the constraints that act if accelerations stay what they were.
+    """Return J^T D J (nv, nv) of the constraints that act, forces up to date.
 
     Of a contact that slides, what is along its surface does not count.
     """
@@ -208,25 +214,11 @@ def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         mujoco.mju_sparse2dense(jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
     else:
         jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
-    # by what acted in the last step: with all of them first, as who is let go of slowly is held all the same
-    held = np.empty((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, held)
-    held += (jacobian.T * data.efc_D) @ jacobian
-    _, accelerations, _ = lapack.dposv(held, data.qfrc_smooth + jacobian.T @ (data.efc_D * data.efc_aref))
-    lacking = data.efc_aref - jacobian @ accelerations
-    force, kind = data.efc_D * lacking, data.efc_type
-    acts = (kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY) | (force > 0.0)
-    rubs = kind == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
-    acts[rubs] = np.abs(force[rubs]) < data.efc_frictionloss[rubs]
-    elliptic = np.flatnonzero(kind == mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)
-    if len(elliptic):
-        contact = data.efc_id[elliptic]
-        first = data.contact.efc_address[contact]
-        along = elliptic > first  # a contact's rows follow its normal one
-        rubs, place = elliptic[along], first[along]
-        limit = data.contact.friction[contact[along], rubs - place - 1]
-        rubbing = np.bincount(place, (force[rubs] / limit) ** 2, len(force))
-        acts[rubs] = acts[place] & (rubbing[place] < force[place] ** 2)
+    state, kind = data.efc_state, data.efc_type
+    acts = state == mujoco.mjtConstraintState.mjCNSTRSTATE_QUADRATIC
+    slides = state == mujoco.mjtConstraintState.mjCNSTRSTATE_CONE
+    first = np.concatenate([[True], np.diff(data.efc_id) != 0]) | np.append(True, np.diff(kind) != 0)
+    acts |= slides & first  # a contact's rows follow its normal one
     rows = jacobian[acts]
     return np.asarray((rows.T * data.efc_D[acts]) @ rows)
 

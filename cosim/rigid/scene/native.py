@@ -23,6 +23,8 @@ from cosim.rigid.scene.arm import ArmLayout
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
 """Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
+ACCELERATE, CONSTRAIN, VELOCITIES = 0, 1, 2
+"""Places in `Foresight.steps`: accelerations without and with constraints; velocities of bodies."""
 
 
 class NativeScene(NamedTuple):
@@ -81,6 +83,43 @@ class NativeScene(NamedTuple):
     drive_aim: Matrix
 
 
+class Foresight(NamedTuple):
+    """How a scene is going to move, by MuJoCo's own accelerations; its arrays stay where they are in memory.
+
+    Args:
+        steps: (3,) addresses of functions.
+        sides: (2,) addresses of model and state, which are their arguments.
+        speed: (nv,), velocities of all degrees of freedom.
+        acceleration: (nv,), theirs in the last step.
+        kept: (2, nv), scratch.
+        mass: entries of the sparse mass matrix.
+        diagonal: (nv,), where in it the diagonal is.
+        damping: (nv,), of the joints.
+    """
+
+    steps: Indices
+    sides: Indices
+    speed: Vector
+    acceleration: Vector
+    kept: Matrix
+    mass: Vector
+    diagonal: Indices
+    damping: Vector
+
+
+def foresight(model: mujoco.MjModel, data: mujoco.MjData) -> Foresight:
+    """Return how a scene is going to move.
+
+    Raises:
+        SceneError: MuJoCo's library cannot be found.
+    """
+    diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
+    return Foresight(
+        np.array(_addresses(_ANSWERS)), np.array((model._address, data._address)), data.qvel, data.qacc,
+        np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
+    )  # fmt: skip
+
+
 def native_scene(
     model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives
 ) -> NativeScene:
@@ -91,7 +130,7 @@ def native_scene(
     """
     mount = layout.mount
     return NativeScene(
-        np.array(_addresses()), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
@@ -112,13 +151,16 @@ def _mass_places(model: mujoco.MjModel, layout: ArmLayout) -> IntArray:
     return places
 
 
+_STEPS = "mj_step1", "mj_step2", "mj_factorM"
+_ANSWERS = "mj_fwdAcceleration", "mj_fwdConstraint", "mj_comVel"
+
+
 @cache
-def _addresses() -> tuple[int, ...]:
-    """Return the addresses of `mj_step1`, `mj_step2` and `mj_factorM`."""
+def _addresses(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the addresses of functions of MuJoCo's library."""
     folder = Path(mujoco.__file__).parent
     for path in sorted(folder.glob("*mujoco*")):
         if path.suffix in (".dll", ".dylib") or ".so." in path.name:
             library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
-            functions = (library.mj_step1, library.mj_step2, library.mj_factorM)
-            return tuple(ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions)
+            return tuple(ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names)
     raise SceneError(f"MuJoCo's library is not in {folder}: install its package (`pip install mujoco`)", None)
