@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Pose, Twist
+from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import WHOLE, Branching, FilmOverlap, Footing
+from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
@@ -62,6 +62,63 @@ class _Asked:
         return _Asked(to.phase, to.done, servos, loads, self.ahead)
 
 
+_SUDDEN: Final = 3.0
+"""Times its mean speed, or that of the last look, from which on the tip moves all at once."""
+_MEAN_s: Final = 0.25
+_LEAST_SPEED: Final = 0.05  # sizes of the drawn body in a second
+
+
+@final
+@dataclass(frozen=True)
+class TipSpeed:
+    """How the tip has moved until now, seen from the flange: what leaves an unstable state speeds up.
+
+    Args:
+        tip: (3,) [m], flange frame; NaN before the first tick.
+        mean: [m/s], over the last quarter of a second.
+        looked: [m/s], at the last look at the motion that goes on; 0 where it is no faster than its mean.
+    """
+
+    tip: Array
+    mean: float = 0.0
+    looked: float = 0.0
+
+    def after(self, tips: Array, tick_s: float, least: float) -> tuple[list[int], TipSpeed]:
+        """Return the ticks at whose ends the tip has become much faster than before, and what follows.
+
+        Args:
+            tips: (k, 3) [m], flange frame.
+            tick_s: of the clock.
+            least: speed [m/s] below which it counts as at rest.
+        """
+        speeds = np.linalg.norm(np.diff(np.vstack([self.tip, tips]), axis=0), axis=1) / tick_s
+        rows, mean, looked = [], self.mean, self.looked
+        for row, speed in enumerate(np.nan_to_num(speeds).tolist()):
+            looked = looked if speed > mean else 0.0
+            if speed > max(least, _SUDDEN * max(mean, looked)):
+                rows.append(row)
+                looked = speed
+            mean += (speed - mean) * tick_s / (_MEAN_s + tick_s)
+        return rows, TipSpeed(tips[-1], mean, looked)
+
+
+_STILL: Final = TipSpeed(np.full(3, np.nan))
+
+
+@final
+@dataclass(frozen=True)
+class DynamicState:
+    """What the next looks at stability depend on.
+
+    Args:
+        undecided_in: the last phase in which the soft robot was unstable, or -1.
+        speed: of its tip.
+    """
+
+    undecided_in: int
+    speed: TipSpeed
+
+
 @final
 class DynamicSimulation(SteppedRun):
     """Steps a planned run in lockstep.
@@ -76,6 +133,8 @@ class DynamicSimulation(SteppedRun):
         self._ahead: _Asked | None = None
         self._error: BaseException | None = None  # of the tick to come, which has been tried
         self._undecided_in = _NO_PHASE  # the last phase in which rounding decided on a side
+        self._speed = _STILL
+        self._least = _LEAST_SPEED * float(np.ptp(parts.soft.body.positions, axis=0).max())
 
     @property
     def saves_now(self) -> bool:
@@ -86,7 +145,7 @@ class DynamicSimulation(SteppedRun):
         self._ahead = None
 
     def _start(self, began: float) -> Snapshot:
-        parts, self._undecided_in = self._parts, _NO_PHASE
+        parts, self._undecided_in, self._speed = self._parts, _NO_PHASE, _STILL
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
         loads = parts.loads(plan.command)
@@ -146,7 +205,7 @@ class DynamicSimulation(SteppedRun):
         return {k: contacts for k, contacts in found.items() if contacts}
 
     def _undecided(
-        self, taken: TicksTaken, asked: _Asked, to: Cursor, ends: dict[int, Footing]
+        self, taken: TicksTaken, asked: _Asked, to: Cursor, known: tuple[dict[int, Footing], list[int]]
     ) -> dict[int, tuple[Branching, ...]]:
         """Return in which directions the soft robot would give way, if it was at rest, after some ticks.
 
@@ -154,25 +213,40 @@ class DynamicSimulation(SteppedRun):
             taken: ticks.
             asked: of them.
             to: the first one.
-            ends: what is known of the last one of a phase.
+            known: of the last one of a phase, and in which ticks the tip has moved all at once.
         """
+        ends, sudden = known
         count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
         ramp = min(count, round(self._parts.plan.phases[to.phase].phase.duration_s / self.stage.tick_s))
         looked = [math.ceil(share * ramp) for share in _TESTED_AT] if ramp >= _TESTED_RAMP_TICKS else []
         places = {at - to.done for at in looked if at < count}
-        rows = sorted(row for row in places if 0 <= row < taken.done and not ticks.contacts[row])
+        regular = {row for row in places if 0 <= row < taken.done}
         found = {row: footing.unstable for row, footing in ends.items()}
-        for row in rows:
-            flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
-            found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
+        for row in {*regular, *sudden} - ends.keys():
+            if not ticks.contacts[row]:
+                flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
+                found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
         large: dict[int, tuple[Branching, ...]] = {
-            row: (replace(branching, load_factor=(to.done + row) / count),)
+            row: (
+                replace(
+                    branching,
+                    load_factor=(to.done + row) / count,
+                    chosen=UNDECIDED if row in regular or row in ends else LEFT,
+                ),
+            )
             for row, branching in sorted(found.items())
             # wrinkles come and go in motion
             if branching is not None and branching.extent >= WHOLE
         }
         self._undecided_in = to.phase if large else self._undecided_in
         return large
+
+    def _sudden(self, taken: TicksTaken, film: FilmShapes) -> list[int]:
+        """Return the ticks in which the tip, seen from the flange, has become much faster than before."""
+        ticks, last = taken.ticks, slice(1, taken.done + 1)
+        seen = np.einsum("kr,krs->ks", film.figures.tip_position - ticks.origin[last], ticks.axes[last])
+        rows, self._speed = self._speed.after(seen, self.stage.tick_s, self._least)
+        return rows
 
     def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
         """Return where films are in one another, or in links of the arm, after some ticks."""
@@ -187,13 +261,24 @@ class DynamicSimulation(SteppedRun):
         soft, here = self._parts.soft, taken.shapes[row]
         flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
         found = soft.footing(here, flange, asked.loads[row])
-        if found is not None and found.unstable is None and self._undecided_in == to.phase:
-            found = replace(found, rests_at_m=soft.rests_at(here, flange, asked.loads[row]))
         return {} if found is None else {row: found}
+
+    def _rests(self, ends: dict[int, Footing], taken: TicksTaken, asked: _Asked) -> dict[int, Footing]:
+        """Return how firmly it stands with where it comes to rest, if it has left an unstable state."""
+        found = dict(ends)
+        for row, footing in ends.items():
+            if footing.unstable is None and self._undecided_in == asked.phase:
+                flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
+                rests = self._parts.soft.rests_at(taken.shapes[row], flange, asked.loads[row])
+                found[row] = replace(footing, rests_at_m=rests)
+        return found
 
     def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
         """Return what ticks show, the first of which ends at `to`."""
-        n, parts, footing = taken.done, self._parts, self._footing(taken, asked, to)
+        n, parts = taken.done, self._parts
+        film = FilmShapes(parts.shape_reader, taken.shapes)
+        ends = self._footing(taken, asked, to)
+        branchings = self._undecided(taken, asked, to, (ends, self._sudden(taken, film)))
         tick = np.arange(to.tick, to.tick + n)
         time_s = np.array([Clock(self.stage.tick_s, count).time_s for count in tick.tolist()])
         wanted, report = parts.wanted_tip(to.phase, time_s), None
@@ -207,25 +292,26 @@ class DynamicSimulation(SteppedRun):
             time_s=time_s,
             phase=np.full(n, to.phase),
             joint_target=asked.servos.position[:n],
-            film=FilmShapes(parts.shape_reader, taken.shapes),
+            film=film,
             cable_tension_N=tension,
             tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
             has_tip_target=np.full(n, wanted is not None),
             tick_wall_s=np.full(n, (time.perf_counter() - began) / n),
             devices=(report,) * n,
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
-            branchings=self._undecided(taken, asked, to, footing),
+            branchings=branchings,
             overlaps=self._overlaps(taken, to),
-            footing=footing,
+            footing=self._rests(ends, taken, asked),
         )
 
     def _step_of(self, to: Cursor) -> str:
         return f"tick {to.tick} ({Clock(self.stage.tick_s, to.tick).time_s:g} s)"
 
-    def _save_own(self) -> int:
-        return self._undecided_in
+    def _save_own(self) -> DynamicState:
+        return DynamicState(self._undecided_in, self._speed)
 
     def _restore_own(self, state: object) -> None:
-        if not isinstance(state, int):
+        if not isinstance(state, DynamicState):
             raise InputError("the saved state is of a quasistatic run, this one is dynamic")
-        self._ahead, self._error, self._undecided_in = None, None, state
+        self._ahead, self._error = None, None
+        self._undecided_in, self._speed = state.undecided_in, state.speed

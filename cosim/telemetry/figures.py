@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
 from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
-from cosim.soft.solve.branching import UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
+from cosim.soft.solve.branching import IN_TIME, LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -335,10 +335,14 @@ def control_figures(time_s: Array, measured: Array, setpoint: float) -> dict[str
     }
 
 
+_ALIKE_m: Final = 1e-3
+_ONE_WAY: Final = 0.8  # cosine of the angle between two directions
+
+
 def joined_branchings(
     found: list[dict[str, Any]], phase: str, time_s: float, more: Sequence[Branching]
 ) -> list[dict[str, Any]]:
-    """Return the branchings of a run so far; looks at one unstable state, time after time, are one.
+    """Return the branchings of a run so far; looks in a phase in time that see one direction are one.
 
     Args:
         found: before.
@@ -349,12 +353,18 @@ def joined_branchings(
     joined = list(found)
     for each in more:
         row: dict[str, Any] = {"phase": phase, "time_s": time_s, "until_s": time_s} | vars(each)
-        last = joined[-1] if joined else {"chosen": ""}
-        if each.chosen == last["chosen"] == UNDECIDED and last["phase"] == phase:
-            joined[-1] = last | {"until_s": time_s}
+        seen = [k for k, before in enumerate(joined) if before["phase"] == phase and _one_way(before, row)]
+        if seen:
+            stays = UNDECIDED in (row["chosen"], joined[seen[0]]["chosen"])
+            joined[seen[0]] = joined[seen[0]] | {"until_s": time_s, "chosen": UNDECIDED if stays else LEFT}
         else:
             joined.append(row)
     return joined
+
+
+def _one_way(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    along = sum(a * b for a, b in zip(one["direction"], other["direction"], strict=True))
+    return one["chosen"] in IN_TIME and other["chosen"] in IN_TIME and abs(along) > _ONE_WAY
 
 
 def joined_overlaps(
@@ -430,7 +440,7 @@ def resting(branchings: list[dict[str, Any]], phase: str, footing: Footing | Non
     """
     tip = None if footing is None else footing.rests_at_m
     return [
-        row | {"tip_m": tip} if row["phase"] == phase and row["chosen"] == UNDECIDED else row
+        row | {"tip_m": tip} if row["phase"] == phase and row["chosen"] in IN_TIME else row
         for row in branchings
     ]
 
@@ -441,22 +451,28 @@ def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:
         f"{_whereabouts(row)}; the run was there from {row['time_s']:.4g} to {row['until_s']:.4g} s, and "
         f"{row['chosen']}{_rest_of(row)}"
         for row in branchings
-        if row["chosen"] == UNDECIDED and row["extent"] >= WHOLE
+        if row["chosen"] in IN_TIME and row["extent"] >= WHOLE
     ]
 
 
 def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
-    """Return a sentence on each branching in statics beyond wrinkles, and one on wrinkles.
+    """Return a sentence on each large branching in statics, and one on those that move little.
 
     Args:
         branchings: of the summary.
     """
-    lines = [
-        _branching_line(row) for row in branchings if row["chosen"] != UNDECIDED and row["extent"] >= WHOLE
-    ]
-    small = sum(row["extent"] < WHOLE for row in branchings)
-    wrinkles = f"{small} branchings of wrinkles: see branchings in summary.json"
-    return [*lines, wrinkles] if small else lines
+    small = [row for row in branchings if row["extent"] < WHOLE or _alike(row)]
+    lines = [_branching_line(row) for row in branchings if row["chosen"] not in IN_TIME and row not in small]
+    little = (
+        f"{len(small)} branchings of wrinkles, or to sides that are alike: see branchings in summary.json"
+    )
+    return [*lines, little] if small else lines
+
+
+def _alike(row: dict[str, Any]) -> bool:
+    """Return whether both sides of a branching hardly differ, as of a stack that leans to any side."""
+    sides = row["tip_m"], row["other_tip_m"]
+    return not row["snap"] and None not in sides and math.dist(*sides) < _ALIKE_m
 
 
 def _rest_of(row: dict[str, Any]) -> str:

@@ -110,6 +110,23 @@ def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> N
     assert "'inflate'" in warning
 
 
+@pytest.mark.parametrize("together", [False, True])
+def test_a_branching_that_a_slow_ramp_passes_between_two_looks_is_named(together: bool) -> None:
+    # it is straight at 75 % of its ramp, and at rest aside at its end
+    keys = {"robot": "none", "clock.tick_s": 0.004, "phase.inflate.duration_s": 6.0}
+    if together:
+        rows = large(cosim.run(CASE, overrides=keys).summary)
+        pressures = [row["pressure_Pa"][0] for row in rows if abs(row["direction"][1]) > 0.9]
+        assert all("rounding" in row["chosen"] for row in rows)
+    else:
+        simulation, pressures = cosim.Simulation(CASE, overrides=keys), []
+        while simulation.ticks_left and not pressures:
+            found = simulation.step().branchings
+            pressures = [each.pressure_Pa[0] for each in found if abs(each.direction[1]) > 0.9]
+    # seen once it moves, at a pressure that has grown by some percent meanwhile
+    assert BRANCHES_Pa < pressures[0] < 1.06 * BRANCHES_Pa
+
+
 def test_a_run_in_time_below_its_branching_warns_of_nothing() -> None:
     assert pouch(clock__tick_s=0.004, phase__inflate__pressure_Pa=6e3).summary["branchings"] == []
 

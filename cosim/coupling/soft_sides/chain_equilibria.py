@@ -29,7 +29,7 @@ from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 
-_REMEMBERED = 8
+_REMEMBERED = 64  # as many as leaving an unstable equilibrium takes
 _NO_ANGLES = np.zeros(0)  # a chain has no hinges
 _SPLITS_MAX = 8
 

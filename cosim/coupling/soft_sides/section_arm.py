@@ -35,11 +35,14 @@ from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.branching import STAYS, Branching, Footing
-from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.branching import Branching, Footing
+from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
+from cosim.soft.solve.stability import Softest, leave
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions
 from cosim.soft.targets import tip_search
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+
+_LEAVES_MAX = 50  # a stack that leans is nearly neutral about its axis: it may give way again and again
 
 
 @final
@@ -166,6 +169,9 @@ class SectionArm(SoftSide):
         self.section, self.body = section, section.body
         self._solver = ChainSolver(section)
         self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
+        self.options = statics
+        self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
+        self._leaves = 0  # of unstable equilibria, one on the way on from another
         self._film: SoftState | None = None
         self._films = ChainFilms(section)
         self._equilibria = ChainEquilibria(section, self._solver, self._films, statics)
@@ -278,13 +284,30 @@ class SectionArm(SoftSide):
         return self.leave(begin, found)
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
-        """Return an equilibrium as it is; where it has become unstable, with a word on that."""
-        if not found.negative_pivots or (begin is not None and begin.negative_pivots):
+        """Return a stable equilibrium in place of one that is not, see `stability.leave`."""
+        if self._leaves >= _LEAVES_MAX:
             return found
-        chain, pressure = self._chain_of(found.state, found.world_from_flange)
-        unstable = self._stiffness(ChainShape(chain.frames, pressure), found.loads).unstable
-        named = () if unstable is None else (replace(unstable, chosen=STAYS),)
-        return replace(found, branchings=(*found.branchings, *named))
+        self._leaves += 1
+        try:
+            return leave(self, begin, found)
+        finally:
+            self._leaves -= 1
+
+    def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Find the equilibrium below a state: Newton's method with inertia correction goes there."""
+        return self.solve(state, world_from_flange, loads)
+
+    def softest(self, here: Equilibrium) -> Softest:
+        """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
+        return self._stiffness_at(here).softest
+
+    def named(self, here: Equilibrium, lowest: Softest) -> Branching:
+        """Return what is known of an equilibrium that gives way along a mode by itself."""
+        return self._stiffness_at(here).named(lowest, max(1, here.negative_pivots or 0))
+
+    def _stiffness_at(self, here: Equilibrium) -> ChainStiffness:
+        chain, pressure = self._chain_of(here.state, here.world_from_flange)
+        return self._stiffness(ChainShape(chain.frames, pressure), here.loads)
 
     def undecided(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""

@@ -53,13 +53,20 @@ class ChainStiffness:
     @property
     def unstable(self) -> Branching | None:
         """In which direction it would give way; None where it is stable."""
-        lowest, _ = self._lowest()
-        if lowest.value > 0.0:
-            return None
+        lowest = self.softest
+        return None if lowest.value > 0.0 else self.named(lowest, self.negative_pivots)
+
+    @property
+    def softest(self) -> Softest:
+        """The lowest eigenvalue, with the mode of the film's nodes."""
+        return self._lowest()[0]
+
+    def named(self, lowest: Softest, ways: int) -> Branching:
+        """Return what is known of where it gives way along a mode, in so many independent directions."""
         tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
         return Branching(
             1.0, (self._pressure,), tensions, lowest.place, lowest.direction, lowest.extent,
-            self.negative_pivots, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
+            ways, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
         )  # fmt: skip
 
     @property

@@ -13,6 +13,9 @@ from typing import Final, final
 WHOLE: Final = 0.2
 """Extent of a motion from which on more than a wrinkle moves."""
 UNDECIDED: Final = "nothing decides on the side: rounding does"
+LEFT: Final = "leaves it all at once: it snaps, or nothing has decided on the side, and rounding does"
+IN_TIME: Final = UNDECIDED, LEFT
+"""Why a run in time takes a branch."""
 
 
 @final
@@ -31,7 +34,8 @@ class Branching:
         ways: independent directions in which the potential falls.
         tip_m: (x, y, z), of the branch that was taken; None where none is known.
         other_tip_m: of the branch on the other side, under the same loads; None where none was found.
-        chosen: why that branch; `UNDECIDED` in a run in time that is at an unstable equilibrium.
+        chosen: why that branch; in a run in time `UNDECIDED` if it is at an unstable equilibrium,
+            `LEFT` if it is seen on its way from one.
         snap: whether the branch ends without another one beside it, so that the body snaps to a far state;
             `place`, `direction` and `extent` are of that motion, `other_tip_m` is from where.
         losses_held: see `Footing`.
@@ -51,7 +55,6 @@ class Branching:
     losses_held: bool = False
 
 
-STAYS: Final = "a section model stays on it; with fidelity = 'lumped' it is left"
 DISTURBED: Final = 1e-6
 """Of the load on each node, by how much it may be off in a `Footing`."""
 _MOVES_m, _NEAR = 1e-3, 0.05

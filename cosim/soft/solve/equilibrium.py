@@ -19,6 +19,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
@@ -27,7 +28,7 @@ from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.stability import leave
+from cosim.soft.solve.stability import Softest, leave, named, softest
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 
 _BED_N_m = 1e3  # c of the first step
@@ -293,6 +294,19 @@ class EquilibriumSolver:
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium in place of one that is not, see `stability.leave`."""
         return leave(self, begin, found)
+
+    @property
+    def body(self) -> SoftBody:
+        """Whose equilibria they are."""
+        return self.solver.system.body
+
+    def softest(self, here: Equilibrium) -> Softest:
+        """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
+        return softest(self.solver, here.state, here.loads, here.world_from_flange.rotation)
+
+    def named(self, here: Equilibrium, lowest: Softest) -> Branching:
+        """Return what is known of an equilibrium that gives way along a mode by itself."""
+        return named(self.solver, here.state, here.loads, lowest, max(1, here.negative_pivots or 0))
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Find the equilibrium that a damped body slides to, however far from a state: the last resort.

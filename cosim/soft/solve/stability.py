@@ -16,6 +16,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
@@ -116,9 +117,18 @@ NOWHERE: Final = "no stable equilibrium was found beside it"
 class BranchFollower(Protocol):
     """Follows equilibria of a body; see `EquilibriumSolver`."""
 
-    solver: NewtonSolver
     options: NewtonOptions
     effort: SearchEffort
+
+    @property
+    def body(self) -> SoftBody:
+        """Of the film, on whose nodes all is said."""
+
+    def softest(self, here: Equilibrium) -> Softest:
+        """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
+
+    def named(self, here: Equilibrium, lowest: Softest) -> Branching:
+        """Return what is known of an equilibrium that gives way along a mode by itself."""
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
@@ -160,15 +170,20 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
         saddle, spent = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:
             return _snapped(follower, fork, replace(found, iterations=spent))
-        lowest = _softest_of(follower, saddle)
+        lowest = follower.softest(saddle)
         ends = _sides(follower, saddle, lowest) if leaves else []
         why, *taken = _choice(saddle, ends) if leaves else (ON_PURPOSE,)
         tips = [_tip(follower, end) for end in (*taken, None, None)]
-        named = _named(follower.solver, saddle.state, saddle.loads, lowest, saddle.negative_pivots)
-        branching = replace(named, load_factor=fork.share, tip_m=tips[0], other_tip_m=tips[1], chosen=why)
+        branching = replace(
+            follower.named(saddle, lowest),
+            load_factor=fork.share,
+            tip_m=tips[0],
+            other_tip_m=tips[1],
+            chosen=why,
+        )
         if not taken:
             return replace(_again(follower, found), iterations=spent, branchings=(branching,))
-        here = follower.follow(taken[0], found.world_from_flange, found.loads)
+        here = _onward(follower, fork.share, taken[0], found)
         spent += here.iterations + sum(end.iterations for end in ends)
         return replace(here, iterations=spent, branchings=(branching, *here.branchings))
 
@@ -188,7 +203,7 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
     if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
     ways = solver.negative_pivots(state.positions, state.memory, loads)
-    return _named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
+    return named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
 
 
 _GROWTH, _MOVES_m = 1e-3, 1e-5  # of the loads, and of the body with them at most, in a look ahead
@@ -219,7 +234,7 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
             return Footing(None, math.inf, math.inf, losses_held=held)
         ways = max(1, solver.negative_pivots(x, state.memory, loads))
         return Footing(
-            None, math.inf, 0.0, losses_held=held, unstable=_named(solver, state, loads, lowest, ways)
+            None, math.inf, 0.0, losses_held=held, unstable=named(solver, state, loads, lowest, ways)
         )
     growth = _Growth(solver, state, loads)
     force = growth.force
@@ -336,8 +351,16 @@ class _Growth:
         return np.where(self._solver.free, system.gradient, 0.0)
 
 
-def _named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
-    """Return what is known of an unstable equilibrium by itself."""
+def named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
+    """Return what is known of an unstable equilibrium by itself.
+
+    Args:
+        solver: Newton's method for the body with the clamp in force.
+        state: where the body is.
+        loads: that act there.
+        lowest: along which it gives way.
+        ways: independent directions in which the potential falls.
+    """
     volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
     return Branching(
         1.0, loads.pressures_at(tuple(volumes.tolist())), loads.cable_tension_N, lowest.place,
@@ -350,10 +373,6 @@ def _losses_held(solver: NewtonSolver, loads: Loads) -> bool:
     cables = solver.system.body.cables
     rubs = any(cable.friction_coefficient for cable in cables)
     return rubs or not solver.system.conservative or losses_follow(cables, loads.cable_length_m)
-
-
-def _softest_of(follower: BranchFollower, here: Equilibrium) -> Softest:
-    return softest(follower.solver, here.state, here.loads, here.world_from_flange.rotation)
 
 
 @final
@@ -413,11 +432,18 @@ def _snapped(follower: BranchFollower, fork: _Fork, found: Equilibrium) -> Equil
     found = replace(found, iterations=found.iterations + near.iterations)
     if not near.negative_pivots and _motion(near, after) > _FAR * _size(before) > _motion(before, near):
         if near.potential_J <= after.potential_J:
-            here = follower.follow(near, found.world_from_flange, found.loads)
+            here = _onward(follower, fork.share, near, found)
             return replace(here, iterations=here.iterations + found.iterations)
         chosen = LOWER
     again, snap = _again(follower, found), _snap(follower, fork, chosen)
     return replace(again, iterations=found.iterations, branchings=(snap,))
+
+
+def _onward(follower: BranchFollower, share: float, begin: Equilibrium, end: Equilibrium) -> Equilibrium:
+    """Return an equilibrium followed from a share of a way to its end; load factors are of the whole way."""
+    here = follower.follow(begin, end.world_from_flange, end.loads)
+    passed = (replace(each, load_factor=share + (1.0 - share) * each.load_factor) for each in here.branchings)
+    return replace(here, branchings=tuple(passed))
 
 
 def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
@@ -427,8 +453,8 @@ def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
     motion = after.state.positions - carried.positions
     most = int(np.argmax(np.linalg.norm(motion, axis=1)))
     mode = motion / np.abs(motion).max()
-    place = place_of_largest(follower.solver.system.body, carried.positions, mode, follower.solver.free)
-    named = _named(follower.solver, carried, after.loads, Softest(0.0, mode, place), 1)
+    place = place_of_largest(follower.body, carried.positions, mode, np.ones(mode.shape, np.bool_))
+    named = follower.named(replace(after, state=carried), Softest(0.0, mode, place))
     x, y, z = (motion[most] / np.linalg.norm(motion[most])).tolist()
     tips = [_tip(follower, end) for end in (after, before)]
     return replace(
@@ -486,7 +512,7 @@ def _descended(follower: BranchFollower, saddle: Equilibrium, push: Array) -> Eq
             return replace(here, iterations=spent)
         if _motion(saddle, here) < math.sqrt(float((push**2).sum(axis=1).mean())):  # back where it was
             return None
-        mode = _softest_of(follower, here).mode
+        mode = follower.softest(here).mode
         push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, here)) * mode
     return None
 
@@ -517,7 +543,7 @@ def _again(follower: BranchFollower, found: Equilibrium) -> Equilibrium:
 
 
 def _tip(follower: BranchFollower, end: Equilibrium | None) -> tuple[float, float, float] | None:
-    body = follower.solver.system.body
+    body = follower.body
     if end is None or not len(body.tip):
         return None
     x, y, z = body.tip_position(end.state.positions).tolist()
