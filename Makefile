@@ -7,13 +7,14 @@ DEMO_DIR := runs/demo
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check docs format lint types benchmark clean
+.PHONY: help demo test check docs site format lint types benchmark clean
 
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
 	@echo "make test       install into .venv with the development tools and check everything"
 	@echo "make check      format, lint and types only"
 	@echo "make docs       the documentation, from build/docs/index.html; what it shows is run"
+	@echo "make site       the documentation alone; its snippets are run by make test as well"
 	@echo "make format     format the code"
 	@echo "make lint       ruff, and the order of the rooms"
 	@echo "make types      mypy"
@@ -27,11 +28,13 @@ demo: .venv/installed
 	@echo "Open it with:  $(BIN)/cosim view $(DEMO_DIR)"
 
 test: check
-	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-docs: .venv/installed-dev
-	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
+docs: site
 	$(BIN)/python -m pytest --quiet tests/docs
+
+site: .venv/installed-dev
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
 	@echo "The documentation is build/docs/index.html."
 
 check: lint types

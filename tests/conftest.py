@@ -1,4 +1,4 @@
-"""Made-up runs: snapshots of a soft arm of one triangle, without any physics."""
+"""Kernels, compiled before the tests; and made-up runs: snapshots of one triangle, without any physics."""
 
 from __future__ import annotations
 
@@ -9,14 +9,22 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from cosim.base.compilation import compile_modules
 from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.beam_rings import StiffenerStrain
 from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
+from tests.compiled import all_modules
 
 TICKS_PER_PHASE = 5
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes() -> None:
+    """Compile all kernels once, before several processes would each compile those that it needs."""
+    compile_modules(print, all_modules())
 
 
 def made_up_stage(scenario: Scenario) -> RunInfo:

@@ -192,16 +192,18 @@ def _take_soft_step(
     flange: Matrix,
 ) -> bool:
     """Take the film's step of tick k with planes and pairs that were found; return whether it converged."""
-    planes, pairs = touched_planes(row.contact.touched, found[0]), first_pairs(row.films.pairs, found[1])
-    touching = Touching(planes, row.films.calls[ADD] if found[1] > 0 else 0, pairs)
+    side, contact, films, call = row.side, row.contact, row.films, row.calls[_STEP]
+    free, touched = row.place, row.touching_place
+    planes, pairs = touched_planes(contact.touched, found[0]), first_pairs(films.pairs, found[1])
+    touching = Touching(planes, films.calls[ADD] if found[1] > 0 else 0, pairs)
     loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
     motion = StepMotion(
         way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
         way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
     )  # fmt: skip
-    place = row.place if found[0] + found[1] == 0 else row.touching_place
-    given = row.side, loads, touching, motion, place
-    converged, iterations, tangents, residual, _ = _film_step(row.calls[_STEP], given)
+    place = free if found[0] + found[1] == 0 else touched
+    given = side, loads, touching, motion, place
+    converged, iterations, tangents, residual, _ = _film_step(call, given)
     ticks.residual[k], ticks.iterations[k] = residual, iterations + (tangents if converged else 0)
     return converged
 
@@ -238,31 +240,42 @@ def _waits(films: FilmContacts) -> bool:
 
 
 @device_function
-def _find_overlooked(row: FilmSteps, way: FilmMotion, k: int) -> int:
-    """Return with how many pairs tick k is taken again, -1 where Python has to."""
-    films, end = row.films, (way.x[k + 2], way.velocity[k + 2])
-    pressing = _films_press(films.calls[PRESS], (films, *end, row.ahead_s, THROUGH_M))
+def _find_overlooked(
+    films: FilmContacts, reach: tuple[float, float, float], several: bool, way: FilmMotion, k: int
+) -> int:
+    """Return with how many pairs tick k is taken again, -1 where Python has to, as for several parts."""
+    end = way.x[k + 2], way.velocity[k + 2]
+    pressing = _films_press(films.calls[PRESS], (films, *end, reach[2], THROUGH_M))
     if pressing <= 0:
         return pressing
     films.counts[OVERLOOKED] = 1
-    if row.side.film.parts.shape[0] > 2:
+    if several:
         return -1
     begin = way.x[k + 1], way.velocity[k + 1]
-    pairs = _find_pairs(films.calls[FIND], (films, *begin, row.films_rest_m, row.ahead_s))
+    pairs = _find_pairs(films.calls[FIND], (films, *begin, reach[1], reach[2]))
     if pairs == 0:
         films.counts[OVERLOOKED] = 0
     return pairs
 
 
 @device_function
-def _find(row: FilmSteps, x: Matrix, velocity: Matrix) -> tuple[int, int]:
-    """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve."""
-    contact, films, planes, pairs = row.contact, row.films, 0, 0
+def _find(
+    contact: ContactArrays,
+    films: FilmContacts,
+    reach: tuple[float, float, float],
+    x: Matrix,
+    velocity: Matrix,
+) -> tuple[int, int]:
+    """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve.
+
+    `reach` are the lengths and the time of `FilmSteps`: rest_m, films_rest_m and ahead_s.
+    """
+    planes, pairs = 0, 0
     if contact.calls.shape[0] > 0:
-        asked = contact, x, velocity, row.rest_m, row.ahead_s
+        asked = contact, x, velocity, reach[0], reach[2]
         planes = _find_touched(contact.calls[FIND_TOUCHED], asked)
     if films.calls.shape[0] > 0 and planes >= 0 and not _waits(films):
-        pairs = _find_pairs(films.calls[FIND], (films, x, velocity, row.films_rest_m, row.ahead_s))
+        pairs = _find_pairs(films.calls[FIND], (films, x, velocity, reach[1], reach[2]))
     return planes, pairs
 
 
@@ -292,39 +305,44 @@ def _take_tick(
     moments: Vector,
 ) -> int:
     """Take tick k; return how it ended, -1 if the next one may follow."""
-    if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
+    # named once: a row has thousands of numbers, and all are compiled wherever it is named
+    side, contact, films = row.side, row.contact, row.films
+    calls, mass, whole = row.calls, row.mass, row.whole
+    reach, turn = (row.rest_m, row.films_rest_m, row.ahead_s), row.largest_turn
+    held, gradient, tolerance = side.held, side.work.gradient, side.numbers.tolerance
+    several = side.film.parts.shape[0] > 2
+    if not _take_rigid_half(calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
-    contact, films, waits = row.contact, row.films, _waits(row.films)
-    found = _find(row, way.x[k + 1], way.velocity[k + 1])
-    if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
+    waits, found = _waits(films), _find(contact, films, reach, way.x[k + 1], way.velocity[k + 1])
+    if min(found) < 0 or _turns_far(ticks, k, turn):
         return SOFT_HALF_LEFT
     near = _may_give_way(contact, found[0])
     if near > 1:
         return SOFT_HALF_LEFT
-    if not _take_soft_step(found, commands, row, ticks, way, k, flange):
-        return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
-    if waits:
-        found = (found[0], _find_overlooked(row, way, k))
-        if found[1] < 0:
-            return SOFT_HALF_LEFT
-        if found[1] > 0:
-            if not _take_soft_step(found, commands, row, ticks, way, k, flange):
-                return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
-            films.counts[OVERLOOKED] = 0
-    tolerance = row.side.numbers.tolerance
+    again, overlooked = True, False
+    while again:  # of the step one place alone: it is compiled for each
+        if not _take_soft_step(found, commands, row, ticks, way, k, flange):
+            return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
+        again = False
+        if waits:
+            waits, found = False, (found[0], _find_overlooked(films, reach, several, way, k))
+            if found[1] < 0:
+                return SOFT_HALF_LEFT
+            again = overlooked = found[1] > 0
+    if overlooked:
+        films.counts[OVERLOOKED] = 0
     if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):
         return SOFT_HALF_LEFT
-    acting = row.side.held, row.side.work.gradient
-    _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
-    _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
+    _fill_figures(held, gradient, calls, mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
+    _hand_over(calls[_HAND], (rigid.scene.applied, ticks, k))
     if films.calls.shape[0] > 0:
         _settle_films(films, found[1], way.x[k + 2], ticks, k)
     if found[0] > 0 or contact.counts[LEFT]:
         _settle(contact, way.x[k + 2], ticks, k)
         if contact.counts[ASKS]:
             return ALL_DONE
-    return ALL_DONE if row.whole and films.counts[self_contact.REMEMBERED] == 0 else -1
+    return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 
 
 @kernel

@@ -10,26 +10,9 @@ import pytest
 
 import cosim
 from cosim.errors import InputError
+from tests.app.test_resets import GRASP
 
-SCENARIO = """
-schema = 2
-title = "An inflated core is lowered onto a block"
-robot = "ur5e"
-soft_robot = "square_core"
-model.published = true
-solver = { damping_per_s = 20.0 }
-clock = { tick_s = 0.005 }
-
-[start]
-flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }
-pressure_Pa = 10e3
-
-[[object]]
-name = "block"
-shape = "box"
-size_m = [0.1, 0.1, 0.1]
-position_m = [0.4, 0.0, 0.2]
-
+SCENARIO = f"""{GRASP.partition("[[phase]]")[0].replace("0.05]", "0.2]").replace("mass_kg = 0.5", "")}
 [[phase]]
 name = "press"
 duration_s = 0.5

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
-import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,6 +20,7 @@ from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.loading import load_scenario
 from cosim.recording import colours
 from cosim.soft.solve import compilation
+from tests.compiled import all_modules
 
 ROOT = Path(__file__).resolve().parents[2]
 PRESS = """
@@ -81,9 +80,7 @@ def assert_nothing_came(before: dict[str, int]) -> None:
 
 
 def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
-    for module in pkgutil.walk_packages(cosim.__path__, "cosim."):
-        if not module.name.endswith("__main__"):
-            import_module(module.name)
+    all_modules()
     arm = load_scenario("ur5e_hexagon_arm")
     lumped = replace(arm, fidelity="lumped", contact=replace(arm.contact, self_contact=True))
     others = replace(lumped, fidelity="section"), replace(lumped, model=replace(lumped.model, closed=False))

@@ -8,7 +8,21 @@ from pathlib import Path
 import pytest
 
 from cosim.app import run_files
-from cosim.app.run_files import MARKER, SUMMARY, OutputDirectory, RunFiles, default_directory, recordings
+from cosim.app.driver import ArrayRecorder
+from cosim.app.run_files import (
+    ARRAYS,
+    FRAMES,
+    MARKER,
+    SUMMARY,
+    OutputDirectory,
+    RunFiles,
+    default_directory,
+    recordings,
+)
+from cosim.config.loading import load_scenario
+from cosim.recording.recorder import RecordingPart
+from cosim.telemetry.tick_batch import TickBatch
+from tests.conftest import made_up_snapshot, made_up_stage
 
 
 def test_who_reads_a_summary_reads_one_to_its_end(tmp_path: Path) -> None:
@@ -51,3 +65,20 @@ def test_recordings_are_those_that_the_run_wrote(tmp_path: Path) -> None:
     (tmp_path / MARKER).unlink()
     names = [path.name for path in recordings(tmp_path)]
     assert names == ["recording.rrd", "recording-2.rrd", "recording-3.rrd", "recording-10.rrd"]
+
+
+@pytest.mark.parametrize("ticks", [0, 3])
+def test_arrays_are_written_where_there_are_new_ones_and_at_least_once(ticks: int, tmp_path: Path) -> None:
+    written: list[str] = []
+
+    def next_part(name: str) -> Path:
+        written.append(name)
+        return tmp_path / f"{len(written)}-{name}"
+
+    recorder = ArrayRecorder(next_part, 100.0, RecordingPart("run"))
+    recorder.open(made_up_stage(load_scenario("ur5e_hexagon_arm")))
+    if ticks:
+        recorder.record(TickBatch.of([made_up_snapshot(tick, 0.002) for tick in range(ticks)]))
+        recorder.flush()
+    recorder.close("", "completed")
+    assert written == [ARRAYS, FRAMES]

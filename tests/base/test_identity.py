@@ -26,6 +26,7 @@ def test_equal_contents_have_one_name_and_others_another() -> None:
     assert content_name(*one) == content_name(
         Outer(Inner(1.0), (1, 2)), np.arange(6.0)[:3], {"a": None}, "text", True
     )
+    assert content_name(((1,), 2)) != content_name(((1, 2),))
     others = [
         (Outer(Inner(1.0 + 1e-15), (1, 2)), *one[1:]),
         (Outer(Inner(1.0), (12,)), *one[1:]),

@@ -29,13 +29,6 @@ LIST = [sys.executable, "-m", "cosim", "list"]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
-@pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, made_up_build: Callable[..., Any], tmp_path: Path
-) -> Command:  # fmt: skip
-    return Command(monkeypatch, made_up_build, tmp_path / "out")
-
-
 def full(name: str) -> Callable[[Path, str], None]:
     """Return what writes files until the disk is full, which is at one of that name."""
 

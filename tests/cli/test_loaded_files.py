@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,13 +14,6 @@ from cosim.base.kept_parts import KeptParts
 from cosim.base.resources import object_mesh_path, scenario_path
 from cosim.config.loading import load_scenario
 from tests.cli.interrupted import Command, figures, interrupt_at
-
-
-@pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, made_up_build: Callable[..., Any], tmp_path: Path
-) -> Command:  # fmt: skip
-    return Command(monkeypatch, made_up_build, tmp_path / "out")
 
 
 def test_a_changed_scenario_is_refused(command: Command, capsys: pytest.CaptureFixture[str]) -> None:

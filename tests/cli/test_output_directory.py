@@ -6,9 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,13 +22,6 @@ HOLD = (
     "with OutputDirectory(Path(sys.argv[1])) as directory:\n"
     "    directory.make(); print('held', flush=True); time.sleep(600)\n"
 )
-
-
-@pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, made_up_build: Callable[..., Any], tmp_path: Path
-) -> Command:  # fmt: skip
-    return Command(monkeypatch, made_up_build, tmp_path / "out")
 
 
 def contents(directory: Path) -> dict[str, bytes]:

@@ -30,13 +30,6 @@ from tests.conftest import MadeUpSimulation
 
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, made_up_build: Callable[..., Any], tmp_path: Path
-) -> Command:  # fmt: skip
-    return Command(monkeypatch, made_up_build, tmp_path / "out")
-
-
-@pytest.fixture
 def whole(
     monkeypatch: pytest.MonkeyPatch, made_up_build: Callable[..., Any], tmp_path: Path
 ) -> dict[str, Any]:

@@ -4,35 +4,22 @@ from __future__ import annotations
 
 import re
 from io import StringIO
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cosim.app.driver import build_simulation, with_fidelity_chosen
-from cosim.build import soft_model
 from cosim.cli.running import PlanWarnings
-from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
 from cosim.plan.decision import SECTION_RANGE, Decision
 from cosim.telemetry.snapshot import RunInfo
-from tests.small_section import on_a_ur5e, section
 
 RUSH = {"name": "rush", "duration_s": 0.1, "flange_shift_m": [0.0, 0.25, 0.0]}
 PULL = {"name": "pull", "duration_s": 2.0, "cable_tension_N": [60.0, 0.0]}
 TABLE = {"name": "table", "shape": "box", "size_m": [0.3, 0.3, 0.02], "position_m": [0.4, 0.0, 0.37]}
 PLACE = r"section \d of 4 \(.*\) is .*, its model ends at "
 INSTEAD = "fidelity = 'lumped', which knows what lies beyond, or 'auto'"
-
-
-@pytest.fixture
-def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Return what loads a scenario of the small arm; its model is not built again."""
-    (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, ""), encoding="utf-8")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
-    return lambda phase, **others: load_scenario(tmp_path / "small.toml", {"phase": [phase], **others})
 
 
 def built(scenario: Scenario) -> tuple[RunInfo, Decision]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,13 @@ import pytest
 import cosim
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.base.tip_course import TipCourse, course_of
-from cosim.build import soft_model
 from cosim.build.arms import find_arm
-from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
 from cosim.plan.joint_planner import track_joints
 from cosim.plan.motion import rotation_from_direction
 from cosim.plan.tip_paths import PoseTrack
-from tests.small_section import on_a_ur5e, section
 
 BEGIN = [0.42, 0.0, 0.42]
 LEANING = [0.3, 0.0, -0.95]
@@ -35,15 +31,6 @@ REACH = {
 def follow(**changes: Any) -> dict[str, Any]:
     path = {"points_m": POINTS, "directions": [LEANING, [0.15, 0.1, -0.95], [0.0, 0.2, -0.95]]}
     return {"name": "follow", "increments": 12, "tip_path": {**path, "speed_m_s": 0.05, **changes}}
-
-
-@pytest.fixture
-def load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Return what loads a scenario of the small arm; its model is not built again."""
-    (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, ""), encoding="utf-8")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
-    return lambda *phases, **others: load_scenario(tmp_path / "small.toml", {"phase": list(phases), **others})
 
 
 @pytest.mark.parametrize("damping_per_s", [5.0, 40.0])

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.config.loading import load_scenario
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
-from cosim.recording.plots import plots_of
+from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot, made_up_stage
@@ -57,3 +57,11 @@ def test_a_scenario_without_devices_has_no_such_curves(stage: RunInfo) -> None:
     assert values(only_pump, replace(made_up_snapshot(3, 0.002), devices=REPORT)).keys() == {
         "pump", "gas_delivered",
     }  # fmt: skip
+
+
+def test_bars_of_errors_have_the_unit_of_their_plot(stage: RunInfo) -> None:
+    batch = TickBatch.of([made_up_snapshot(3, 0.002)])
+    shown = {plot.entity: plot.values(batch) for plot in plots_of(stage, 6)}
+    for name, (entity, scale) in ERROR_BARS.items():
+        figure = {"tip_m": "tip_position", "volume_m3": "chamber_volume_m3"}.get(name, name)
+        np.testing.assert_allclose(shown[entity], scale * getattr(batch, figure), err_msg=name)

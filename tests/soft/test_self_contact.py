@@ -152,6 +152,11 @@ def test_units_of_a_curled_arm_press_on_one_another_instead_of_passing_through()
     assert left == pytest.approx(touching.depth_m, rel=1e-2)
     assert left < 0.35 * depth
     assert pressed.residual_N < 1e-6
+    assert pressed.loads.self_contact is not None
+    arm = held(body)  # which looks for no contact: what pressed before does not press on
+    free = EquilibriumSolver(arm.newton, arm.clamp, NewtonOptions()).follow(pressed, HANGING, pressed.loads)
+    assert free.loads.self_contact is None
+    assert deepest_m(body, free.state.positions) == pytest.approx(depth, rel=1e-6)
 
 
 def test_where_nothing_touches_the_equilibrium_is_the_same() -> None:

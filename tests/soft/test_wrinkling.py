@@ -15,8 +15,9 @@ from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.elements.wrinkling import wrinkling_forces
 from tests.compiled import compiled
-from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors, differences, relative_error
+from tests.derivatives import RELATIVE, derivative_errors, differences, relative_error
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
+from tests.soft.test_film_laws import evaluation
 
 wrinkling, hide_across = compiled(laws.wrinkling), compiled(laws.hide_across)
 PANEL_M = 0.028
@@ -85,10 +86,6 @@ def test_what_is_hidden_answers_with_its_force_to_rounding(share: float) -> None
 
 def triangle(film: Film = WRINKLED) -> Membranes:
     return Membranes.from_shape(DRAWN, np.array([[0, 1, 2]]), film)
-
-
-def evaluation(membranes: Membranes, nodes: int) -> Evaluate:
-    return assembled(membranes.triangles, membranes.add, nodes)
 
 
 def strained(strain: tuple[float, float, float]) -> Array:

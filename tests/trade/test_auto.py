@@ -19,20 +19,9 @@ from cosim.errors import ScenarioError
 from cosim.trade import report
 from cosim.trade.candidates import Candidate, short_candidates
 from cosim.trade.measuring import Measured, compared, trace
+from tests.trade.test_trade import small
 
 WORDS = {"fidelity": "auto", "auto.tolerance_m": 1e-3}
-
-
-def small(**changes: Any) -> Scenario:
-    """Return two units on a held base that are blown up fast."""
-    given = {
-        "robot": "none",
-        "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
-        "model.published": True,
-        "start.cable_tension_N": [],
-        "phase": [{"name": "inflate", "duration_s": 0.1, "pressure_Pa": 20e3}],
-    }
-    return load_scenario("ur5e_hexagon_arm", {**given, **changes})
 
 
 def made_up_measure(calls: list[int]) -> Callable[..., list[Measured]]:
