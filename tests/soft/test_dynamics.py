@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -181,6 +182,61 @@ def test_the_flange_feels_the_inertia_it_accelerates() -> None:
     ).sum(0)
     lever = arm.body.node_mass @ (state.positions - pose.translation)
     assert wrench.torque == pytest.approx(np.cross(lever, [0.0, 0.0, -9.81]) - turning / h, abs=1e-7)
+
+
+def turning(time_s: float) -> Pose:
+    """Return a flange that turns at 3 rad/s about an axis beside it, and moves along that at 0.25 m/s."""
+    turn = Pose(rotation_from_vector(np.array([0.0, 0.0, 3.0 * time_s])), np.array([0.0, 0.0, 0.25 * time_s]))
+    return turn @ Pose(HANGING.rotation, HANGING.translation + 0.3 * X)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_damping_leaves_rigid_motion_alone(integrator: Integrator) -> None:
+    # a flange that turns and moves evenly: nodes that go along with it feel no damping at all
+    arm, h = held(hexagon_arm(2)), 0.002
+    move = stepper(arm, integrator, damping_per_s=10.0)
+    carried = [np.ascontiguousarray(turning(k * h).apply(arm.body.positions)) for k in range(3)]
+    first = SoftState(carried[0], np.zeros_like(carried[0]), arm.body.first_memory())
+    sides, bed = move.quick.sides, move.scheme_of(first, h).bed
+    state = replace(first, positions=carried[1], earlier=(carried[0], first.velocities))
+    if integrator == "bdf2":
+        bed = move.scheme_of(state, h).bed
+    base = np.empty_like(carried[0])
+    sides.fill_bed(state, turning(2.0 * h), bed, base, np.empty_like(base))
+    due = (carried[2] - base) / bed.span
+    assert arm.newton.along == pytest.approx(due, abs=1e-11)
+    assert np.abs(due).max() > 0.5
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_steady_motion_feels_weight_alone(integrator: Integrator) -> None:
+    arm, h, speed = held(hexagon_arm(2)), 0.002, 0.25
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    move = stepper(arm, integrator, damping_per_s=10.0)
+    state = replace(begin.state, velocities=np.tile(speed * X, (arm.body.nodes, 1)))
+    for k in range(1, 51):
+        flange = Pose(HANGING.rotation, HANGING.translation + speed * k * h * X)
+        state, _ = move.step(state, flange, begin.loads, h)
+    wrench = move.wrench(state, flange)
+    assert wrench.force == pytest.approx(begin.wrench.force, abs=1e-6)
+    # in the world damping would lean the tip by some millimetres
+    still = begin.state.positions + (flange.translation - HANGING.translation)
+    assert state.positions == pytest.approx(still, abs=1e-8)
+
+
+def test_damping_is_an_inner_loss_and_drag_an_outer_one() -> None:
+    # momentum's balance: the flange feels what weight and inertia leave, and drag
+    arm, h, drag = held(hexagon_arm(2)), 0.002, 3.0
+    begin, mass = hung(arm, pressure_Pa=(PRESSURE_Pa,)), arm.body.node_mass
+    move = stepper(arm, damping_per_s=20.0, air_drag_per_s=drag)
+    turned = HANGING @ Pose(rotation_from_vector(np.array([0.01, 0.02, 0.0])), np.zeros(3))
+    pose = Pose(turned.rotation, HANGING.translation + 0.001 * X)
+    state, _ = move.step(begin.state, pose, begin.loads, h)
+    load = mass[:, None] * (np.array([0.0, 0.0, -9.81]) - (1.0 / h + drag) * state.velocities)
+    wrench = move.wrench(state, pose)
+    assert wrench.force == pytest.approx(load.sum(axis=0), abs=1e-7)
+    lever = state.positions - pose.translation
+    assert wrench.torque == pytest.approx(np.cross(lever, load).sum(axis=0), abs=1e-7)
 
 
 def test_a_step_that_is_left_far_from_balance_goes_on() -> None:
