@@ -30,6 +30,8 @@ from cosim.telemetry.figures import (
     resting,
     standing_lines,
     strength_warnings,
+    swing_lines,
+    swing_warnings,
     undecided_warnings,
 )
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
@@ -75,6 +77,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- warning: {line}" for line in summary["warnings"]),
         *(f"- stability: {line}" for line in branching_lines(summary["branchings"])),
         *(f"- stability: {line}" for line in standing_lines(summary["phases"])),
+        *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in overlap_lines(summary["overlaps"])),
         f"- error: {error_line(summary)}",
         *arm_table(summary["arm"]),
@@ -294,6 +297,7 @@ class SummaryBuilder:
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
         beyond = [*strength_warnings(self._phases), *undecided_warnings(self._branchings)]
+        beyond += swing_warnings(self._phases)
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
@@ -307,7 +311,7 @@ class SummaryBuilder:
         self._branchings = resting(self._branchings, name, self._last.footing)
         own = [row for row in self._branchings if row["phase"] == name]
         figures["branchings"] = [*branching_lines(own), *undecided_warnings(own)]
-        figures |= footing_figures(self._last.footing, own)
+        figures |= footing_figures(self._last.footing, own, self._stage.decay)
         figures |= elastic_figures(self._stage, self._last.node_position)
         path = self._stage.tip_paths.get(self._last.phase)
         if path is not None:

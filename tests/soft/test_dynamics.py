@@ -11,9 +11,13 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.branching import MODES
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions
+from cosim.soft.solve.stability import footing
+from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions, mode_decay
 from cosim.soft.solve.time_step import ImplicitStepper
+from tests.derivatives import differences
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 INTEGRATORS: tuple[Integrator, ...] = ("implicit_euler", "bdf2")
@@ -237,6 +241,42 @@ def test_damping_is_an_inner_loss_and_drag_an_outer_one() -> None:
     assert wrench.force == pytest.approx(load.sum(axis=0), abs=1e-7)
     lever = state.positions - pose.translation
     assert wrench.torque == pytest.approx(np.cross(lever, load).sum(axis=0), abs=1e-7)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_modes_ring_and_decay_as_their_complex_eigenvalues_say(integrator: Integrator) -> None:
+    arm, h, damping, drag = held(hexagon_arm(2)), 0.001, 20.0, 10.0
+    begin, mass = hung(arm, pressure_Pa=(PRESSURE_Pa,)), np.repeat(arm.body.node_mass, 3)
+    x, free = begin.state.positions, arm.newton.free
+    share = arm.system.segment_share(x, begin.loads)
+
+    def gradient(at: Array) -> Array:
+        arm.system.evaluate(at, begin.loads, share, begin.state.memory, hessian=False)
+        return arm.system.gradient[free]
+
+    tangent, root = differences(gradient, x, 1e-7)[free.ravel()], np.sqrt(mass[free.ravel()])
+    squares, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T) / np.outer(root, root))
+    exact = np.sqrt(squares[:MODES]) / (2.0 * np.pi)
+    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    found = footing(tested, begin.state, begin.loads, HANGING.rotation).frequencies_Hz
+    assert found == pytest.approx(exact, rel=1e-3)
+    for frequency, vector in zip(exact, vectors.T, strict=False):
+        mode = np.zeros(x.shape)
+        mode[free] = vector / root
+        move = stepper(arm, integrator, damping_per_s=damping, air_drag_per_s=drag)
+        state, ringing = replace(begin.state, positions=x + 1e-6 * mode / np.abs(mode).max()), []
+        for _ in range(80):
+            state, _ = move.step(state, HANGING, begin.loads, h)
+            ringing.append(float(mass @ (mode * (state.positions - x)).ravel()))
+        q = np.array(ringing[10:])  # by then what a two-step scheme begins with is gone
+        (a, b), *_ = np.linalg.lstsq(np.column_stack([q[1:-1], q[:-2]]), q[2:], rcond=None)
+        declared, numerical = mode_decay(integrator, h, damping + drag, float(frequency))
+        assert declared == 0.5 * (damping + drag)
+        assert -0.5 * np.log(-b) / h == pytest.approx(declared + numerical, rel=0.02)
+        circular = np.arccos(0.5 * a / np.sqrt(-b)) / h
+        # steps of either scheme lag behind by (w h)^2 / 3, those of implicit Euler by c h / 2 as well
+        due = np.sqrt((2.0 * np.pi * frequency) ** 2 - declared**2)
+        assert circular == pytest.approx(due, rel=0.02 + (due * h) ** 2)
 
 
 def test_a_step_that_is_left_far_from_balance_goes_on() -> None:

@@ -51,6 +51,8 @@ class Branching:
     losses_held: bool = False
 
 
+MODES: Final = 4
+"""How many natural frequencies a look finds."""
 STAYS: Final = "a section model stays on it; with fidelity = 'lumped' it is left"
 DISTURBED: Final = 1e-6
 """Of the load on each node, by how much it may be off in a `Footing`."""
@@ -76,6 +78,7 @@ class Footing:
             known, as loads have no potential.
         rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to from there, looked for where
             rounding has decided on a side; None: not looked for, or none was found.
+        frequencies_Hz: natural frequencies, lowest first, up to `MODES`; without losses.
     """
 
     lowest_frequency_Hz: float | None
@@ -85,6 +88,7 @@ class Footing:
     losses_held: bool = False
     unstable: Branching | None = None
     rests_at_m: tuple[float, float, float] | None = None
+    frequencies_Hz: tuple[float, ...] = ()
 
     def stability(self, passed: Sequence[tuple[float, bool]]) -> str:
         """Return it in words: which figures of the state are no matter of its loads alone.
