@@ -32,6 +32,7 @@ from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
+from cosim.telemetry.energy import EnergyParts
 from cosim.telemetry.snapshot import Decay, RunInfo
 
 if TYPE_CHECKING:
@@ -328,7 +329,15 @@ def stage_of(
         arm=arm,
         tip_paths=parts.tip_paths,
         decay=_decay(scenario),
+        energy=_energy(scenario, body),
     )
+
+
+def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
+    options, lumped = dynamic_options(scenario), scenario.fidelity in ("lumped", "refined")
+    if scenario.mode != "dynamic" or not lumped or options.substep_error_m is not None:
+        return None
+    return EnergyParts.of(body, options, scenario.clock.tick_s, np.array(scenario.gravity_m_s2))
 
 
 def _decay(scenario: Scenario) -> Decay | None:

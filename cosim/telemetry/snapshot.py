@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
+    from cosim.telemetry.energy import EnergyParts
 
 
 @final
@@ -215,6 +216,7 @@ class RunInfo(Shown):
         arm: what the plan asks of the arm; None without one.
         tip_paths: that the tip follows, by the index of their phase.
         decay: of natural modes; None in statics.
+        energy: what the energy balance of a lumped soft robot in time needs; None where there is none.
     """
 
     scenario: str
@@ -244,6 +246,7 @@ class RunInfo(Shown):
     arm: PlannedArm | None = None
     tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
     decay: Decay | None = None
+    energy: EnergyParts | None = None
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""

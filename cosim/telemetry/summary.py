@@ -160,6 +160,7 @@ class SummaryBuilder:
         self._max_self_contact_depth_m = 0.0
         self._self_contact_since_s: float | None = None
         self._arm = ArmFigures()
+        self._energy = None if stage.energy is None else stage.energy.begin()
         self._tip_path = TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
         self._overlaps: list[dict[str, Any]] = []
@@ -184,6 +185,8 @@ class SummaryBuilder:
         if self._self_contact_since_s is None and batch.self_contacts.any():
             self._self_contact_since_s = batch.time_s.item(int(np.argmax(batch.self_contacts > 0)))
         self._exchange = self._exchange.after(batch)
+        if self._energy is not None and self._stage.energy is not None:
+            self._energy = self._energy.after(batch, self._stage.energy)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
             self._tip_path = self._tip_path.after(batch, path)
@@ -313,6 +316,8 @@ class SummaryBuilder:
         figures["branchings"] = [*branching_lines(own), *undecided_warnings(own)]
         figures |= footing_figures(self._last.footing, own, self._stage.decay)
         figures |= elastic_figures(self._stage, self._last.node_position)
+        parts, energy = self._stage.energy, self._energy
+        figures["energy"] = None if parts is None or energy is None else energy.figures(parts)
         path = self._stage.tip_paths.get(self._last.phase)
         if path is not None:
             figures["tip_path"], self._tip_path = self._tip_path.figures(path), TipPathFigures()
