@@ -20,7 +20,7 @@ from typing import Annotated, Any, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, Matrix, Vector, kernel
+from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, kernel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
@@ -77,6 +77,18 @@ def fill_motion(
                 motion[1, i, r], motion[0, i, r] = motion[0, i, r], x[t, i, r]
                 motion[3, i, r], motion[2, i, r], motion[4, i, r] = motion[2, i, r], v, a
         out[t, 0], out[t, 1], out[t, 2], out[t, 3] = kinetic, done, relative, moving
+
+
+@kernel
+def fill_lengths(x: Blocks, segments: IndexTable, out: Matrix) -> None:
+    """Fill the lengths (k, s) [m] of segments (s, 2) of cables in k shapes (k, n, 3) [m]."""
+    for t in range(x.shape[0]):
+        for s in range(segments.shape[0]):
+            square = 0.0
+            for r in range(3):
+                along = x[t, segments[s, 1], r] - x[t, segments[s, 0], r]
+                square += along * along
+            out[t, s] = np.sqrt(square)
 
 
 @final
@@ -190,8 +202,8 @@ class EnergyFigures:
     def after(self, batch: TickBatch, parts: EnergyParts) -> EnergyFigures:
         """Return the balance with some ticks more; the state before the first one is by itself."""
         x = np.ascontiguousarray(batch.film.node_position())
-        ends = x[:, parts.segments]
-        length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+        length = np.empty((len(x), len(parts.segments)))
+        fill_lengths(x, parts.segments, length)
         columns = (
             batch.chamber_volume_m3, batch.chamber_pressure_Pa, batch.cable_tension_N, length, batch.wrench,
             batch.flange_position, batch.flange_rotation,
