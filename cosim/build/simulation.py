@@ -195,7 +195,7 @@ def _asked_name(scenario: Scenario, model: SoftModel) -> str:
     """Return a name of all that the statics of a plan depend on."""
     return name_of(
         model.name, scenario.start, scenario.phases, scenario.gas, scenario.gravity_m_s2, scenario.mode,
-        scenario.solver.damping_per_s,
+        scenario.solver.air_drag_per_s,
     )  # fmt: skip
 
 

@@ -88,6 +88,7 @@ def dynamic_options(scenario: Scenario) -> StepOptions:
         iterations=scenario.solver.dynamic_newton_iterations,
         newton=replace(static_options(scenario), reuse_max=_REUSE_MAX, reuse_below_N=math.inf),
         damping_per_s=scenario.solver.damping_per_s,
+        air_drag_per_s=scenario.solver.air_drag_per_s,
         substep_error_m=scenario.solver.substep_error_m,
     )
 
@@ -287,7 +288,7 @@ class SoftModel:
         """Return a soft side to run."""
         flexible = self.trial()
         if self._scenario.fidelity == "rigid":
-            return FrozenBody(flexible, self._scenario.solver.damping_per_s)
+            return FrozenBody(flexible, self._scenario.solver.air_drag_per_s)
         return flexible
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
-from cosim.build.soft_model import SoftModel, contact_law, fidelity_report, section_figures
+from cosim.build.soft_model import SoftModel, contact_law, dynamic_options, fidelity_report, section_figures
 from cosim.config.rules import gas_report, gas_rules
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
@@ -30,8 +30,10 @@ from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.energy import EnergyParts
+from cosim.telemetry.snapshot import Decay, RunInfo
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -326,7 +328,23 @@ def stage_of(
         expected_error=expected_error(scenario),
         arm=arm,
         tip_paths=parts.tip_paths,
+        decay=_decay(scenario),
+        energy=_energy(scenario, body),
     )
+
+
+def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
+    options, lumped = dynamic_options(scenario), scenario.fidelity in ("lumped", "refined")
+    if scenario.mode != "dynamic" or not lumped or options.substep_error_m is not None:
+        return None
+    return EnergyParts.of(body, options, scenario.clock.tick_s, np.array(scenario.gravity_m_s2))
+
+
+def _decay(scenario: Scenario) -> Decay | None:
+    if scenario.mode != "dynamic":
+        return None
+    options = dynamic_options(scenario)
+    return partial(mode_decay, options.integrator, scenario.clock.tick_s, options.losses_per_s)
 
 
 def _steps(parts: Parts) -> tuple[int, float]:

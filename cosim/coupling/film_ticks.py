@@ -68,7 +68,7 @@ from cosim.soft.solve.self_contact import (
     find_pairs,
     first_pairs,
 )
-from cosim.soft.solve.state import add_wrench
+from cosim.soft.solve.state import Damped, add_damping, add_wrench
 
 
 class FilmCommands(NamedTuple):
@@ -139,15 +139,15 @@ class FilmSteps(NamedTuple):
     whole: bool
 
 
-_CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over)
-_STEP, _WRENCH, _MOMENTS, _RIGID, _HAND = range(len(_CALLED))
-_film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over = map(caller, _CALLED)
+_CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over, add_damping)
+_STEP, _WRENCH, _MOMENTS, _RIGID, _HAND, _DAMPING = range(len(_CALLED))
+_film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over, _add_damping = map(caller, _CALLED)
 _find_touched, _settle_touched, _meet_touched = map(caller, (find_touched, settle_touched, meet_touched))
 _find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pairs), caller(films_press)
 
 
 def film_calls() -> IntArray:
-    """Return the addresses (5,) of the kernels that a row of ticks calls."""
+    """Return the addresses (6,) of the kernels that a row of ticks calls."""
     return np.array([address_of(called) for called in _CALLED])
 
 
@@ -335,6 +335,11 @@ def _take_tick(
     if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):
         return SOFT_HALF_LEFT
     _fill_figures(held, gradient, calls, mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
+    damping = side.numbers.damping
+    if damping > 0.0:
+        damped = Damped(side.film.mass, damping, side.work.along)
+        end = way.x[k + 2], way.velocity[k + 2], flange, ticks.figures[k + 1, :CENTER]
+        _add_damping(calls[_DAMPING], (damped, *end))
     _hand_over(calls[_HAND], (rigid.scene.applied, ticks, k))
     if films.calls.shape[0] > 0:
         _settle_films(films, found[1], way.x[k + 2], ticks, k)

@@ -103,7 +103,7 @@ class PhaseMotion:
 
 
 def solved_phase(
-    soft: SoftSide, here: Equilibrium, phase: PhaseTable, loads: Loads, damping_per_s: float | None
+    soft: SoftSide, here: Equilibrium, phase: PhaseTable, loads: Loads, air_drag_per_s: float | None
 ) -> PhaseMotion:
     """Return the flange's way through a phase and the equilibrium at its end.
 
@@ -112,14 +112,14 @@ def solved_phase(
         here: equilibrium at the phase's begin.
         phase: of the scenario.
         loads: at its end.
-        damping_per_s: of a soft body that moves; None in statics.
+        air_drag_per_s: of a soft body that moves; None in statics.
 
     Raises:
         ScenarioError: it cannot be passed.
     """
     try:
         if phase.tip_path is not None:
-            found = follow_path(soft, here, loads, phase.tip_path, damping_per_s)
+            found = follow_path(soft, here, loads, phase.tip_path, air_drag_per_s)
             return PhaseMotion(found.way, found.end, found.planned)
         if phase.tip_target is None:
             way = given_way(here.world_from_flange, phase)
@@ -228,7 +228,7 @@ def solved_phases(scenario: Scenario, soft: SoftSide) -> SolvedPhases:
         SolverError: there is no equilibrium to start from.
     """
     sides, gravity = scenario.soft_robot.sides_of, scenario.gravity_m_s2
-    damping_per_s = scenario.solver.damping_per_s if scenario.mode == "dynamic" else None
+    air_drag_per_s = scenario.solver.air_drag_per_s if scenario.mode == "dynamic" else None
     command, start = start_command(scenario.start, soft.body), pose_of(scenario.start.flange)
     here, drafts = start_equilibrium(soft, start, loads_of(command, gravity)), list[PhaseDraft]()
     gas = ChamberGas(scenario.gas)
@@ -242,7 +242,7 @@ def solved_phases(scenario: Scenario, soft: SoftSide) -> SolvedPhases:
         end = _end_command(begin, phase, soft.body, sides)
         loads = here.loads if end is begin else loads_of(end, gravity)
         with soft.searching(flange_key(phase)):
-            motion = solved_phase(soft, here, phase, loads, damping_per_s)
+            motion = solved_phase(soft, here, phase, loads, air_drag_per_s)
         here = motion.end
         end = replace(end, cable_tension_N=here.loads.cable_tension_N)  # as a target asks for them
         drafts.append(PhaseDraft(motion.way, begin, end, holding, motion.path))

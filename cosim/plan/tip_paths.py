@@ -105,7 +105,7 @@ class FollowedPath:
 
 
 def follow_path(
-    soft: SoftSide, begin: Equilibrium, loads: Loads, path: TipPathTable, damping_per_s: float | None
+    soft: SoftSide, begin: Equilibrium, loads: Loads, path: TipPathTable, air_drag_per_s: float | None
 ) -> FollowedPath:
     """Return the flange's motion along a path, and the equilibrium that it ends in.
 
@@ -114,13 +114,13 @@ def follow_path(
         begin: with the tip on the path's first point.
         loads: at the end; they change evenly with time.
         path: to follow.
-        damping_per_s: c; None in statics, where nothing has an acceleration.
+        air_drag_per_s: c; None in statics, where nothing has an acceleration.
 
     Raises:
         UnreachableError: the tip does not begin on the path, or cannot follow it.
         ConvergenceError: the equilibrium was lost on the way.
     """
-    trip = _Trip(soft, path.course(), begin.loads, loads, damping_per_s)
+    trip = _Trip(soft, path.course(), begin.loads, loads, air_drag_per_s)
     if path.reach_with == "none":
         rigid = _RigidArm.towards(begin, trip.instants)
         states = trip.through(begin, lambda here, before, after, load: rigid.moved(soft, here, after, load))
@@ -142,25 +142,25 @@ class _Trip:
         course: of the tip.
         begin: loads at its begin.
         end: loads at its end.
-        damping_per_s: c; None in statics.
+        air_drag_per_s: c; None in statics.
     """
 
     def __init__(
-        self, soft: SoftSide, course: TipCourse, begin: Loads, end: Loads, damping_per_s: float | None
+        self, soft: SoftSide, course: TipCourse, begin: Loads, end: Loads, air_drag_per_s: float | None
     ) -> None:
         self.course = course
         self._soft = soft
         self._time_s = course.knots(_STEP_m, _TURN_rad, _PER_RAMP)
         self.instants = course.at(self._time_s)
-        self._loads = [self._load(begin, end, k, damping_per_s) for k in range(len(self._time_s))]
+        self._loads = [self._load(begin, end, k, air_drag_per_s) for k in range(len(self._time_s))]
 
-    def _load(self, begin: Loads, end: Loads, k: int, damping_per_s: float | None) -> Loads:
+    def _load(self, begin: Loads, end: Loads, k: int, air_drag_per_s: float | None) -> Loads:
         if k == len(self._time_s) - 1:
             return end
         load = begin.interpolated(end, self._time_s[k] / self._time_s[-1])
-        if damping_per_s is None:
+        if air_drag_per_s is None:
             return load
-        felt = self.instants.acceleration[k] + damping_per_s * self.instants.velocity[k]
+        felt = self.instants.acceleration[k] + air_drag_per_s * self.instants.velocity[k]
         x, y, z = (np.array(load.gravity) - felt).tolist()
         return replace(load, gravity=(x, y, z))
 

@@ -158,7 +158,10 @@ class _naming:  # noqa: N801  # a context manager
             raise InputError(f"{self._path}: cannot be read: {text}") from error
 
 
-_NOT_KEPT: Final = ("membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths")
+_NOT_KEPT: Final = (
+    "membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths", "decay",
+    "energy",
+)  # fmt: skip
 _KEPT: Final = tuple(field.name for field in fields(RunInfo) if field.name not in _NOT_KEPT)
 
 

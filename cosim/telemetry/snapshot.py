@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
+    from cosim.telemetry.energy import EnergyParts
 
 
 @final
@@ -112,6 +113,8 @@ class UnreadFilmShape:
         return FilmShape, tuple(vars(self.read()).values())
 
 
+Decay: TypeAlias = Callable[[float], tuple[float, float]]
+"""Natural frequency [Hz] -> decay [1/s] that losses ask for, and what ticks add to it."""
 Film: TypeAlias = FilmShape | UnreadFilmShape
 """The film at the end of one tick."""
 
@@ -212,6 +215,8 @@ class RunInfo(Shown):
         expected_error: of each figure of the soft robot: low, high, against what, source; None: not measured.
         arm: what the plan asks of the arm; None without one.
         tip_paths: that the tip follows, by the index of their phase.
+        decay: of natural modes; None in statics.
+        energy: what the energy balance of a lumped soft robot in time needs; None where there is none.
     """
 
     scenario: str
@@ -240,6 +245,8 @@ class RunInfo(Shown):
     expected_error: dict[str, dict[str, Any] | None] = field(default_factory=dict)
     arm: PlannedArm | None = None
     tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
+    decay: Decay | None = None
+    energy: EnergyParts | None = None
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""

@@ -56,6 +56,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- warning: {line}" for line in summary["warnings"]),
         *(f"- stability: {line}" for line in figures.branching_lines(summary["branchings"])),
         *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
+        *(f"- natural frequencies: {line}" for line in figures.swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
         f"- error: {error_line(summary)}",
         *figures.arm_table(summary["arm"]),
@@ -149,6 +150,7 @@ class SummaryBuilder:
         self._last: Snapshot | None = None
         self._figures = {key: initial for key, (_, _, initial) in _GATHERED.items()}
         self._arm = figures.ArmFigures()
+        self._energy = None if stage.energy is None else stage.energy.begin()
         self._tip_path = figures.TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
         self._overlaps: list[dict[str, Any]] = []
@@ -168,6 +170,8 @@ class SummaryBuilder:
             self._branchings = figures.joined_branchings(self._branchings, name, time_s[row], passed)
         for row, overlaps in batch.overlaps.items():
             self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
+        if self._energy is not None and self._stage.energy is not None:
+            self._energy = self._energy.after(batch, self._stage.energy)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
             self._tip_path = self._tip_path.after(batch, path)
@@ -263,6 +267,7 @@ class SummaryBuilder:
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
         beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
+        beyond += figures.swing_warnings(self._phases)
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
@@ -277,8 +282,10 @@ class SummaryBuilder:
         self._branchings = figures.resting(self._branchings, name, self._last.footing)
         own = [each for each in self._branchings if each["phase"] == name]
         row["branchings"] = [*figures.branching_lines(own), *figures.undecided_warnings(own)]
-        row |= figures.footing_figures(self._last.footing, own)
+        row |= figures.footing_figures(self._last.footing, own, self._stage.decay)
         row |= figures.elastic_figures(self._stage, self._last.node_position)
+        parts, energy = self._stage.energy, self._energy
+        row["energy"] = None if parts is None or energy is None else energy.figures(parts)
         path = self._stage.tip_paths.get(self._last.phase)
         if path is not None:
             row["tip_path"], self._tip_path = self._tip_path.figures(path), figures.TipPathFigures()

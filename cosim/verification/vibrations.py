@@ -283,13 +283,16 @@ _DAMPING = 0.3
 def tip_ratio(strip: Strip, omega: float, damping_per_s: float) -> complex:
     """Return the tip's motion over the clamp's, as a complex amplitude, at a frequency [rad/s].
 
-    EI w'''' + rho A (w_tt + alpha w_t) = 0 with w = W(x) exp(i omega t), W(0) = 1, W'(0) = 0 and a free end:
-        W(L) = (cos b + cosh b) / (1 + cos b cosh b),   b^4 = rho A L^4 (omega^2 - i omega alpha) / EI.
+    Damping acts on the motion relative to the clamp u: EI w'''' + rho A (w_tt + alpha (w_t - u_t)) = 0 with
+    w = W(x) exp(i omega t), W(0) = 1, W'(0) = 0 and a free end:
+        W(L) = s + (1 - s) (cos b + cosh b) / (1 + cos b cosh b),
+        b^4 = rho A L^4 (omega^2 - i omega alpha) / EI,   s = -i alpha / (omega - i alpha).
     """
     mass = strip.density * strip.width_m
     weight = mass * strip.length_m**4 / strip.bending_stiffness
     b = (weight * (omega**2 - 1j * omega * damping_per_s)) ** 0.25
-    return (cmath.cos(b) + cmath.cosh(b)) / (1.0 + cmath.cos(b) * cmath.cosh(b))
+    share = -1j * damping_per_s / (omega - 1j * damping_per_s)
+    return share + (1.0 - share) * (cmath.cos(b) + cmath.cosh(b)) / (1.0 + cmath.cos(b) * cmath.cosh(b))
 
 
 def found_ratio(strip: Strip, omega: float, damping_per_s: float) -> complex:

@@ -23,9 +23,9 @@ SPIN = np.array([1.0, -2.0, 3.0])  # [rad/s], world axes
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
-def frozen(damping_per_s: float = 0.0) -> FrozenBody:
+def frozen(air_drag_per_s: float = 0.0) -> FrozenBody:
     """Return an inflated arm of two units, frozen in the equilibrium of its start."""
-    arm = FrozenBody(SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions()), damping_per_s)
+    arm = FrozenBody(SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions()), air_drag_per_s)
     arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
     return arm
 
@@ -76,8 +76,8 @@ def test_mass_properties_are_those_of_the_nodes() -> None:
     assert mass.inertia == pytest.approx(np.trace(second) * np.eye(3) - second)
 
 
-def test_work_is_that_of_the_wrench_and_damping_takes_its_share() -> None:
-    arm, damped = frozen(), frozen(damping_per_s=2.0)
+def test_work_is_that_of_the_wrench_and_drag_takes_its_share() -> None:
+    arm, damped = frozen(), frozen(air_drag_per_s=2.0)
     shifted = Pose(HANGING.rotation, HANGING.translation + np.array([1e-3, 0.0, 0.0]))
     reply, slowed = (a.advance(shifted, no_load(a.body), STEP_S) for a in (arm, damped))
     way = shifted.translation - HANGING.translation

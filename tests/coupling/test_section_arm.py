@@ -228,7 +228,9 @@ def test_shapes_read_together_are_those_of_the_film() -> None:
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_its_inertia_weighs_what_that_of_the_film_does(integrator: Integrator) -> None:
     """In the first step, which looks back over one, and in the second."""
-    options = StepOptions(integrator=integrator, damping_per_s=3.0, newton=NewtonOptions(reuse_max=6))
+    options = StepOptions(
+        integrator, damping_per_s=2.0, air_drag_per_s=3.0, newton=NewtonOptions(reuse_max=6)
+    )
     chain, film = arms(options)
     loads = Loads((20e3,), (0.0, 0.0))
     for arm in (chain, film):
@@ -237,6 +239,35 @@ def test_its_inertia_weighs_what_that_of_the_film_does(integrator: Integrator) -
         for arm in (chain, film):
             assert arm.inertia_weight(0.002) == pytest.approx((1.0 + 3.0 * span) / span**2, rel=1e-12)
             arm.advance(FLANGE, loads, 0.002)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_its_damping_leaves_steady_motion_alone(integrator: Integrator) -> None:
+    options = StepOptions(integrator, tolerance_N=1e-9, damping_per_s=10.0)
+    chain, _ = arms(options)
+    loads, h, way = Loads((20e3,), (0.0, 0.0)), 0.002, np.array([5e-4, 0.0, 2e-4])
+    begin = chain.start(FLANGE, loads)
+    chain.settle(begin)
+    chain.state = replace(begin.state, velocities=np.tile(way / h, (chain.body.nodes, 1)))
+    for k in range(1, 26):
+        reply = chain.advance(Pose(FLANGE.rotation, FLANGE.translation + k * way), loads, h)
+    assert reply.wrench.force == pytest.approx(begin.wrench.force, abs=1e-6)
+    assert chain.state.positions == pytest.approx(begin.state.positions + 25 * way, abs=1e-7)
+
+
+def test_its_damping_is_an_inner_loss() -> None:
+    # momentum's balance: the flange feels what weight and inertia leave, whatever is damped on the way
+    chain, _ = arms(StepOptions(tolerance_N=1e-9, damping_per_s=200.0))
+    loads, h = Loads((20e3,), (0.0, 0.0)), 0.002
+    chain.settle(chain.start(FLANGE, loads))
+    moved = Pose(FLANGE.rotation @ rotation_from_vector(np.array([0.0, 2e-3, 0.0])), FLANGE.translation)
+    reply, last, mass = chain.advance(moved, loads, h), chain.last, chain.section.mass
+    # of points: origins and axes of the frames, which carry their rings together
+    load = np.einsum("fab,fbr->far", mass, -last.chain.rates / h)
+    load += mass[:, :, :1] * np.array([0.0, 0.0, -9.81])
+    assert reply.wrench.force == pytest.approx(load[:, 0].sum(axis=0), abs=1e-6)
+    levers = last.frames - np.array([moved.translation, *np.zeros((3, 3))])
+    assert reply.wrench.torque == pytest.approx(np.cross(levers, load).sum(axis=(0, 1)), abs=1e-6)
 
 
 def test_a_search_for_the_flange_names_the_section_that_held_it_back() -> None:

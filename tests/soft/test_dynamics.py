@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,13 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.branching import MODES
+from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions
+from cosim.soft.solve.stability import footing
+from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions, mode_decay
 from cosim.soft.solve.time_step import ImplicitStepper
+from tests.derivatives import differences
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 INTEGRATORS: tuple[Integrator, ...] = ("implicit_euler", "bdf2")
@@ -181,6 +186,97 @@ def test_the_flange_feels_the_inertia_it_accelerates() -> None:
     ).sum(0)
     lever = arm.body.node_mass @ (state.positions - pose.translation)
     assert wrench.torque == pytest.approx(np.cross(lever, [0.0, 0.0, -9.81]) - turning / h, abs=1e-7)
+
+
+def turning(time_s: float) -> Pose:
+    """Return a flange that turns at 3 rad/s about an axis beside it, and moves along that at 0.25 m/s."""
+    turn = Pose(rotation_from_vector(np.array([0.0, 0.0, 3.0 * time_s])), np.array([0.0, 0.0, 0.25 * time_s]))
+    return turn @ Pose(HANGING.rotation, HANGING.translation + 0.3 * X)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_damping_leaves_rigid_motion_alone(integrator: Integrator) -> None:
+    # a flange that turns and moves evenly: nodes that go along with it feel no damping at all
+    arm, h = held(hexagon_arm(2)), 0.002
+    move = stepper(arm, integrator, damping_per_s=10.0)
+    carried = [np.ascontiguousarray(turning(k * h).apply(arm.body.positions)) for k in range(3)]
+    first = SoftState(carried[0], np.zeros_like(carried[0]), arm.body.first_memory())
+    sides, bed = move.quick.sides, move.scheme_of(first, h).bed
+    state = replace(first, positions=carried[1], earlier=(carried[0], first.velocities))
+    if integrator == "bdf2":
+        bed = move.scheme_of(state, h).bed
+    base = np.empty_like(carried[0])
+    sides.fill_bed(state, turning(2.0 * h), bed, base, np.empty_like(base))
+    due = (carried[2] - base) / bed.span
+    assert arm.newton.along == pytest.approx(due, abs=1e-11)
+    assert np.abs(due).max() > 0.5
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_steady_motion_feels_weight_alone(integrator: Integrator) -> None:
+    arm, h, speed = held(hexagon_arm(2)), 0.002, 0.25
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    move = stepper(arm, integrator, damping_per_s=10.0)
+    state = replace(begin.state, velocities=np.tile(speed * X, (arm.body.nodes, 1)))
+    for k in range(1, 51):
+        flange = Pose(HANGING.rotation, HANGING.translation + speed * k * h * X)
+        state, _ = move.step(state, flange, begin.loads, h)
+    wrench = move.wrench(state, flange)
+    assert wrench.force == pytest.approx(begin.wrench.force, abs=1e-6)
+    # in the world damping would lean the tip by some millimetres
+    still = begin.state.positions + (flange.translation - HANGING.translation)
+    assert state.positions == pytest.approx(still, abs=1e-8)
+
+
+def test_damping_is_an_inner_loss_and_drag_an_outer_one() -> None:
+    # momentum's balance: the flange feels what weight and inertia leave, and drag
+    arm, h, drag = held(hexagon_arm(2)), 0.002, 3.0
+    begin, mass = hung(arm, pressure_Pa=(PRESSURE_Pa,)), arm.body.node_mass
+    move = stepper(arm, damping_per_s=20.0, air_drag_per_s=drag)
+    turned = HANGING @ Pose(rotation_from_vector(np.array([0.01, 0.02, 0.0])), np.zeros(3))
+    pose = Pose(turned.rotation, HANGING.translation + 0.001 * X)
+    state, _ = move.step(begin.state, pose, begin.loads, h)
+    load = mass[:, None] * (np.array([0.0, 0.0, -9.81]) - (1.0 / h + drag) * state.velocities)
+    wrench = move.wrench(state, pose)
+    assert wrench.force == pytest.approx(load.sum(axis=0), abs=1e-7)
+    lever = state.positions - pose.translation
+    assert wrench.torque == pytest.approx(np.cross(lever, load).sum(axis=0), abs=1e-7)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_modes_ring_and_decay_as_their_complex_eigenvalues_say(integrator: Integrator) -> None:
+    arm, h, damping, drag = held(hexagon_arm(2)), 0.001, 20.0, 10.0
+    begin, mass = hung(arm, pressure_Pa=(PRESSURE_Pa,)), np.repeat(arm.body.node_mass, 3)
+    x, free = begin.state.positions, arm.newton.free
+    share = arm.system.segment_share(x, begin.loads)
+
+    def gradient(at: Array) -> Array:
+        arm.system.evaluate(at, begin.loads, share, begin.state.memory, hessian=False)
+        return arm.system.gradient[free]
+
+    tangent, root = differences(gradient, x, 1e-7)[free.ravel()], np.sqrt(mass[free.ravel()])
+    squares, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T) / np.outer(root, root))
+    exact = np.sqrt(squares[:MODES]) / (2.0 * np.pi)
+    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    found = footing(tested, begin.state, begin.loads, HANGING.rotation).frequencies_Hz
+    assert found == pytest.approx(exact, rel=1e-3)
+    for frequency, vector in zip(exact, vectors.T, strict=False):
+        mode = np.zeros(x.shape)
+        mode[free] = vector / root
+        move = stepper(arm, integrator, damping_per_s=damping, air_drag_per_s=drag)
+        state, ringing = replace(begin.state, positions=x + 1e-6 * mode / np.abs(mode).max()), []
+        for _ in range(80):
+            state, _ = move.step(state, HANGING, begin.loads, h)
+            ringing.append(float(mass @ (mode * (state.positions - x)).ravel()))
+        q = np.array(ringing[10:])  # by then what a two-step scheme begins with is gone
+        (a, b), *_ = np.linalg.lstsq(np.column_stack([q[1:-1], q[:-2]]), q[2:], rcond=None)
+        declared, numerical = mode_decay(integrator, h, damping + drag, float(frequency))
+        assert declared == 0.5 * (damping + drag)
+        assert -0.5 * np.log(-b) / h == pytest.approx(declared + numerical, rel=0.02)
+        circular = np.arccos(0.5 * a / np.sqrt(-b)) / h
+        # steps of either scheme lag behind by (w h)^2 / 3, those of implicit Euler by c h / 2 as well
+        due = np.sqrt((2.0 * np.pi * frequency) ** 2 - declared**2)
+        assert circular == pytest.approx(due, rel=0.02 + (due * h) ** 2)
 
 
 def test_a_step_that_is_left_far_from_balance_goes_on() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from cosim.config.loading import load_scenario
+from cosim.soft.solve.branching import Footing
 from cosim.telemetry.summary import SummaryBuilder, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -88,3 +89,23 @@ def test_the_markdown_has_a_row_per_phase(summary: dict[str, Any]) -> None:
     text = summary_markdown(summary)
     for phase in summary["phases"]:
         assert f"| {phase['name']} |" in text
+
+
+def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callable[..., Any]) -> None:
+    def warnings(frequency_Hz: float, numerical: float) -> list[str]:
+        simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+        stage = replace(simulation.stage, decay=lambda _: (1.0, numerical))
+        builder = SummaryBuilder(stage, 0.0, "0")
+        for snapshot in simulation.steps():
+            stands = Footing(frequency_Hz, 0.0, 1.0, frequencies_Hz=(frequency_Hz,))
+            builder.observe(TickBatch.of([replace(snapshot, footing=stands)]))
+        summary = builder.finish("completed", None, 0.01)
+        mode = {"frequency_Hz": frequency_Hz, "declared_decay_per_s": 1.0, "numerical_decay_per_s": numerical}
+        assert all(phase["modes"] == [mode] for phase in summary["phases"])
+        assert f"{frequency_Hz:.3g} Hz" in summary_markdown(summary)
+        return [text for text in summary["warnings"] if "swing" in text]
+
+    assert not warnings(2.0, 4.5), "less than ln 10 in a period"
+    (told,) = warnings(2.0, 4.7)
+    assert "bdf2" in told
+    assert "2 Hz" in told

@@ -104,7 +104,11 @@ class SolverTable:
         dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
             kept one; a tick that is left far from balance takes more.
         integrator: of the dynamic mode.
-        damping_per_s: mass-proportional damping, force = -damping_per_s * m * v.
+        damping_per_s: losses of the soft robot itself, force = -damping_per_s * m * (v - u). u is the
+            velocity with which a node would move along with the flange, which bears the opposite force.
+            Every swing decays at half this rate; rigid motion is free of it.
+        air_drag_per_s: drag of air at rest, force = -air_drag_per_s * m * v, also where the soft robot
+            moves along with the arm: at 0.25 m/s and 2 per s by 0.5 N for each kilogram.
         substep_error_m: the soft side's step is cut into up to 16 pieces where its error in a tick is larger;
             omitted: never.
         follow_unstable: whether static solutions stay on equilibria that have become unstable; else they
@@ -118,6 +122,7 @@ class SolverTable:
     dynamic_newton_iterations: Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "implicit_euler"
     damping_per_s: NonNegative = 0.0
+    air_drag_per_s: NonNegative = 0.0
     substep_error_m: Positive | None = None
     follow_unstable: bool = False
 

@@ -165,7 +165,9 @@ class ChainEquilibria:
         """
         trail = list[Array]()
         options, lever = self._options, self._solver.lever_m
-        task = ChainTask(clamp, ChainScheme(0.0, 0.0, options.tolerance_N, lever, options.iterations_max))
+        task = ChainTask(
+            clamp, ChainScheme(0.0, 0.0, 0.0, options.tolerance_N, lever, options.iterations_max)
+        )
         if self.obstacles is None:
             return solve_loaded(self._solver, task, loads, start, begin_Pa), loads
         pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]

@@ -46,17 +46,17 @@ class FrozenBody(SoftSide):
 
     What the flange supplies to node i, accelerations by backward differences (implicit Euler; the answer of
     BDF2 to the flange's motion of the last tick is four times as large, which the exchange would not bear):
-    r_i = m_i (a_i + alpha v_i - g) - f_i; the wrench is -(sum r_i, sum (x_i - o) x r_i). Gas and cables are
+    r_i = m_i (a_i + beta v_i - g) - f_i; the wrench is -(sum r_i, sum (x_i - o) x r_i). Gas and cables are
     forces within the body and have no part in it.
 
     Args:
         flexible: the same body with its elasticity; it finds the shape of the start.
-        damping_per_s: alpha [1/s].
+        air_drag_per_s: beta [1/s].
     """
 
-    def __init__(self, flexible: SoftSide, damping_per_s: float = 0.0) -> None:
+    def __init__(self, flexible: SoftSide, air_drag_per_s: float = 0.0) -> None:
         self.body, self.state, self.effort = flexible.body, flexible.state, flexible.effort
-        self._flexible, self._damping = flexible, damping_per_s
+        self._flexible, self._drag = flexible, air_drag_per_s
         self._pressures, self._flange = flexible.pressures_Pa, Pose()
         self._supplied = np.zeros_like(self.body.positions)
         self._keep(self.body.positions, flexible.volumes_m3)
@@ -78,7 +78,7 @@ class FrozenBody(SoftSide):
         """Advance by one step, with the flange at its new pose."""
         before, x = self.state, np.ascontiguousarray(world_from_flange.apply(self._shape))
         v = (x - before.positions) / step_s
-        acceleration = (v - before.velocities) / step_s + self._damping * v
+        acceleration = (v - before.velocities) / step_s + self._drag * v
         self.state = SoftState(x, v, before.memory)
         self._take(world_from_flange, loads, acceleration)
         return SoftReply(self._wrench(x), 0.0, 0)
@@ -169,7 +169,7 @@ class FrozenBody(SoftSide):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        return inertia_weight(step_s, self._damping)
+        return inertia_weight(step_s, self._drag)
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""

@@ -244,7 +244,7 @@ class SoftArm(SoftSide):
             self.state = before
             raise
         self._flange_before, (self._flange, self._loads) = begin[0], end
-        wrench = self.clamp.wrench(self._system.gradient, self.state.positions, self._flange)
+        wrench = self._stepper.wrench(self.state, self._flange)
         return SoftReply(wrench, self._residual, iterations)
 
     @property
@@ -281,7 +281,7 @@ class SoftArm(SoftSide):
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
         _, span = difference_scheme(self._dynamics.integrator, self.state, step_s)
-        return inertia_weight(span, self._dynamics.damping_per_s)
+        return inertia_weight(span, self._dynamics.air_drag_per_s)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""

@@ -38,7 +38,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching, Footing
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
 from cosim.soft.solve.stability import Softest, leave
-from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions, inertia_weight
 from cosim.soft.targets import tip_search
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
 
@@ -377,7 +377,8 @@ class SectionArm(SoftSide):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        return self._stepper.task(self._last.chain, self.clamp, step_s).bed.coefficient
+        task = self._stepper.task(self._last.chain, self.clamp, step_s)
+        return inertia_weight(task.span, self._dynamics.air_drag_per_s)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""

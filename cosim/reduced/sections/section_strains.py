@@ -90,6 +90,7 @@ class ChainWork(NamedTuple):
         trial: (f, 4, 3).
         target: (f, 4, 3), see `Bed`.
         step: (f, 6).
+        along: (f, 4, 3), how fast points would go along with the flange in a step.
     """
 
     diagonal: Blocks
@@ -99,13 +100,14 @@ class ChainWork(NamedTuple):
     trial: Blocks
     target: Blocks
     step: Matrix
+    along: Blocks
 
     @classmethod
     def room(cls, frames: int) -> ChainWork:
         """Return that of so many frames."""
         diagonal, off, low, side = np.zeros((4, frames, 6, 6))
-        trial, target = np.zeros((2, frames, 4, 3))
-        return cls(diagonal, off, low, side, trial, target, np.zeros((frames, 6)))
+        trial, target, along = np.zeros((3, frames, 4, 3))
+        return cls(diagonal, off, low, side, trial, target, np.zeros((frames, 6)), along)
 
 
 @device_function

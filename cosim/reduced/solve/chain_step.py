@@ -1,8 +1,9 @@
 """Newton's method for a chain of frames, in one kernel: statics, and implicit steps from start to wrench.
 
 The schemes are those of `cosim.soft.solve.time_step` on the frames' points: with v = (x - base) / span,
-acceleration = (v - speed) / span and damping alpha, inertia is an elastic bed of coefficient
-(1 + alpha span) / span^2 about the target base + span / (1 + alpha span) speed. Statics are without it.
+acceleration = (v - speed) / span, losses c = alpha + beta and the velocity u of points that would go along
+with the flange, inertia is an elastic bed of coefficient (1 + c span) / span^2 about the target
+base + span / (1 + c span) (speed + alpha span u). Statics are without it.
 """
 
 from __future__ import annotations
@@ -13,8 +14,25 @@ from typing import Annotated, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, Cubes, Flags, Matrix, Vector, device_function, kernel, small_vector
-from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
+from cosim.base.kernels import (
+    Blocks,
+    Cubes,
+    Flags,
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.reduced.sections.assembly import (
+    WRENCH,
+    assemble,
+    change_frames,
+    factorise,
+    fill_figures,
+    substitute,
+)
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
 
@@ -118,7 +136,8 @@ class ChainScheme(NamedTuple):
 
     Args:
         h: length of a step [s]; 0 for statics.
-        damping: [1/s].
+        damping: alpha [1/s], see `StepOptions`.
+        air_drag: beta [1/s].
         tolerance_N: residual at which it is done.
         lever_m: by which moments are divided.
         iterations_max: linear solves.
@@ -126,6 +145,7 @@ class ChainScheme(NamedTuple):
 
     h: float
     damping: float
+    air_drag: float
     tolerance_N: float
     lever_m: float
     iterations_max: int
@@ -289,6 +309,61 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
                     out[f, a, r] += flange[0, r]
 
 
+@device_function
+def _add_carried(before: Blocks, after: Blocks, held: int, share: float, along: Blocks) -> None:
+    """Add a share of how far points are carried by the motion of a held frame between two shapes."""
+    turn = small_matrix(3, 3)
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 0.0
+            for a in range(1, 4):
+                turn[r, c] += after[held, a, r] * before[held, a, c]
+    for f in range(before.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                moved = -before[f, a, r] + (after[held, 0, r] if a == 0 else 0.0)
+                for c in range(3):
+                    moved += turn[r, c] * (before[f, a, c] - (before[held, 0, c] if a == 0 else 0.0))
+                along[f, a, r] += share * moved
+
+
+@device_function
+def _follow_flange(free: Flags, ends: ChainEnds, two_steps: bool, span: float, along: Blocks) -> None:
+    """Fill along (f, 4, 3) with the velocity of points that would go along with the flange."""
+    held = -1
+    for f in range(free.shape[0]):
+        if held < 0 and not free[f]:
+            held = f
+        for a in range(4):
+            for r in range(3):
+                along[f, a, r] = 0.0
+    if held < 0:
+        return
+    _add_carried(ends.here[0], ends.there[0], held, (4.0 / 3.0 if two_steps else 1.0) / span, along)
+    if two_steps:
+        _add_carried(ends.earlier[0], ends.there[0], held, -1.0 / (3.0 * span), along)
+
+
+@device_function
+def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
+    """Add what the flange bears of damping, M alpha (v - u), to the wrench in the figures."""
+    frames, velocity, mass, along = ends.there[0], ends.there[1], side.chain.mass, side.work.along
+    force, out = small_vector(3), ends.figures
+    for f in range(frames.shape[0]):
+        for a in range(4):
+            for r in range(3):
+                force[r] = 0.0
+                for b in range(4):
+                    force[r] += damping * mass[f, a, b] * (velocity[f, b, r] - along[f, b, r])
+            for r in range(3):
+                i, k = (r + 1) % 3, (r + 2) % 3
+                arm_i, arm_k = frames[f, a, i], frames[f, a, k]
+                if a == 0:
+                    arm_i, arm_k = arm_i - frames[0, 0, i], arm_k - frames[0, 0, k]
+                    out[WRENCH + r] += force[r]
+                out[WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
+
+
 @kernel
 def solve_chain(
     side: ChainSide, scheme: ChainScheme, ends: ChainEnds, start: int, two_steps: bool, kept: bool
@@ -309,8 +384,13 @@ def solve_chain(
     """
     here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]
     target, h = side.work.target, scheme.h
-    span = 2.0 * h / 3.0 if two_steps else h
-    share = span / (1.0 + scheme.damping * span)
+    span, along = 2.0 * h / 3.0 if two_steps else h, side.work.along
+    losses = scheme.damping + scheme.air_drag
+    share = span / (1.0 + losses * span)
+    if h > 0.0:
+        _start(side, ends, h, start)
+    if scheme.damping > 0.0 and h > 0.0:
+        _follow_flange(side.free, ends, two_steps, span, along)
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
@@ -319,15 +399,16 @@ def solve_chain(
                     x = (4.0 * x - earlier[0, f, a, r]) / 3.0
                     speed = (4.0 * speed - earlier[1, f, a, r]) / 3.0
                 base[f, a, r] = x
-                target[f, a, r] = x + share * speed
+                target[f, a, r] = x + share * (speed + scheme.damping * span * along[f, a, r])
     coefficient = 0.0
     if h > 0.0:
-        coefficient = (1.0 + scheme.damping * span) / (span * span)
-        _start(side, ends, h, start)
+        coefficient = (1.0 + losses * span) / (span * span)
     found = _minimise(side, scheme, Bed(coefficient, target), ends, kept)
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
                 base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / span if h > 0.0 else 0.0
     fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
+    if scheme.damping > 0.0 and h > 0.0:
+        _add_damping(side, ends, scheme.damping)
     return found

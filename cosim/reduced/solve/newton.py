@@ -183,10 +183,15 @@ class ChainTask:
         """Inertia of the step; none in statics."""
         if self.begin is None:
             return Bed(0.0, np.zeros_like(self.clamp.offsets))
-        span, base = self.scheme.h, self.begin.frames
+        base, losses = self.begin.frames, self.scheme.damping + self.scheme.air_drag
         if self.two_steps and self.begin.earlier is not None:
-            span, base = 2.0 * span / 3.0, (4.0 * base - self.begin.earlier[0]) / 3.0
-        return Bed(inertia_weight(span, self.scheme.damping), base)
+            base = (4.0 * base - self.begin.earlier[0]) / 3.0
+        return Bed(inertia_weight(self.span, losses), base)
+
+    @property
+    def span(self) -> float:
+        """Span [s] of the step."""
+        return 2.0 * self.scheme.h / 3.0 if self.two_steps else self.scheme.h
 
 
 @final
@@ -262,7 +267,7 @@ class ChainSolver:
             iterations_max: bound.
             begin_Pa: gauge pressure at which the search for that of a sealed gas begins.
         """
-        scheme = ChainScheme(0.0, 0.0, tolerance_N, self.lever_m, iterations_max)
+        scheme = ChainScheme(0.0, 0.0, 0.0, tolerance_N, self.lever_m, iterations_max)
         return self.find(ChainTask(FrameClamp(~free, start), scheme), loads, start, begin_Pa)
 
     def find(self, task: ChainTask, loads: Loads, start: int | Array, begin_Pa: float) -> ChainStep:

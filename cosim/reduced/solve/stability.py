@@ -18,8 +18,15 @@ from cosim.reduced.solve.time_step import given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
-from cosim.soft.solve.stability import Softest, driven, margin_by, nodal_loads, tip_motion
+from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
+from cosim.soft.solve.stability import (
+    Softest,
+    driven,
+    margin_by,
+    natural_frequencies,
+    nodal_loads,
+    tip_motion,
+)
 
 _PROBE_Pa: Final = 1.0
 _SHARE: Final = 1e-3  # of the loads, in a look ahead
@@ -75,7 +82,7 @@ class ChainStiffness:
         held, unstable = self._solver.losses_follow_shape, self.unstable
         if unstable is not None:
             return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
-        lowest, mode = self._lowest()
+        _, mode = self._lowest()
         section, frames, count = self._solver.section, self._frames, len(self._frames)
         motion = node_motion(section, frames, self._pressure).reshape(-1, 3, 6 * count)[:, :, self._free]
         system, x = SoftSystem(section.body), section.positions(frames, self._pressure)
@@ -92,10 +99,12 @@ class ChainStiffness:
         fall = (stiffness[0] - stiffness[1]) / (2.0 * _SHARE)
         mass = self._mass
         pushed = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
-        frequency = math.sqrt(lowest.value) / (2.0 * math.pi)
+        most = min(MODES, len(mass)) - 1
+        values = eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
+        modes = natural_frequencies(values.tolist())
         return Footing(
-            frequency, tip_motion(section.body.tip, answers),
-            *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held,
+            modes[0], tip_motion(section.body.tip, answers),
+            *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
         )  # fmt: skip
 
     @property

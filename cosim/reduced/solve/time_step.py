@@ -226,8 +226,9 @@ class ChainStepper:
     def scheme(self, step_s: float) -> ChainScheme:
         """Return how a step of some length [s] is solved."""
         options = self._options
-        found = options.damping_per_s, options.tolerance_N, self._solver.lever_m
-        return ChainScheme(step_s, *found, options.newton.iterations_max)
+        losses = options.damping_per_s, options.air_drag_per_s
+        limits = options.tolerance_N, self._solver.lever_m
+        return ChainScheme(step_s, *losses, *limits, options.newton.iterations_max)
 
     def task(
         self, chain: ChainState, clamp: FrameClamp, step_s: float, flange: Pose | None = None

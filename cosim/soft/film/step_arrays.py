@@ -239,7 +239,8 @@ class StepNumbers(NamedTuple):
         two_steps: whether the step looks back over two.
         h: [s].
         span: s [s].
-        factor: s / (1 + alpha s) [s].
+        factor: s / (1 + (alpha + beta) s) [s].
+        damping: alpha [1/s].
         fraction: of the gain in velocity that moves the nodes in free flight.
         tolerance: [N].
         start_tolerance: [N].
@@ -255,6 +256,7 @@ class StepNumbers(NamedTuple):
     h: float
     span: float
     factor: float
+    damping: float
     fraction: float
     tolerance: float
     start_tolerance: float
@@ -345,7 +347,7 @@ class StepWork(NamedTuple):
     """Scratch of a step; `gradient` holds what its end has.
 
     Args:
-        calls: (9,), see `step_calls`.
+        calls: (10,), see `step_calls`.
         gradient: (n, 3) [N].
         solution: (1, n, 3).
         served: (2, n, 3), the last point that serves [m] and its gradient [N].
@@ -358,6 +360,7 @@ class StepWork(NamedTuple):
             often still, at what share of the step, and its slope [J]; pairs known, whether it tries once more
             from where it is, whether it has moved, sweeps over folds, iterations with the kept factorisation.
         more: loads that are not plain.
+        along: (n, 3) [m/s], see `follow_flange`; without damping zero.
     """
 
     calls: Indices
@@ -369,6 +372,7 @@ class StepWork(NamedTuple):
     pull: Vector
     parts: Matrix
     more: FilmLoads
+    along: Matrix
 
 
 @device_function

@@ -55,6 +55,8 @@ class Branching:
     losses_held: bool = False
 
 
+MODES: Final = 4
+"""How many natural frequencies a look finds."""
 DISTURBED: Final = 1e-6
 """Of the load on each node, by how much it may be off in a `Footing`."""
 _MOVES_m, _NEAR = 1e-3, 0.05
@@ -79,6 +81,7 @@ class Footing:
             known, as loads have no potential.
         rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to from there, looked for where
             rounding has decided on a side; None: not looked for, or none was found.
+        frequencies_Hz: natural frequencies, lowest first, up to `MODES`; without losses.
     """
 
     lowest_frequency_Hz: float | None
@@ -88,6 +91,7 @@ class Footing:
     losses_held: bool = False
     unstable: Branching | None = None
     rests_at_m: tuple[float, float, float] | None = None
+    frequencies_Hz: tuple[float, ...] = ()
 
     def stability(self, passed: Sequence[tuple[float, bool]]) -> str:
         """Return it in words: which figures of the state are no matter of its loads alone.

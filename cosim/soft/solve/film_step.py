@@ -85,7 +85,7 @@ from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
 from cosim.soft.published.open_caps import RimArrays, correct_rims, hold_rims
-from cosim.soft.solve.state import HeldNodes, place_flight, place_held
+from cosim.soft.solve.state import BedNumbers, HeldNodes, follow_flange, place_flight, place_held
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
 
 RESULTANT_SHARE: Final = 1e-2
@@ -124,18 +124,18 @@ def largest_residual(x: Matrix, values: Matrix, counted: Masks) -> float:
 
 _CALLED = (
     fill_bed, fill_flight, place_flight, largest_residual, keep_pair, keep_folds_open, place_held, film_terms,
-    freeze_losses,
+    freeze_losses, follow_flange,
 )  # fmt: skip
-_BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS, _FREEZE = range(len(_CALLED))
+_BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS, _FREEZE, _FOLLOW = range(len(_CALLED))
 (
     _fill_bed, _fill_flight, _place_flight, _largest_residual, _keep_pair, _keep_folds_open, _place_held,
-    _film_terms, _freeze_losses,
+    _film_terms, _freeze_losses, _follow_flange,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_pair_blocks = caller(add_pair_blocks)
 
 
 def step_calls() -> IntArray:
-    """Return the addresses (9,) of the kernels that a step calls."""
+    """Return the addresses (10,) of the kernels that a step calls."""
     return np.array([address_of(called) for called in _CALLED])
 
 
@@ -169,7 +169,10 @@ def _begin(side: FilmSide, motion: Any) -> None:
     x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
     base, work, numbers = motion.new_velocity, side.work, side.numbers
     calls, moved = work.calls, (x, velocity, motion.earlier_x, before)
-    _fill_bed(calls[_BED], (*moved, numbers.two_steps, numbers.factor, base, side.bed.target))
+    rates = BedNumbers(numbers.two_steps, numbers.span, numbers.factor, numbers.damping)
+    if numbers.damping > 0.0:
+        _follow_flange(calls[_FOLLOW], (side.held, motion.flange, x, motion.earlier_x, rates, work.along))
+    _fill_bed(calls[_BED], (*moved, work.along, rates, base, side.bed.target))
     _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
     _place_flight(calls[_PLACE], (side.held, motion.flange, motion.new_x))
     copy(motion.memory, motion.new_memory)

@@ -75,8 +75,10 @@ from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
 from cosim.soft.solve.state import HeldNodes
 
-_STATICS = (False, 0.0, 0.0, 0.0, 0.0)
-_NOTHING_HELD = HeldNodes(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.bool_))
+_STATICS = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NOTHING_HELD = HeldNodes(
+    np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.bool_), np.zeros(0, np.int64)
+)
 
 
 @final
@@ -241,14 +243,17 @@ class NewtonSolver:
         return np.asarray((positions - positions.mean(axis=0)) @ frame)
 
     def numbers(
-        self, options: NewtonOptions, loads: Loads, step: tuple[bool, float, float, float, float] = _STATICS
+        self,
+        options: NewtonOptions,
+        loads: Loads,
+        step: tuple[bool, float, float, float, float, float] = _STATICS,
     ) -> StepNumbers:
         """Return the numbers of an iteration with some bounds.
 
         Args:
             options: bounds.
             loads: that act.
-            step: the first five of `StepNumbers`.
+            step: the first six of `StepNumbers`.
         """
         return StepNumbers(
             *step, options.tolerance_N, options.start_tolerance_N, options.reuse_rate, options.reuse_below_N,
@@ -539,8 +544,13 @@ class NewtonSolver:
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
             np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
             np.empty_like(system.memory), np.empty(len(system.film.segments)),
-            room_for_parts(len(system.film.parts) - 1), nothing_of(FilmLoads),
+            room_for_parts(len(system.film.parts) - 1), nothing_of(FilmLoads), self.along,
         )  # fmt: skip
+
+    @cached_property
+    def along(self) -> Array:
+        """(n, 3) [m/s], how fast nodes would be in the last step if they went along with the flange."""
+        return np.zeros_like(self.system.gradient)
 
     @property
     def parts(self) -> Array:

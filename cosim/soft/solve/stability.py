@@ -7,6 +7,7 @@ eigenvectors of its negative eigenvalues, on both sides: a branch of equilibria 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final, Protocol, final
@@ -23,7 +24,7 @@ from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.branching import DISTURBED, UNDECIDED, Branching, Footing
+from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
@@ -41,11 +42,13 @@ class Softest:
         value: e; of weight 1 in N/m.
         mode: (n, 3), v; its largest component is 1.
         place: node that moves most, and its ring.
+        values: (k,), the lowest eigenvalues, this one first.
     """
 
     value: float
     mode: Array
     place: str
+    values: tuple[float, ...] = ()
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -61,7 +64,12 @@ class Softest:
 
 
 def softest(
-    solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array, weight: Array | None = None
+    solver: NewtonSolver,
+    state: SoftState,
+    loads: Loads,
+    frame: Array,
+    weight: Array | None = None,
+    count: int = 1,
 ) -> Softest:
     """Return the lowest eigenvalue of the static tangent K, and its mode: K v = e W v.
 
@@ -75,6 +83,7 @@ def softest(
         frame: (3, 3), rotation of the flange.
         weight: (n,), of the nodes, above 0, such as their mass [kg], of which e is the square of an angular
             frequency; None for 1.
+        count: of the lowest eigenvalues that are found, as far as there are as many.
     """
     x, shift = state.positions, 0.0
     weights = np.ones(len(x)) if weight is None else weight
@@ -93,12 +102,15 @@ def softest(
     ShiftSearch().factor(definite, least, least * _LARGEST_SHIFT / _LEAST_SHIFT)
     start = np.where(solver.free, np.random.default_rng(0).standard_normal(x.shape), 0.0).ravel()
     operator = LinearOperator((x.size, x.size), matvec=inverse, dtype=np.float64)
-    values, vectors = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE, ncv=min(_VECTORS, x.size))
+    count = min(count, int(np.count_nonzero(solver.free)), x.size - 1)
+    room = min(_VECTORS + 2 * (count - 1), x.size)
+    found, vectors = eigsh(operator, k=count, which="LA", v0=start, tol=_TOLERANCE, ncv=room)
     solver.keep(None)
-    mode = vectors[:, 0].reshape(-1, 3) / root
+    values = sorted((1.0 / found - shift).tolist())
+    mode = vectors[:, int(np.argmax(found))].reshape(-1, 3) / root
     mode /= mode.ravel()[np.argmax(np.abs(mode))]
     place = place_of_largest(solver.system.body, x, mode, solver.free)
-    return Softest(float(1.0 / values[0] - shift), mode, place)
+    return Softest(values[0], mode, place, tuple(values))
 
 
 _PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
@@ -228,7 +240,7 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     held = _losses_held(solver, loads)
     mass = system.body.node_mass
     weight = mass if (mass > 0.0).all() else None
-    lowest = softest(solver, state, loads, frame, weight)
+    lowest = softest(solver, state, loads, frame, weight, MODES)
     if not lowest.value > 0.0:
         if not system.conservative:  # it may be stable all the same
             return Footing(None, math.inf, math.inf, losses_held=held)
@@ -242,8 +254,13 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     answers = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
     moved = tip_motion(system.body.tip, answers)
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
-    frequency = None if weight is None else math.sqrt(lowest.value) / (2.0 * math.pi)
-    return Footing(frequency, moved, margin, snaps, held)
+    modes = () if weight is None else natural_frequencies(lowest.values)
+    return Footing(modes[0] if modes else None, moved, margin, snaps, held, frequencies_Hz=modes)
+
+
+def natural_frequencies(values: Sequence[float]) -> tuple[float, ...]:
+    """Return frequencies [Hz] of which eigenvalues above 0 are the squares of angular ones."""
+    return tuple(math.sqrt(value) / (2.0 * math.pi) for value in values)
 
 
 def tip_motion(tip: IntArray, answers: Array) -> float:

@@ -9,11 +9,17 @@ Time schemes: what a step makes of positions and velocities, and how closely it 
 Implicit Euler:  y = x_n + h v_n,  M (x - y) / h^2 = f(x),  v = (x - x_n) / h.
 BDF2, s = 2 h / 3:  a = (4 x_n - x_n-1) / 3,  y = a + s (4 v_n - v_n-1) / 3,  M (x - y) / s^2 = f(x),
 v = (x - a) / s; its first step is implicit Euler.
-Mass-proportional damping alpha adds M alpha v. Source: Hairer and Wanner, Solving ODEs II, chapter III.1.
+Drag of air beta adds M beta v. Damping alpha adds M alpha (v - u): u is the velocity that nodes would have
+if they went along with the flange, which bears the opposite of these forces. It is a loss within the body:
+rigid motion is free of it. Of a step, u = (X - a) / s. X is made as a is, from the places to which the
+flange's motion since then carries x_n and x_n-1.
+Source: Hairer and Wanner, Solving ODEs II, chapter III.1.
 """
 
 from __future__ import annotations
 
+import cmath
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,6 +35,7 @@ from cosim.base.kernels import (
     Vector,
     device_function,
     kernel,
+    small_matrix,
     small_vector,
     zero_vector,
 )
@@ -39,6 +46,7 @@ from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import NewtonOptions
 
+_LEAST_WIDE: Final = 1e-6  # of a triangle of held nodes, over its length: rounding would turn a narrower one
 _JUMP_m: Final = 2e-5
 """Of held nodes, from where free flight would have them; below it, flight is as good a start."""
 
@@ -50,11 +58,14 @@ class HeldNodes(NamedTuple):
         nodes: (k,).
         offsets: (k, 3) [m], flange frame.
         components: (k, 3), world components that are held.
+        triad: (3,), rows of nodes by which the flange's pose is known; (0,) if those held as a whole are on
+            one line.
     """
 
     nodes: Indices
     offsets: Matrix
     components: Masks
+    triad: Indices
 
 
 def flange_axes(pose: Pose) -> Array:
@@ -140,6 +151,118 @@ def add_wrench(held: HeldNodes, gradient: Matrix, x: Matrix, flange: Matrix, wre
             wrench[3 + r] -= arm_i * reaction[m] - arm_m * reaction[i]
 
 
+class BedNumbers(NamedTuple):
+    """Numbers of the bed that inertia and losses are in a step.
+
+    Args:
+        two_steps: whether the step looks back over two.
+        span: s [s].
+        factor: s / (1 + (alpha + beta) s) [s].
+        damping: alpha [1/s].
+    """
+
+    two_steps: bool
+    span: float
+    factor: float
+    damping: float
+
+
+@device_function
+def _fill_axes(place: Matrix, a: int, b: int, c: int, axes: Matrix) -> None:
+    """Fill axes (3, 3) with unit vectors in its rows that go with three places, not on one line."""
+    length = along = 0.0
+    for r in range(3):
+        axes[0, r], axes[1, r] = place[b, r] - place[a, r], place[c, r] - place[a, r]
+        length += axes[0, r] * axes[0, r]
+        along += axes[0, r] * axes[1, r]
+    across = 0.0
+    for r in range(3):
+        axes[1, r] -= along / length * axes[0, r]
+        across += axes[1, r] * axes[1, r]
+    for r in range(3):
+        axes[0, r], axes[1, r] = axes[0, r] / math.sqrt(length), axes[1, r] / math.sqrt(across)
+    for r in range(3):
+        i, k = (r + 1) % 3, (r + 2) % 3
+        axes[2, r] = axes[0, i] * axes[1, k] - axes[0, k] * axes[1, i]
+
+
+@device_function
+def _add_carried(held: HeldNodes, flange: Matrix, x: Matrix, share: float, along: Matrix) -> None:
+    """Add a share of how far the flange's motion since then carries the nodes at x (n, 3) [m]."""
+    drawn, before, turn = small_matrix(3, 3), small_matrix(3, 3), small_matrix(3, 3)
+    a, b, c = held.triad[0], held.triad[1], held.triad[2]
+    first = held.nodes[a]
+    _fill_axes(held.offsets, a, b, c, drawn)
+    _fill_axes(x, first, held.nodes[b], held.nodes[c], before)
+    for r in range(3):
+        for s in range(3):
+            turn[r, s] = 0.0
+            for k in range(3):
+                for m in range(3):
+                    turn[r, s] += drawn[k, m] * flange[1 + m, r] * before[k, s]
+    for r in range(3):
+        place = _place(held, flange, a, r)
+        for i in range(x.shape[0]):
+            carried = place
+            for s in range(3):
+                carried += turn[r, s] * (x[i, s] - x[first, s])
+            along[i, r] += share * (carried - x[i, r])
+
+
+@kernel
+def follow_flange(
+    held: HeldNodes, flange: Matrix, x: Matrix, earlier_x: Matrix, numbers: BedNumbers, along: Matrix
+) -> None:
+    """Fill along (n, 3) [m/s]: how fast nodes would be in a step if they went along with the flange.
+
+    It is zero where the flange's pose cannot be known from what it holds.
+
+    Args:
+        held: nodes; at x and earlier_x they are where the flange had them.
+        flange: (4, 3), at the end of the step.
+        x: (n, 3) [m], before the step.
+        earlier_x: one step earlier; of one step alone: anything.
+        numbers: of the step.
+        along: filled.
+    """
+    for i in range(x.shape[0]):
+        for r in range(3):
+            along[i, r] = 0.0
+    if held.triad.shape[0] < 3:
+        return
+    _add_carried(held, flange, x, (4.0 / 3.0 if numbers.two_steps else 1.0) / numbers.span, along)
+    if numbers.two_steps:
+        _add_carried(held, flange, earlier_x, -1.0 / (3.0 * numbers.span), along)
+
+
+class Damped(NamedTuple):
+    """What damping acts on.
+
+    Args:
+        mass: (n,) [kg].
+        damping: alpha [1/s].
+        along: (n, 3) [m/s], see `follow_flange`.
+    """
+
+    mass: Vector
+    damping: float
+    along: Matrix
+
+
+@kernel
+def add_damping(damped: Damped, x: Matrix, velocity: Matrix, flange: Matrix, wrench: Vector) -> None:
+    """Add what the flange bears of damping, m alpha (v - u) of each node, to the wrench (6,) on it."""
+    for n in range(x.shape[0]):
+        for r in range(3):
+            i, k = (r + 1) % 3, (r + 2) % 3
+            scale = damped.mass[n] * damped.damping
+            wrench[r] += scale * (velocity[n, r] - damped.along[n, r])
+            wrench[3 + r] += scale * (
+                (x[n, i] - flange[0, i]) * (velocity[n, k] - damped.along[n, k])
+                - (x[n, k] - flange[0, k]) * (velocity[n, i] - damped.along[n, i])
+            )
+
+
 @final
 @dataclass(frozen=True)
 class Clamp:
@@ -210,7 +333,20 @@ class Clamp:
     def held(self) -> HeldNodes:
         """Its arrays, for kernels."""
         nodes, offsets = np.array(self.nodes, order="C"), np.array(self.offsets, order="C")
-        return HeldNodes(nodes, offsets, np.array(self.components, order="C"))
+        return HeldNodes(nodes, offsets, np.array(self.components, order="C"), self._triad)
+
+    @cached_property
+    def _triad(self) -> IntArray:
+        whole = np.flatnonzero(self.components.all(axis=1))
+        if len(whole) < 3:
+            return np.zeros(0, np.int64)
+        place = self.offsets[whole]
+        far = int(np.argmax(np.linalg.norm(place - place[0], axis=1)))
+        across = np.linalg.norm(np.cross(place[far] - place[0], place - place[0]), axis=1)
+        aside, length = int(np.argmax(across)), float(np.linalg.norm(place[far] - place[0]))
+        if not across[aside] > _LEAST_WIDE * length**2:
+            return np.zeros(0, np.int64)
+        return np.asarray(whole[[0, far, aside]], dtype=np.int64)
 
     @cached_property
     def _whole(self) -> bool:
@@ -358,7 +494,8 @@ class StepOptions:
         iterations: new tangents of an ordinary step, besides iterations with a kept one.
         residual_bound_N: a step whose residual is above this after them goes on iterating.
         newton: bounds of the iteration.
-        damping_per_s: alpha [1/s].
+        damping_per_s: alpha [1/s], of motion relative to the flange.
+        air_drag_per_s: beta [1/s], of motion in the world.
         substep_error_m: a step whose error is larger is cut into pieces; None: never (see `step_error`).
     """
 
@@ -368,7 +505,13 @@ class StepOptions:
     residual_bound_N: float = 0.1
     newton: NewtonOptions = NewtonOptions(reuse_max=6)
     damping_per_s: float = 0.0
+    air_drag_per_s: float = 0.0
     substep_error_m: float | None = None
+
+    @property
+    def losses_per_s(self) -> float:
+        """Rate alpha + beta [1/s] at which motion is damped while the flange rests."""
+        return self.damping_per_s + self.air_drag_per_s
 
     @property
     def whole(self) -> NewtonOptions:
@@ -398,14 +541,38 @@ def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tup
     return two_steps, 2.0 * h / 3.0 if two_steps else h
 
 
-def inertia_weight(span: float, damping_per_s: float) -> float:
-    """Return (1 + alpha s) / s^2 [1/s^2]: what a step's inertia and damping add to the stiffness, per mass.
+def inertia_weight(span: float, losses_per_s: float) -> float:
+    """Return (1 + c s) / s^2 [1/s^2]: what a step's inertia and losses add to the stiffness, per mass.
 
     Args:
         span: s [s], of `difference_scheme`.
-        damping_per_s: alpha [1/s].
+        losses_per_s: c [1/s]: alpha + beta of single nodes, beta of the body as one.
     """
-    return (1.0 + damping_per_s * span) / span**2
+    return (1.0 + losses_per_s * span) / span**2
+
+
+def mode_decay(
+    integrator: Integrator, step_s: float, losses_per_s: float, frequency_Hz: float
+) -> tuple[float, float]:
+    """Return the decay [1/s] of a natural mode that its losses ask for, and what steps add to it.
+
+    The mode's complex eigenvalue is l = -c / 2 + i sqrt(w^2 - c^2 / 4). Steps multiply it by z:
+    1 / (1 - l h) with implicit Euler, the larger root of (3/2 - l h) z^2 - 2 z + 1/2 = 0 with BDF2.
+
+    Args:
+        integrator: of the steps.
+        step_s: h [s].
+        losses_per_s: c, see `StepOptions`.
+        frequency_Hz: w / 2 pi, without losses.
+    """
+    half = 0.5 * losses_per_s
+    eigenvalue = -half + cmath.sqrt(half**2 - (2.0 * math.pi * frequency_Hz) ** 2)
+    away = eigenvalue * step_s
+    if integrator == "bdf2":
+        factor = (2.0 + cmath.sqrt(1.0 + 2.0 * away)) / (3.0 - 2.0 * away)
+    else:
+        factor = 1.0 / (1.0 - away)
+    return -eigenvalue.real, eigenvalue.real - math.log(abs(factor)) / step_s
 
 
 @final
@@ -414,24 +581,22 @@ class StepScheme:
     """What the steps of one length have in common.
 
     Args:
-        two_steps: whether they look back over two.
-        span: s [s].
-        factor: s / (1 + alpha s) [s].
+        bed: its numbers.
         inertia: (n,) [N/m], coefficient of the bed that inertia is.
         kind: tells apart tangents of different beds.
     """
 
-    two_steps: bool
-    span: float
-    factor: float
+    bed: BedNumbers
     inertia: Array
     kind: float
 
     @classmethod
-    def of(cls, two_steps: bool, span: float, damping_per_s: float, mass: Array) -> StepScheme:
-        """Return the scheme of steps with a span, under a damping, of nodes (n,) [kg]."""
-        inertia = mass * inertia_weight(span, damping_per_s)
-        return cls(two_steps, span, span / (1.0 + damping_per_s * span), inertia, float(inertia.sum()))
+    def of(cls, two_steps: bool, span: float, options: StepOptions, mass: Array) -> StepScheme:
+        """Return the scheme of steps with a span, under some losses, of nodes (n,) [kg]."""
+        losses = options.losses_per_s
+        inertia = mass * inertia_weight(span, losses)
+        numbers = BedNumbers(two_steps, span, span / (1.0 + losses * span), options.damping_per_s)
+        return cls(numbers, inertia, float(inertia.sum()))
 
 
 @final

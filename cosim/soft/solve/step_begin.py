@@ -1,7 +1,8 @@
 """How a step begins, in kernels: the elastic bed that inertia is, and where Newton's method starts.
 
 The formulas are those of `state`: inertia and damping are a bed of `inertia_weight` times the mass
-about the target y = base + s / (1 + alpha s) speed, from which the nodes move by v = (x - base) / s.
+about the target y = base + s / (1 + (alpha + beta) s) (speed + alpha s u), from which the nodes move by
+v = (x - base) / s.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.kernels import IndexTable, Matrix, Vector, device_function, kernel
+from cosim.soft.solve.state import BedNumbers
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
@@ -28,8 +30,8 @@ def fill_bed(
     velocity: Matrix,
     earlier_x: Matrix,
     earlier_velocity: Matrix,
-    two_steps: bool,
-    factor: float,
+    along: Matrix,
+    numbers: BedNumbers,
     base: Matrix,
     target: Matrix,
 ) -> None:
@@ -40,19 +42,20 @@ def fill_bed(
         velocity: (n, 3) [m/s].
         earlier_x: one step earlier; of one step alone: anything.
         earlier_velocity: the same.
-        two_steps: whether the step looks back over two.
-        factor: s / (1 + alpha s) [s].
+        along: (n, 3) [m/s], u of `follow_flange`; without damping: anything finite.
+        numbers: of the step.
         base: filled.
         target: filled.
     """
+    share = numbers.damping * numbers.span
     for i in range(x.shape[0]):
         for r in range(3):
             place, speed = x[i, r], velocity[i, r]
-            if two_steps:
+            if numbers.two_steps:
                 place = (4.0 * place - earlier_x[i, r]) / 3.0
                 speed = (4.0 * speed - earlier_velocity[i, r]) / 3.0
             base[i, r] = place
-            target[i, r] = place + factor * speed
+            target[i, r] = place + numbers.factor * (speed + share * along[i, r])
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Pose, Wrench
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
@@ -34,14 +34,19 @@ from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import (
+    BedNumbers,
     BegunStep,
     Clamp,
+    Damped,
     SoftState,
     StepAim,
     StepOptions,
     StepScheme,
+    add_damping,
+    add_wrench,
     difference_scheme,
     flange_axes,
+    follow_flange,
     place_flight,
 )
 from cosim.soft.solve.step_begin import fill_bed, fill_flight
@@ -109,7 +114,8 @@ class FilmSides:
             pressed: whether films press on one another before it.
         """
         options = self._options
-        step = scheme.two_steps, step_s, scheme.span, scheme.factor, options.gain
+        bed = scheme.bed
+        step = bed.two_steps, step_s, bed.span, bed.factor, bed.damping, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
         films = pressed or loads.self_contact is not None
@@ -126,6 +132,22 @@ class FilmSides:
             pressed: whether films press on one another before it.
         """
         return self._solver.side(self.task(self._plain, self._share, scheme, step_s, pressed=pressed))
+
+    def fill_bed(self, state: SoftState, flange: Pose, bed: BedNumbers, base: Array, target: Array) -> None:
+        """Fill base and target (n, 3) [m] of a step from a state.
+
+        Args:
+            state: at the beginning.
+            flange: its pose at the end.
+            bed: numbers of the step.
+            base: filled.
+            target: filled.
+        """
+        x, v, along = state.positions, state.velocities, self._solver.along
+        earlier_x, earlier_v = state.earlier or (x, v)
+        if bed.damping > 0.0:
+            follow_flange(self._clamp.held, flange_axes(flange), x, earlier_x, bed, along)
+        fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
 
     def take_over(self, side: FilmSide, scheme: StepScheme) -> None:
         """Take in how the kernel has left the factorisation after steps of a scheme."""
@@ -200,8 +222,7 @@ class QuickStepper:
         films, lenient = loads.self_contact, loads.contact is None and loads.self_contact is None
         place = self.begins(lenient=lenient)
         if start is not None:
-            before = *here, *(state.earlier or here)
-            fill_bed(*before, scheme.two_steps, scheme.factor, velocities, self.sides.target)
+            self.sides.fill_bed(state, flange, scheme.bed, velocities, self.sides.target)
             x[:], memory[:] = self._clamp.place(start, flange), state.memory
             place = place._replace(begins=BEGINS)
         if begun is not None:
@@ -209,7 +230,7 @@ class QuickStepper:
         outcome = self._solver.go_on(solution, place)
         if outcome is Outcome.ITERATION_LIMIT and lenient:
             if solution.residual <= options.residual_bound_N and not self._jumps(motion, step_s):
-                velocities = (x - velocities) / scheme.span
+                velocities = (x - velocities) / scheme.bed.span
             else:
                 more = place.tangents_max + options.newton.iterations_max
                 outcome = self._go_on(solution, place._replace(begins=GOES_ON, tangents_max=more))
@@ -326,7 +347,7 @@ class ImplicitStepper:
         taken = self.quick.take(state, drive, scheme, step_s, start) if quick else None
         if taken is not None:
             return taken
-        inertia, base = self._inertia(state, scheme, step_s, aim)
+        inertia, base = self._inertia(state, world_from_flange, scheme, step_s, aim)
         flight, jumps = self._flight(state, world_from_flange, step_s)
         starts = [state.positions] if quick else [flight, state.positions]
         if turns and before is not None:
@@ -349,7 +370,7 @@ class ImplicitStepper:
                 result.residual_N,
                 result.iterations,
             )
-        velocities = (result.positions - base) / scheme.span
+        velocities = (result.positions - base) / scheme.bed.span
         earlier, pairs = (state.positions, state.velocities), loads.self_contact
         touching = None if pairs is None else pairs.memory(result.positions)
         memory = self.solver.system.advanced(result.positions, result.memory)
@@ -371,7 +392,8 @@ class ImplicitStepper:
             loads: there.
             step_s: h [s].
         """
-        inertia, _ = self._inertia(state, self.scheme_of(state, step_s), step_s)
+        scheme = self.scheme_of(state, step_s)  # where the bed is at rest has no part in the tangent
+        inertia = Inertia(scheme.inertia, state.positions, step_s, self.options.closely)
         loads = self._with_films(state, loads, step_s)
         return self.solver.factorise(
             state.positions, state.memory, loads, inertia, world_from_flange.rotation
@@ -395,22 +417,30 @@ class ImplicitStepper:
 
         return sorted([*starts, carried], key=potential)
 
+    def wrench(self, end: SoftState, world_from_flange: Pose) -> Wrench:
+        """Return what the body exerts on the flange, at its origin, world axes, at the end of a step."""
+        wrench, flange, system = np.zeros(6), flange_axes(world_from_flange), self.solver.system
+        add_wrench(self.clamp.held, system.gradient, end.positions, flange, wrench)
+        if self.options.damping_per_s > 0.0:
+            damped = Damped(system.body.node_mass, self.options.damping_per_s, self.solver.along)
+            add_damping(damped, end.positions, end.velocities, flange, wrench)
+        return Wrench.owning(wrench[:3], wrench[3:])
+
     def scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
         """Return the scheme of a step; the same object for the same kind of step."""
         two_steps, span = difference_scheme(self.options.integrator, state, step_s)
         last = self._scheme
-        if last is None or (last.two_steps, last.span) != (two_steps, span):
+        if last is None or last.bed[:2] != (two_steps, span):
             mass = self.solver.system.body.node_mass
-            last = self._scheme = StepScheme.of(two_steps, span, self.options.damping_per_s, mass)
+            last = self._scheme = StepScheme.of(two_steps, span, self.options, mass)
         return last
 
     def _inertia(
-        self, state: SoftState, scheme: StepScheme, step_s: float, aim: StepAim | None = None
+        self, state: SoftState, flange: Pose, scheme: StepScheme, step_s: float, aim: StepAim | None = None
     ) -> tuple[Inertia, Array]:
-        """Return M (v - speed) / s + alpha M v as an elastic bed, and the base (n, 3) [m] of v."""
+        """Return inertia and losses of a step as an elastic bed, and the base (n, 3) [m] of v."""
         base, target = np.empty_like(state.positions), np.empty_like(state.positions)
-        here = state.positions, state.velocities
-        fill_bed(*here, *(state.earlier or here), scheme.two_steps, scheme.factor, base, target)
+        self.quick.sides.fill_bed(state, flange, scheme.bed, base, target)
         closely = self.options.closely or (aim is not None and aim.tolerance_N < self.options.tolerance_N)
         return Inertia(scheme.inertia, target, step_s, closely), base
 

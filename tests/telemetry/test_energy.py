@@ -1,0 +1,59 @@
+"""The energy balance of a run in time closes, and names what the integrator takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cosim
+
+SCENARIO = """
+schema = 2
+title = "Two units that a jerk of the flange shakes while a cable pulls"
+robot = "ur5e"
+soft_robot = { file = "hexagon_arm", stack = { units = 2 }, cable = [
+  { name = "right", corner = 0, units = [1, 2], capstan_factor = 0.8 }] }
+fidelity = "lumped"
+clock = { tick_s = 0.002 }
+solver = { damping_per_s = 5.0, air_drag_per_s = 2.0 }
+
+[start]
+flange = { position_m = [0.4, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }
+pressure_Pa = 2e3
+
+[[phase]]
+name = "jerk"
+duration_s = 0.08
+settle_s = 0.08
+pressure_Pa = 4e3
+cable_tension_N = [1.0]
+flange_shift_m = [0.02, 0.0, 0.0]
+"""
+PUT_IN = ("gas_J", "cables_J", "flange_J", "gravity_J")
+
+
+def balance(tmp_path: Path, **changes: Any) -> dict[str, float]:
+    file = tmp_path / "jerk.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    overrides = {name.replace("__", "."): value for name, value in changes.items()}
+    found: dict[str, float] = cosim.run(file, overrides=overrides).summary["phases"][-1]["energy"]
+    return found
+
+
+def test_the_balance_closes_with_what_the_integrator_takes(tmp_path: Path) -> None:
+    found = {name: balance(tmp_path, solver__integrator=name) for name in ("implicit_euler", "bdf2")}
+    for energy in found.values():
+        put_in = sum(abs(energy[name]) for name in PUT_IN)
+        assert abs(energy["rest_J"]) < 0.01 * put_in
+        assert min(energy[name] for name in ("damping_J", "air_drag_J", "elastic_J")) > 0.0
+        # losses of one way: what the film gains in length by its pressure is given back by the cable
+        assert energy["eyelets_J"] != 0.0
+    euler, bdf2 = found["implicit_euler"], found["bdf2"]
+    # first order in the tick, second: of a swing of some hertz a multiple
+    assert euler["numerical_J"] > 5.0 * abs(bdf2["numerical_J"])
+    # what the integrator takes is no part of what is left over
+    assert abs(euler["rest_J"]) < 0.2 * euler["numerical_J"]
+
+
+def test_statics_and_other_models_have_no_balance(tmp_path: Path) -> None:
+    assert balance(tmp_path, fidelity="rigid") is None
