@@ -118,7 +118,7 @@ def static_table() -> int:
         with tallied() as found:
             try:
                 simulation = cosim.Simulation(name)
-                mode = simulation.scenario.mode
+                mode = str(simulation.scenario.mode)
                 if mode == "quasistatic" and simulation.ticks_left:
                     simulation.step(ticks=simulation.ticks_left)
             except CosimError as error:
