@@ -22,6 +22,7 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     address_of,
+    copy_rows,
     device_function,
     kernel,
     small_matrix,
@@ -152,36 +153,6 @@ def film_calls() -> IntArray:
 
 
 @device_function
-def _turns_far(ticks: Any, k: int, most: float) -> bool:
-    """Return whether the flange has turned by more than an angle [rad] in tick k."""
-    trace = 0.0
-    for r in range(3):
-        for c in range(3):
-            trace += ticks.axes[k, r, c] * ticks.axes[k + 1, r, c]
-    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0)))) > most
-
-
-@device_function
-def _fill_figures(
-    held: Any,
-    gradient: Matrix,
-    calls: Indices,
-    mass: Blocks,
-    x: Matrix,
-    flange: Matrix,
-    moments: Vector,
-    out: Vector,
-) -> None:
-    """Fill the figures (FIGURES,) of a film at the end of a step."""
-    for r in range(CENTER):
-        out[r] = 0.0
-    _add_wrench(calls[_WRENCH], (held, gradient, x, flange, out[:CENTER]))
-    points = x.reshape((x.shape[0], 1, 3))
-    total = _mass_moments(calls[_MOMENTS], (mass, points, moments))
-    fill_center_and_inertia(total, moments, flange[0], out)
-
-
-@device_function
 def _take_soft_step(
     found: tuple[int, int],
     commands: FilmCommands,
@@ -219,25 +190,6 @@ def _may_give_way(contact: ContactArrays, found: int) -> int:
 
 
 @device_function
-def _settle(contact: ContactArrays, x: Matrix, ticks: Any, k: int) -> None:
-    """Take in the end of a step that has touched something, or has let go of it; keep what that did."""
-    _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
-    end = contact.end
-    ticks.contacts[k] = contact.counts[REMEMBERED]
-    for r in range(2):
-        ticks.contact[k, r] = end.figures[r]
-    for b in range(end.loads.shape[0]):
-        for r in range(3):
-            ticks.body_force[k, b, r] = end.loads[b, r]
-
-
-@device_function
-def _waits(films: FilmContacts) -> bool:
-    """Return whether a step is first taken without contact of films."""
-    return films.waits and films.counts[self_contact.REMEMBERED] == 0
-
-
-@device_function
 def _find_overlooked(row: FilmSteps, way: FilmMotion, k: int) -> int:
     """Return with how many pairs tick k is taken again, -1 where Python has to."""
     films, end = row.films, (way.x[k + 2], way.velocity[k + 2])
@@ -255,28 +207,45 @@ def _find_overlooked(row: FilmSteps, way: FilmMotion, k: int) -> int:
 
 
 @device_function
-def _find(row: FilmSteps, x: Matrix, velocity: Matrix) -> tuple[int, int]:
-    """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve."""
-    contact, films, planes, pairs = row.contact, row.films, 0, 0
+def _find(row: FilmSteps, ticks: Any, way: FilmMotion, k: int, waits: bool) -> tuple[int, int]:
+    """Find planes and pairs of films that may be touched in tick k; return how many, -1 where Python has to.
+
+    That is where lists do not serve, or the flange has turned by too much.
+    """
+    contact, films, planes, pairs, trace = row.contact, row.films, 0, 0, 0.0
+    x, velocity = way.x[k + 1], way.velocity[k + 1]
     if contact.calls.shape[0] > 0:
         asked = contact, x, velocity, row.rest_m, row.ahead_s
         planes = _find_touched(contact.calls[FIND_TOUCHED], asked)
-    if films.calls.shape[0] > 0 and planes >= 0 and not _waits(films):
+    if films.calls.shape[0] > 0 and planes >= 0 and not waits:
         pairs = _find_pairs(films.calls[FIND], (films, x, velocity, row.films_rest_m, row.ahead_s))
-    return planes, pairs
+    for r in range(3):
+        for c in range(3):
+            trace += ticks.axes[k, r, c] * ticks.axes[k + 1, r, c]
+    turns_far = math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0)))) > row.largest_turn
+    return -1 if turns_far else planes, pairs
 
 
 @device_function
-def _settle_films(films: FilmContacts, pairs: int, x: Matrix, ticks: Any, k: int) -> None:
-    """Take in the end of a step in which some pairs might touch."""
-    rows, memory = first_pairs(films.pairs, pairs), films.memory
-    count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[:pairs], False, memory))
-    films.counts[self_contact.REMEMBERED] = count
-    ticks.self_contact[k, 0], deepest = count, 0.0
-    for e in range(count):
-        ticks.self_contact[k, 1] += memory.normal_force[e]
-        deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
-    ticks.self_contact[k, 2] = -deepest
+def _settle(row: FilmSteps, found: tuple[int, int], x: Matrix, ticks: Any, k: int) -> bool:
+    """Take in the end of a step that might touch something, or has let go of it; return if it goes on."""
+    contact, films = row.contact, row.films
+    if films.calls.shape[0] > 0:
+        rows, memory, deepest = first_pairs(films.pairs, found[1]), films.memory, 0.0
+        count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[: found[1]], False, memory))
+        films.counts[self_contact.REMEMBERED] = ticks.self_contact[k, 0] = count
+        for e in range(count):
+            ticks.self_contact[k, 1] += memory.normal_force[e]
+            deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
+        ticks.self_contact[k, 2] = -deepest
+    if found[0] > 0 or contact.counts[LEFT]:
+        _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
+        ticks.contacts[k] = contact.counts[REMEMBERED]
+        ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
+        copy_rows(contact.end.loads, ticks.body_force[k])
+        if contact.counts[ASKS]:
+            return False
+    return not row.whole or films.counts[self_contact.REMEMBERED] > 0
 
 
 @device_function
@@ -295,9 +264,10 @@ def _take_tick(
     if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
-    contact, films, waits = row.contact, row.films, _waits(row.films)
-    found = _find(row, way.x[k + 1], way.velocity[k + 1])
-    if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
+    contact, films = row.contact, row.films
+    waits = films.waits and films.counts[self_contact.REMEMBERED] == 0  # first without contact of films
+    found = _find(row, ticks, way, k, waits)
+    if min(found) < 0:
         return SOFT_HALF_LEFT
     near = _may_give_way(contact, found[0])
     if near > 1:
@@ -312,19 +282,16 @@ def _take_tick(
             if not _take_soft_step(found, commands, row, ticks, way, k, flange):
                 return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
             films.counts[OVERLOOKED] = 0
-    tolerance = row.side.numbers.tolerance
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):
+    x, figures, tolerance = way.x[k + 2], ticks.figures[k + 1], row.side.numbers.tolerance
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, x, tolerance)):
         return SOFT_HALF_LEFT
-    acting = row.side.held, row.side.work.gradient
-    _fill_figures(*acting, row.calls, row.mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
+    for r in range(CENTER):
+        figures[r] = 0.0
+    _add_wrench(row.calls[_WRENCH], (row.side.held, row.side.work.gradient, x, flange, figures[:CENTER]))
+    total = _mass_moments(row.calls[_MOMENTS], (row.mass, x.reshape((x.shape[0], 1, 3)), moments))
+    fill_center_and_inertia(total, moments, flange[0], figures)
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
-    if films.calls.shape[0] > 0:
-        _settle_films(films, found[1], way.x[k + 2], ticks, k)
-    if found[0] > 0 or contact.counts[LEFT]:
-        _settle(contact, way.x[k + 2], ticks, k)
-        if contact.counts[ASKS]:
-            return ALL_DONE
-    return ALL_DONE if row.whole and films.counts[self_contact.REMEMBERED] == 0 else -1
+    return -1 if _settle(row, found, x, ticks, k) else ALL_DONE
 
 
 @kernel
