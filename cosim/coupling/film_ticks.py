@@ -22,6 +22,7 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     address_of,
+    copy_rows,
     device_function,
     kernel,
     small_matrix,
@@ -152,36 +153,6 @@ def film_calls() -> IntArray:
 
 
 @device_function
-def _turns_far(ticks: Any, k: int, most: float) -> bool:
-    """Return whether the flange has turned by more than an angle [rad] in tick k."""
-    trace = 0.0
-    for r in range(3):
-        for c in range(3):
-            trace += ticks.axes[k, r, c] * ticks.axes[k + 1, r, c]
-    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0)))) > most
-
-
-@device_function
-def _fill_figures(
-    held: Any,
-    gradient: Matrix,
-    calls: Indices,
-    mass: Blocks,
-    x: Matrix,
-    flange: Matrix,
-    moments: Vector,
-    out: Vector,
-) -> None:
-    """Fill the figures (FIGURES,) of a film at the end of a step."""
-    for r in range(CENTER):
-        out[r] = 0.0
-    _add_wrench(calls[_WRENCH], (held, gradient, x, flange, out[:CENTER]))
-    points = x.reshape((x.shape[0], 1, 3))
-    total = _mass_moments(calls[_MOMENTS], (mass, points, moments))
-    fill_center_and_inertia(total, moments, flange[0], out)
-
-
-@device_function
 def _take_soft_step(
     found: tuple[int, int],
     commands: FilmCommands,
@@ -221,25 +192,6 @@ def _may_give_way(contact: ContactArrays, found: int) -> int:
 
 
 @device_function
-def _settle(contact: ContactArrays, x: Matrix, ticks: Any, k: int) -> None:
-    """Take in the end of a step that has touched something, or has let go of it; keep what that did."""
-    _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
-    end = contact.end
-    ticks.contacts[k] = contact.counts[REMEMBERED]
-    for r in range(2):
-        ticks.contact[k, r] = end.figures[r]
-    for b in range(end.loads.shape[0]):
-        for r in range(3):
-            ticks.body_force[k, b, r] = end.loads[b, r]
-
-
-@device_function
-def _waits(films: FilmContacts) -> bool:
-    """Return whether a step is first taken without contact of films."""
-    return films.waits and films.counts[self_contact.REMEMBERED] == 0
-
-
-@device_function
 def _find_overlooked(
     films: FilmContacts, reach: tuple[float, float, float], several: bool, way: FilmMotion, k: int
 ) -> int:
@@ -263,33 +215,52 @@ def _find(
     contact: ContactArrays,
     films: FilmContacts,
     reach: tuple[float, float, float],
-    x: Matrix,
-    velocity: Matrix,
+    motion: tuple[Matrix, Matrix],
+    waits: bool,
 ) -> tuple[int, int]:
     """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve.
 
-    `reach` are the lengths and the time of `FilmSteps`: rest_m, films_rest_m and ahead_s.
+    `reach` are the lengths and the time of `FilmSteps`: rest_m, films_rest_m and ahead_s; `motion` are
+    positions and velocities before the step.
     """
     planes, pairs = 0, 0
     if contact.calls.shape[0] > 0:
-        asked = contact, x, velocity, reach[0], reach[2]
-        planes = _find_touched(contact.calls[FIND_TOUCHED], asked)
-    if films.calls.shape[0] > 0 and planes >= 0 and not _waits(films):
-        pairs = _find_pairs(films.calls[FIND], (films, x, velocity, reach[1], reach[2]))
+        planes = _find_touched(contact.calls[FIND_TOUCHED], (contact, *motion, reach[0], reach[2]))
+    if films.calls.shape[0] > 0 and planes >= 0 and not waits:
+        pairs = _find_pairs(films.calls[FIND], (films, *motion, reach[1], reach[2]))
     return planes, pairs
 
 
 @device_function
-def _settle_films(films: FilmContacts, pairs: int, x: Matrix, ticks: Any, k: int) -> None:
-    """Take in the end of a step in which some pairs might touch."""
-    rows, memory = first_pairs(films.pairs, pairs), films.memory
-    count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[:pairs], False, memory))
-    films.counts[self_contact.REMEMBERED] = count
-    ticks.self_contact[k, 0], deepest = count, 0.0
-    for e in range(count):
-        ticks.self_contact[k, 1] += memory.normal_force[e]
-        deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
-    ticks.self_contact[k, 2] = -deepest
+def _settle(
+    contact: ContactArrays, films: FilmContacts, found: tuple[int, int], x: Matrix, ticks: Any, k: int
+) -> bool:
+    """Take in the end of a step that might touch something, or has let go of it; return if it is asked for."""
+    if films.calls.shape[0] > 0:
+        rows, memory, deepest = first_pairs(films.pairs, found[1]), films.memory, 0.0
+        count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[: found[1]], False, memory))
+        films.counts[self_contact.REMEMBERED] = ticks.self_contact[k, 0] = count
+        for e in range(count):
+            ticks.self_contact[k, 1] += memory.normal_force[e]
+            deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
+        ticks.self_contact[k, 2] = -deepest
+    if found[0] > 0 or contact.counts[LEFT]:
+        _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
+        ticks.contacts[k] = contact.counts[REMEMBERED]
+        ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
+        copy_rows(contact.end.loads, ticks.body_force[k])
+        return contact.counts[ASKS] != 0
+    return False
+
+
+@device_function
+def _turns_far(ticks: Any, k: int, most: float) -> bool:
+    """Return whether the flange has turned by more than an angle [rad] in tick k."""
+    trace = 0.0
+    for r in range(3):
+        for c in range(3):
+            trace += ticks.axes[k, r, c] * ticks.axes[k + 1, r, c]
+    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0)))) > most
 
 
 @device_function
@@ -309,12 +280,14 @@ def _take_tick(
     side, contact, films = row.side, row.contact, row.films
     calls, mass, whole = row.calls, row.mass, row.whole
     reach, turn = (row.rest_m, row.films_rest_m, row.ahead_s), row.largest_turn
-    held, gradient, tolerance = side.held, side.work.gradient, side.numbers.tolerance
+    held, gradient = side.held, side.work.gradient
+    damping, tolerance = side.numbers.damping, side.numbers.tolerance
     several = side.film.parts.shape[0] > 2
     if not _take_rigid_half(calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
-    waits, found = _waits(films), _find(contact, films, reach, way.x[k + 1], way.velocity[k + 1])
+    waits = films.waits and films.counts[self_contact.REMEMBERED] == 0  # first without contact of films
+    found = _find(contact, films, reach, (way.x[k + 1], way.velocity[k + 1]), waits)
     if min(found) < 0 or _turns_far(ticks, k, turn):
         return SOFT_HALF_LEFT
     near = _may_give_way(contact, found[0])
@@ -332,21 +305,20 @@ def _take_tick(
             again = overlooked = found[1] > 0
     if overlooked:
         films.counts[OVERLOOKED] = 0
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, way.x[k + 2], tolerance)):
+    x, figures = way.x[k + 2], ticks.figures[k + 1]
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, x, tolerance)):
         return SOFT_HALF_LEFT
-    _fill_figures(held, gradient, calls, mass, way.x[k + 2], flange, moments, ticks.figures[k + 1])
-    damping = side.numbers.damping
+    for r in range(CENTER):
+        figures[r] = 0.0
+    _add_wrench(calls[_WRENCH], (held, gradient, x, flange, figures[:CENTER]))
     if damping > 0.0:
         damped = Damped(side.film.mass, damping, side.work.along)
-        end = way.x[k + 2], way.velocity[k + 2], flange, ticks.figures[k + 1, :CENTER]
-        _add_damping(calls[_DAMPING], (damped, *end))
+        _add_damping(calls[_DAMPING], (damped, x, way.velocity[k + 2], flange, figures[:CENTER]))
+    total = _mass_moments(calls[_MOMENTS], (mass, x.reshape((x.shape[0], 1, 3)), moments))
+    fill_center_and_inertia(total, moments, flange[0], figures)
     _hand_over(calls[_HAND], (rigid.scene.applied, ticks, k))
-    if films.calls.shape[0] > 0:
-        _settle_films(films, found[1], way.x[k + 2], ticks, k)
-    if found[0] > 0 or contact.counts[LEFT]:
-        _settle(contact, way.x[k + 2], ticks, k)
-        if contact.counts[ASKS]:
-            return ALL_DONE
+    if _settle(contact, films, found, x, ticks, k):
+        return ALL_DONE
     return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 
 

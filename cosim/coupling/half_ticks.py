@@ -73,18 +73,6 @@ def _fill_payload(
 
 
 @device_function
-def _command(scene: NativeScene, servos: Any, k: int, payload: Vector) -> None:
-    """Tell the servos what to follow."""
-    for j in range(scene.control.shape[0]):
-        torque = servos.torque[k, j]
-        for i in range(10):
-            torque += servos.by_payload[k, j, i] * payload[i]
-        scene.control[j, 0] = servos.position[k, j]
-        scene.control[j, 1] = servos.velocity[k, j]
-        scene.control[j, 2] = torque
-
-
-@device_function
 def _give_back(scene: NativeScene, carried: CarriedInertia) -> None:
     """Give back what the carried inertia takes as long as the soft side answers as before."""
     joints, depth = carried.inertia.shape[0], carried.past.shape[0]
@@ -111,42 +99,21 @@ def _carry(scene: NativeScene, inertia: Matrix) -> None:
 
 
 @device_function
-def _momentum_error(scene: NativeScene, handed: Vector) -> float:
-    """Return how far what acts on the flange is from what was handed over, see `interface`."""
-    largest = 0.0
-    for r in range(3):
-        i, k = (r + 1) % 3, (r + 2) % 3
-        torque = (
-            scene.applied[3 + r] + scene.center[i] * scene.applied[k] - scene.center[k] * scene.applied[i]
-        )
-        largest = max(largest, abs(handed[r] - scene.applied[r]))
-        largest = max(largest, abs(handed[3 + r] - torque) / LEVER_M)
-    return largest / max(handed[6], SMALLEST_N)
-
-
-@device_function
-def _error_on_bodies(bodies: BodyLoads) -> float:
-    """Return how far what acts on touched bodies is from what was handed over, see `interface`."""
-    largest = 0.0
+def _momentum_error(scene: NativeScene, bodies: BodyLoads, handed: Vector) -> float:
+    """Return how far what acts on flange or touched bodies is from what was handed over, see `interface`."""
+    flange, touched, acts, center, given = 0.0, 0.0, scene.applied, scene.center, bodies.handed
     for r in range(3):
         i, m = (r + 1) % 3, (r + 2) % 3
+        torque = acts[3 + r] + center[i] * acts[m] - center[m] * acts[i]
+        flange = max(flange, abs(handed[r] - acts[r]), abs(handed[3 + r] - torque) / LEVER_M)
         force, torque = 0.0, 0.0
         for b in range(bodies.loaded.shape[0]):
             if bodies.loaded[b]:
-                load, center = bodies.applied[b], bodies.centers[b]
+                load, place = bodies.applied[b], bodies.centers[b]
                 force += load[r]
-                torque += load[3 + r] + (center[i] * load[m] - center[m] * load[i])
-        given = bodies.handed
-        largest = max(largest, abs(given[r] - force), abs(given[3 + r] - torque) / LEVER_M)
-    return largest / max(bodies.handed[6], SMALLEST_N)
-
-
-@device_function
-def _drive(scene: NativeScene) -> None:
-    """Put a cell's joints where they were to be at the end of the step."""
-    for d in range(scene.drive_place.shape[0]):
-        scene.coordinates[scene.drive_place[d]] = scene.drive_aim[0, d]
-        scene.speeds[scene.drive_dof[d]] = scene.drive_aim[1, d]
+                torque += load[3 + r] + (place[i] * load[m] - place[m] * load[i])
+        touched = max(touched, abs(given[r] - force), abs(given[3 + r] - torque) / LEVER_M)
+    return max(flange / max(handed[6], SMALLEST_N), touched / max(given[6], SMALLEST_N))
 
 
 @device_function
@@ -171,56 +138,25 @@ def _read_scene(scene: NativeScene, ticks: Any, k: int) -> None:
 
 
 @device_function
-def _hand_over(ticks: Any, k: int) -> None:
-    """Take the wrench from the chain's figures to the world's origin."""
-    place, size = ticks.origin[k + 1], 0.0
-    for r in range(3):
-        i, m = (r + 1) % 3, (r + 2) % 3
-        force_i, force_m = ticks.figures[k + 1, WRENCH + i], ticks.figures[k + 1, WRENCH + m]
-        ticks.handed[k + 1, r] = ticks.figures[k + 1, WRENCH + r]
-        torque = ticks.figures[k + 1, WRENCH + 3 + r]
-        ticks.handed[k + 1, 3 + r] = torque + place[i] * force_m - place[m] * force_i
-        size = max(size, abs(ticks.figures[k + 1, WRENCH + r]))
-    ticks.handed[k + 1, 6] = size
-
-
-@device_function
-def _power(force: Vector, torque: Vector, twist: Vector) -> float:
-    """Return the power [W] of a load with a twist."""
-    power = 0.0
-    for r in range(3):
-        power += force[r] * twist[r]
-    for r in range(3):
-        power += torque[r] * twist[3 + r]
-    return power
-
-
-@device_function
-def _fill_power(acted: Vector, ticks: Any, k: int) -> None:
-    """Keep the powers of the wrench that acted and of the answer, see `LedgerEntry`."""
-    twist, wrench = ticks.twist[k], ticks.figures[k + 1, WRENCH:CENTER]
-    force = moment = speed = turn = 0.0
-    for r in range(3):
-        force, moment = force + wrench[r] * wrench[r], moment + wrench[3 + r] * wrench[3 + r]
-        speed, turn = speed + twist[r] * twist[r], turn + twist[3 + r] * twist[3 + r]
-    ticks.power[k, 0] = _power(acted[:3], acted[3:], twist)
-    ticks.power[k, 1] = -_power(wrench[:3], wrench[3:], twist)
-    ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)
-
-
-@device_function
 def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
     """Let MuJoCo step under servos and the wrench of row k; return whether it has not warned."""
     scene, carried = rigid.scene, rigid.carried
     payload = small_vector(10)
     _fill_payload(ticks.figures[k], rigid.mass_kg, ticks.origin[k], ticks.axes[k], rigid.mounted, payload)
-    _command(scene, servos, k, payload)
+    for j in range(scene.control.shape[0]):
+        torque = servos.torque[k, j]
+        for i in range(10):
+            torque += servos.by_payload[k, j, i] * payload[i]
+        scene.control[j, 0], scene.control[j, 1] = servos.position[k, j], servos.velocity[k, j]
+        scene.control[j, 2] = torque
     for r in range(6):
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
-    ticks.momentum_error[k] = max(_momentum_error(scene, ticks.handed[k]), _error_on_bodies(rigid.bodies))
+    ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
     call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
-    _drive(scene)
+    for d in range(scene.drive_place.shape[0]):  # a cell's joints are where they were to be then
+        scene.coordinates[scene.drive_place[d]] = scene.drive_aim[0, d]
+        scene.speeds[scene.drive_dof[d]] = scene.drive_aim[1, d]
     call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
     for kind in range(scene.warnings.shape[0]):
         if scene.warnings[kind] != 0:
@@ -247,6 +183,21 @@ def fill_flange(ticks: Any, k: int, flange: Matrix) -> None:
 
 @kernel
 def hand_over(acted: Vector, ticks: Ticks, k: int) -> None:
-    """Hand over the wrench in the figures at the end of tick k, in which (6,) has acted on the flange."""
-    _hand_over(ticks, k)
-    _fill_power(acted, ticks, k)
+    """Hand over the wrench in the figures at the end of tick k, in which (6,) has acted on the flange.
+
+    It is taken to the world's origin. Powers are those of what has acted and of the answer, see
+    `LedgerEntry`.
+    """
+    twist, wrench, place = ticks.twist[k], ticks.figures[k + 1, WRENCH:CENTER], ticks.origin[k + 1]
+    handed, size, received, given = ticks.handed[k + 1], 0.0, 0.0, 0.0
+    force = moment = speed = turn = 0.0
+    for r in range(6):
+        received, given = received + acted[r] * twist[r], given + wrench[r] * twist[r]
+    for r in range(3):
+        i, m = (r + 1) % 3, (r + 2) % 3
+        handed[r], handed[3 + r] = wrench[r], wrench[3 + r] + place[i] * wrench[m] - place[m] * wrench[i]
+        size = max(size, abs(wrench[r]))
+        force, moment = force + wrench[r] * wrench[r], moment + wrench[3 + r] * wrench[3 + r]
+        speed, turn = speed + twist[r] * twist[r], turn + twist[3 + r] * twist[3 + r]
+    handed[6], ticks.power[k, 0], ticks.power[k, 1] = size, received, -given
+    ticks.power[k, 2] = np.sqrt(force) * np.sqrt(speed) + np.sqrt(moment) * np.sqrt(turn)

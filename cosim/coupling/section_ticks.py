@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.kernels import Blocks, Indices, Matrix, Vector, device_function, kernel, small_matrix
+from cosim.base.kernels import Blocks, Indices, Matrix, Vector, kernel, small_matrix
 from cosim.base.numba_insides import caller
 from cosim.coupling.half_ticks import (
     ALL_DONE,
@@ -26,7 +26,6 @@ from cosim.coupling.half_ticks import (
 )
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.section_energy import weighted_rows
-from cosim.reduced.sections.section_strains import LoadedChain
 from cosim.reduced.solve.chain_step import FREE_FLIGHT, ChainEnds, ChainScheme, ChainSide, solve_chain
 
 
@@ -107,21 +106,6 @@ class ChainSteps(NamedTuple):
 _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
 
 
-@device_function
-def _command(chain: LoadedChain, tables: ChainTables, commands: ChainCommands, k: int) -> None:
-    """Set tensions to the command of tick k; if its pressure is new, sections and eyelets as well."""
-    for i in range(chain.tension.shape[0]):
-        chain.tension[i] = commands.tension[k, i]
-    if k == 0 or commands.pressure[k] == commands.pressure[k - 1]:
-        return
-    first, weights = commands.first[k], commands.weights[k]
-    weighted_rows(tables.energies, first, weights, chain.coefficients.reshape(chain.coefficients.size))
-    weighted_rows(tables.eyelets, first, weights, chain.eyelets.reshape(chain.eyelets.size))
-    weighted_rows(tables.lengths, first, weights, chain.inverse_length)
-    for s in range(chain.inverse_length.shape[0]):
-        chain.inverse_length[s] = 1.0 / chain.inverse_length[s]
-
-
 @kernel
 def advance_chain(
     rigid: RigidSide, servos: Servos, commands: ChainCommands, row: ChainSteps, ticks: Ticks, way: ChainMotion
@@ -131,12 +115,20 @@ def advance_chain(
     Returns:
         Ticks done, how it ended, whether the factor is kept.
     """
-    flange, kept = small_matrix(4, 3), row.kept
+    flange, kept, chain, tables = small_matrix(4, 3), row.kept, row.side.chain, row.tables
     count = servos.position.shape[0]
     for k in range(count):
         if not rigid_half(rigid, servos, ticks, k):  # by its address it costs 1 % of a tick
             return k, RIGID_SIDE_WARNS, kept
-        _command(row.side.chain, row.tables, commands, k)
+        for i in range(chain.tension.shape[0]):
+            chain.tension[i] = commands.tension[k, i]
+        if k > 0 and commands.pressure[k] != commands.pressure[k - 1]:
+            first, weights = commands.first[k], commands.weights[k]
+            weighted_rows(tables.energies, first, weights, chain.coefficients.reshape(-1))
+            weighted_rows(tables.eyelets, first, weights, chain.eyelets.reshape(-1))
+            weighted_rows(tables.lengths, first, weights, chain.inverse_length)
+            for s in range(chain.inverse_length.shape[0]):
+                chain.inverse_length[s] = 1.0 / chain.inverse_length[s]
         fill_flange(ticks, k, flange)
         both = row.two_steps and (row.earlier or k > 0)
         if k == 1 and not row.earlier:  # the factor is of a step that looked back over one only

@@ -66,10 +66,8 @@ def catenary() -> tuple[Figure, ...]:
     figures = []
     for span in SPANS:
         reference, coarse, fine = exact(span), hanging(COARSE, span), hanging(FINE, span)
-        figures += [
-            Figure.refined(f"{name}, l / s = {1.0 / span:g}", "1", c, f, r)
-            for name, c, f, r in zip(("sag / s", "H / (w s)"), coarse, fine, reference, strict=True)
-        ]
+        names = {f"{name}, l / s = {1.0 / span:g}": "1" for name in ("sag / s", "H / (w s)")}
+        figures += Figure.all_refined(names, coarse, fine, reference)
     return tuple(figures)
 
 

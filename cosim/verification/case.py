@@ -8,7 +8,7 @@ A soft body held at given components, and its equilibria: what every static case
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
@@ -56,6 +56,19 @@ class Figure:
         """Return the figure of a mesh, with the order of convergence from one half as fine."""
         order = observed_order(coarse - reference, fine - reference)
         return cls(quantity, unit, fine, reference, tolerance, observed_order=order)
+
+    @classmethod
+    def all_refined(
+        cls,
+        quantities: Mapping[str, str],
+        coarse: Iterable[float],
+        fine: Iterable[float],
+        reference: Iterable[float],
+        tolerance: float = 5e-3,
+    ) -> list[Figure]:
+        """Return what `refined` does, of several quantities and their units."""
+        rows = zip(quantities.items(), coarse, fine, reference, strict=True)
+        return [cls.refined(*named, c, f, r, tolerance) for named, c, f, r in rows]
 
     @property
     def error(self) -> float:
@@ -192,10 +205,8 @@ def quarter_square(side_m: float, columns: int) -> Shape:
     Each square is cut along the diagonal towards the corner, alternately turned, so that no direction is
     preferred.
     """
-    line = np.linspace(0.0, 0.5 * side_m, columns + 1)
-    x, y = np.meshgrid(line, line, indexing="ij")
-    positions = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-    return Shape(positions, grid_triangles(columns, columns), on_symmetry_planes(positions, (0, 1)))
+    positions, triangles = panel(0.5 * side_m, 0.5 * side_m, columns, columns)
+    return Shape(positions, triangles, on_symmetry_planes(positions, (0, 1)))
 
 
 def panel(length_m: float, height_m: float, columns: int, rows: int) -> tuple[Array, IntArray]:

@@ -67,11 +67,9 @@ def pressurised_sphere() -> tuple[Figure, ...]:
     """Stress and growth of a sphere at a strain of 2e-4, where the linear formulas hold to 1e-3."""
     stress = SPHERE_PA * RADIUS_M / (2.0 * FILM.thickness_m)
     growth = stress * (1.0 - FILM.poisson_ratio) / FILM.young_modulus_Pa
+    names = {"dR / R": "1", "mean stress": "Pa"}
     coarse, fine = map(inflated_sphere, RINGS)
-    return (
-        Figure.refined("dR / R", "1", coarse[0], fine[0], growth),
-        Figure.refined("mean stress", "Pa", coarse[1], fine[1], stress),
-    )
+    return tuple(Figure.all_refined(names, coarse, fine, (growth, stress)))
 
 
 def inflated_cylinder(sides: int) -> tuple[float, float, float, float]:
@@ -100,12 +98,9 @@ def pressurised_cylinder() -> tuple[Figure, ...]:
     hoop, nu = CYLINDER_PA * RADIUS_M / FILM.thickness_m, FILM.poisson_ratio
     strain = hoop / FILM.young_modulus_Pa
     exact = (strain * (1.0 - 0.5 * nu), strain * (0.5 - nu), hoop, 0.5 * hoop)
+    names = {"dR / R": "1", "dL / L": "1", "hoop stress": "Pa", "axial stress": "Pa"}
     coarse, fine = map(inflated_cylinder, SIDES)
-    names = (("dR / R", "1"), ("dL / L", "1"), ("hoop stress", "Pa"), ("axial stress", "Pa"))
-    return tuple(
-        Figure.refined(name, unit, c, f, r)
-        for (name, unit), c, f, r in zip(names, coarse, fine, exact, strict=True)
-    )
+    return tuple(Figure.all_refined(names, coarse, fine, exact))
 
 
 HENCKY_RADIUS_M = 0.1
@@ -171,12 +166,8 @@ def hencky_membrane() -> tuple[Figure, ...]:
     height, stress, volume = coefficients(FILM.poisson_ratio)
     q = (PRESSURE_PA * HENCKY_RADIUS_M / (FILM.young_modulus_Pa * FILM.thickness_m)) ** (1.0 / 3.0)
     exact = (height * q, stress * FILM.young_modulus_Pa * q * q, volume * HENCKY_RADIUS_M**3 * q)
-    coarse, fine = inflated(COARSE), inflated(FINE)
-    names = (("w0 / a", "1"), ("stress at the centre", "Pa"), ("volume", "m^3"))
-    return tuple(
-        Figure.refined(name, unit, c, f, r, 1e-2)
-        for (name, unit), c, f, r in zip(names, coarse, fine, exact, strict=True)
-    )
+    names = {"w0 / a": "1", "stress at the centre": "Pa", "volume": "m^3"}
+    return tuple(Figure.all_refined(names, inflated(COARSE), inflated(FINE), exact, 1e-2))
 
 
 GAS_FILM = Film(20e6, 0.3, 1e-4)
@@ -195,12 +186,8 @@ def filled_pressure() -> float:
     is 4 pi R^2 E t g^2 / (1 - nu) with the Green strain g = e + e^2 / 2, and its derivative by the volume
     is p = 2 E t g / ((1 - nu) R (1 + e)).
     """
-    stiffness = (
-        2.0
-        * GAS_FILM.young_modulus_Pa
-        * GAS_FILM.thickness_m
-        / ((1.0 - GAS_FILM.poisson_ratio) * GAS_RADIUS_M)
-    )
+    stretch = 2.0 * GAS_FILM.young_modulus_Pa * GAS_FILM.thickness_m
+    stiffness = stretch / ((1.0 - GAS_FILM.poisson_ratio) * GAS_RADIUS_M)
 
     def gas(e: float) -> float:
         return STANDARD_ATMOSPHERE_Pa * (FILLING / (1.0 + e) ** 3 - 1.0)

@@ -24,7 +24,7 @@ A square unit whose upper hole ring is tilted, against finite elements.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -99,6 +99,16 @@ class OpenSpecimen:
         for ring in self.body.caps:
             add_cap_force(np.ascontiguousarray(positions), ring, -pressure_Pa, force)
         return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
+
+    def load_along(self, pressures_Pa: Iterable[float]) -> OpenSpecimen:
+        """Follow the equilibrium from pressure to pressure; return itself.
+
+        Raises:
+            ConvergenceError: no equilibrium was found.
+        """
+        for pressure in pressures_Pa:
+            self.load_to(pressure)
+        return self
 
     def load_to(self, pressure_Pa: float) -> Equilibrium:
         """Follow the equilibrium to a pressure.
@@ -264,9 +274,7 @@ def paper_mesh() -> tuple[Figure, ...]:
     Tolerance 2 %: whether hole rings may widen, as here, makes 1.5 %.
     """
     sample = OpenSpecimen(film_stack(squares(3), 0, FILM))
-    for pressure in FIRST_Pa:
-        sample.load_to(pressure)
-    return tuple(along(sample, PAPER_MESH))
+    return tuple(along(sample.load_along(FIRST_Pa), PAPER_MESH))
 
 
 @case(
@@ -281,9 +289,7 @@ def stack_tension_field() -> tuple[Figure, ...]:
     compressive stiffness, and hinges that bend, count against the gas.
     """
     first, stack = TENSION_FIELD[0].pressure_Pa, squares(3)
-    sample = OpenSpecimen(film_stack(stack, 1, FILM))
-    for pressure in (*FIRST_Pa, first):
-        sample.load_to(pressure)
+    sample = OpenSpecimen(film_stack(stack, 1, FILM)).load_along((*FIRST_Pa, first))
     for fraction in _FRACTIONS:
         here, film = sample.here, replace(FILM, law="tension_field", compressive_fraction=fraction)
         sample = OpenSpecimen(film_stack(stack, 1, film))
@@ -308,10 +314,7 @@ def stack(shape: PolygonalStack, level: int, film: Film = FILM) -> OpenSpecimen:
     Raises:
         ConvergenceError: an equilibrium was not found.
     """
-    sample = OpenSpecimen(film_stack(shape, level, replace(film, law="wrinkling")))
-    for pressure in FIRST_Pa:
-        sample.load_to(pressure)
-    return sample
+    return OpenSpecimen(film_stack(shape, level, replace(film, law="wrinkling"))).load_along(FIRST_Pa)
 
 
 def on_meshes(shape: PolygonalStack, bands: Sequence[Band], levels: int, film: Film = FILM) -> list[Figure]:
@@ -434,9 +437,7 @@ def ten_squares() -> tuple[Figure, ...]:
     """Ten square units with holes of 5 mm; finite elements of such meshes are 2 to 5 % short on one unit."""
     figures = []
     for level in range(2):
-        sample = stack(squares(10, 0.005), level)
-        for pressure in (2e3, 5e3, 10e3):
-            sample.load_to(pressure)
+        sample = stack(squares(10, 0.005), level).load_along((2e3, 5e3, 10e3))
         figures += along(sample, TEN_SQUARES_BANDS, MESHES[level])
     return tuple(figures)
 
@@ -465,13 +466,10 @@ def rigid_seams() -> tuple[Figure, ...]:
     film, figures = replace(FILM, law="wrinkling"), []
     for level, note in enumerate(MESHES):
         three, one = (
-            OpenSpecimen(film_stack(squares(units), level, film, rigid_seam=True)) for units in (3, 1)
+            OpenSpecimen(film_stack(squares(units), level, film, rigid_seam=True)).load_along(FIRST_Pa)
+            for units in (3, 1)
         )
-        for pressure in FIRST_Pa:
-            three.load_to(pressure)
-            one.load_to(pressure)
-        for pressure in (2e3, 5e3):
-            one.load_to(pressure)
+        one.load_along((2e3, 5e3))
         figures += along(three, RIGID_SEAMS_BANDS, f"{note}, three")
         figures += along(one, (RIGID_SEAMS_ONE_UNIT,), f"{note}, one")
     return tuple(figures)
@@ -511,10 +509,7 @@ def framed_square() -> tuple[Figure, ...]:
     """
     figures = []
     for level, note in enumerate(MESHES):
-        sample = framed(level)
-        for pressure in _FIRST_Pa:
-            sample.load_to(pressure)
-        figures += along(sample, FRAMED_SQUARE_BANDS, note)
+        figures += along(framed(level).load_along(_FIRST_Pa), FRAMED_SQUARE_BANDS, note)
     return tuple(figures)
 
 
@@ -541,8 +536,7 @@ def tilted_unit() -> tuple[Figure, ...]:
     for level, holes in REFINED:
         film = replace(FILM, law="wrinkling")
         sample = OpenSpecimen(film_stack(squares(1), level, film, holes=holes))
-        for pressure in (*FIRST_Pa, 2e3, 5e3, PRESSURE_Pa):
-            sample.load_to(pressure)
+        sample.load_along((*FIRST_Pa, 2e3, 5e3, PRESSURE_Pa))
         found = tilt_stiffness(sample)
         nearest = min(max(found, BAND_Nm[0]), BAND_Nm[1])
         name = f"refined {level}, at holes {holes}, 22e-3 to 27e-3"

@@ -24,6 +24,7 @@ from typing import final
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc, jv
 
@@ -33,7 +34,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.state import Clamp, Equilibrium
 from cosim.verification.case import UNLOADED, Figure, Specimen, case
 
 PANEL_FACTOR = 1e4
@@ -96,22 +97,17 @@ class Strip:
         positions[:, 0] = np.repeat(x, 2)
         positions[1::2, 1] = self.width_m
         a = 2 * np.arange(self.panels + 1)
-        triangles = np.stack([np.stack([a, a + 2, a + 1], 1), np.stack([a + 1, a + 2, a + 3], 1)], 1).reshape(
-            -1, 3
-        )
+        triangles = np.stack([a, a + 2, a + 1, a + 1, a + 2, a + 3], 1).reshape(-1, 3)
         hinges = interior_hinges(triangles)
         across = hinges[:, 1] // 2 == hinges[:, 2] // 2
         between = self.bending_stiffness / self.panel_m
         stiffness = np.where(across, between, PANEL_FACTOR * between)
         stiffness[across & (hinges[:, 1] == 2)] *= 2.0
+        hinged = (hinges, stiffness) if self.hinged else (None, 0.0)
         return SoftBody.from_arrays(
-            positions,
-            triangles,
-            self.film,
-            hinge_nodes=hinges if self.hinged else None,
-            hinge_stiffness=stiffness if self.hinged else 0.0,
+            positions, triangles, self.film, hinge_nodes=hinged[0], hinge_stiffness=hinged[1],
             node_mass=self.node_mass(),
-        )
+        )  # fmt: skip
 
     def node_mass(self) -> Array:
         """Return the mass of each node (n,) [kg]: half a panel's from either side."""
@@ -128,6 +124,25 @@ class Strip:
         tolerance = 1e-7 * self.bending_stiffness / self.length_m**2
         options = NewtonOptions(tolerance_N=tolerance, step_max_m=0.5 * self.length_m, iterations_max=200)
         return Specimen(self.body(), self.clamped(), options)
+
+    def clamp(self) -> Clamp:
+        """Return the clamp that holds that panel to a flange."""
+        held = np.flatnonzero(self.clamped())
+        return Clamp(held, self.body().positions[held], np.ones((len(held), 3), dtype=bool))
+
+    def sideways(self, stiffness: Array, modes: int) -> tuple[Array, Array]:
+        """Return the lowest squared frequencies (modes,) and heights (panels + 2, modes) of plane bending.
+
+        In the straight strip bending decouples: both nodes of a section move along z together.
+
+        Args:
+            stiffness: (3 n, 3 n) [N/m], of all components.
+            modes: how many.
+        """
+        z = stiffness[2::3, 2::3].reshape(self.panels + 2, 2, self.panels + 2, 2).sum(axis=(1, 3))[2:, 2:]
+        mass = self.node_mass().reshape(-1, 2).sum(axis=1)[2:]
+        squares, shapes = eigh(z, np.diag(mass), subset_by_index=[0, modes - 1])
+        return squares, np.concatenate([np.zeros((2, modes)), shapes])
 
     def tip_force(self, force: tuple[float, float, float]) -> Array:
         """Return nodal forces (n, 3) [N] with `force` shared by the tip's nodes."""
@@ -190,10 +205,8 @@ def tip_loaded_cantilever() -> tuple[Figure, ...]:
     """Bisshopp and Drucker's cantilever for five loads, to 0.5 % in both coordinates of the tip."""
     figures = []
     for alpha, coarse, fine in zip(LOADS, computed_tips(COARSE), computed_tips(FINE), strict=True):
-        figures += [
-            Figure.refined(f"tip {name} / L, P L^2/EI = {alpha:g}", "1", c, f, r)
-            for name, c, f, r in zip(("drop", "reach"), coarse, fine, exact_tip(alpha), strict=True)
-        ]
+        names = {f"tip {name} / L, P L^2/EI = {alpha:g}": "1" for name in ("drop", "reach")}
+        figures += Figure.all_refined(names, coarse, fine, exact_tip(alpha))
     return tuple(figures)
 
 
@@ -240,14 +253,10 @@ def computed_heavy_tips(panels: int) -> list[tuple[float, float]]:
 def heavy_cantilever() -> tuple[Figure, ...]:
     """Drop and slope of the tip under the strip's weight."""
     figures = []
-    for weight, coarse, fine in zip(
-        WEIGHTS, computed_heavy_tips(HEAVY_COARSE), computed_heavy_tips(HEAVY_FINE), strict=True
-    ):
-        names = (("tip drop / L", "1"), ("tip slope", "rad"))
-        figures += [
-            Figure.refined(f"{name}, w L^3/EI = {weight:g}", unit, c, f, r)
-            for (name, unit), c, f, r in zip(names, coarse, fine, exact_heavy_tip(weight), strict=True)
-        ]
+    found = computed_heavy_tips(HEAVY_COARSE), computed_heavy_tips(HEAVY_FINE)
+    for weight, coarse, fine in zip(WEIGHTS, *found, strict=True):
+        names = {f"tip drop / L, w L^3/EI = {weight:g}": "1", f"tip slope, w L^3/EI = {weight:g}": "rad"}
+        figures += Figure.all_refined(names, coarse, fine, exact_heavy_tip(weight))
     return tuple(figures)
 
 
@@ -298,13 +307,11 @@ def roll_up() -> tuple[Figure, ...]:
     strip = Strip(PANELS)
     specimen = strip.specimen()
     here = specimen.solve(specimen.drawn(), UNLOADED)
-    half = here
+    way = []
     for k in range(1, STEPS + 1):
         here = turned(strip, specimen, here, 2.0 * math.pi * strip.bending_stiffness * k / STEPS)
-        if k == STEPS // 2:
-            half = here
-    x, z, _ = strip.deflection(here.state.positions)
-    _, height, _ = strip.deflection(half.state.positions)
+        way.append(strip.deflection(here.state.positions))
+    (x, z, _), (_, height, _) = way[-1], way[STEPS // 2 - 1]
     hinge_turn = np.abs(here.state.memory - math.pi)
     return (
         Figure("height of the half circle / L", "1", height, 2.0 / math.pi, 5e-3),
@@ -444,8 +451,7 @@ def ring(panels: int) -> tuple[Array, IntArray]:
     positions[1::2, 1] = DEPTH_M
     a = 2 * np.arange(panels)
     b = (a + 2) % (2 * panels)
-    triangles = np.stack([np.stack([a, a + 1, b], 1), np.stack([a + 1, b + 1, b], 1)], 1).reshape(-1, 3)
-    return positions, triangles
+    return positions, np.stack([a, a + 1, b, a + 1, b + 1, b], 1).reshape(-1, 3)
 
 
 def pressed(panels: int) -> Specimen:

@@ -37,15 +37,7 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Integrator, SoftState
 from cosim.soft.solve.time_step import ImplicitStepper
-from cosim.verification.case import (
-    NO_CLAMP,
-    UNLOADED,
-    Figure,
-    case,
-    exact_steps,
-    grid_triangles,
-    observed_order,
-)
+from cosim.verification.case import NO_CLAMP, UNLOADED, Figure, case, exact_steps, observed_order, panel
 
 THEORY: Mapping[str, float] = {"implicit_euler": 1.0, "bdf2": 2.0}
 SPAN_S = 0.1
@@ -58,10 +50,7 @@ def swinging_sheet() -> tuple[SoftBody, Mask]:
 
     Its fastest oscillation, near 350 rad/s, is resolved by every step used here.
     """
-    line = np.linspace(0.0, 0.1, 3)
-    x, y = np.meshgrid(line, line, indexing="ij")
-    positions = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
-    triangles = grid_triangles(2, 2)
+    positions, triangles = panel(0.1, 0.1, 2, 2)
     body = SoftBody.from_arrays(
         positions, triangles, Film(1e5, 0.3, 2e-4), hinge_nodes=interior_hinges(triangles),
         hinge_stiffness=1e-4, node_mass=1e-3,

@@ -16,11 +16,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import eigh
 from scipy.special import ellipk, jn_zeros
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.soft.solve.state import Clamp
 from cosim.soft.solve.time_step import ImplicitStepper
 from cosim.verification.case import NO_CLAMP, UNLOADED, Figure, Specimen, case, exact_steps, observed_order
 from cosim.verification.strips import Strip
@@ -41,21 +39,18 @@ def exact_frequencies(strip: Strip) -> Array:
 
 
 def bending_modes(strip: Strip) -> tuple[Array, Array]:
-    """Return the three lowest (omega [rad/s], height of each section) of plane bending.
-
-    In the straight strip bending decouples: both nodes of a section move along z together.
-    """
+    """Return the three lowest (omega [rad/s], height of each section) of plane bending."""
     specimen = strip.specimen()
     stiffness = specimen.stiffness(specimen.solve(specimen.drawn(), UNLOADED))
-    sections = np.arange(2, strip.panels + 2)
-    together = np.zeros((3 * strip.nodes, len(sections)))
-    for side in (0, 1):
-        together[3 * (2 * sections + side) + 2, np.arange(len(sections))] = 1.0
-    mass = strip.node_mass().reshape(-1, 2).sum(axis=1)[sections]
-    squares, shapes = eigh(together.T @ stiffness @ together, np.diag(mass), subset_by_index=[0, 2])
-    heights = np.zeros((strip.panels + 2, 3))
-    heights[sections] = shapes
+    squares, heights = strip.sideways(stiffness, 3)
     return np.sqrt(squares), heights
+
+
+def zero_crossings(heights: list[float]) -> Array:
+    """Return when heights change sign, in steps between them."""
+    h = np.array(heights)
+    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
+    return before + h[before] / (h[before] - h[before + 1])
 
 
 def frequency_in_time(strip: Strip, steps_per_period: int) -> float:
@@ -73,9 +68,7 @@ def frequency_in_time(strip: Strip, steps_per_period: int) -> float:
     for _ in range(math.ceil(1.4 * steps_per_period)):
         heights.append(float(state.positions[strip.tip, 2].mean()))
         state, _ = stepper.step(state, Pose(), UNLOADED, step)
-    h = np.array(heights)
-    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
-    crossings = before + h[before] / (h[before] - h[before + 1])
+    crossings = zero_crossings(heights)
     return float(2.0 * math.pi / ((crossings[2] - crossings[0]) * step))
 
 
@@ -89,9 +82,8 @@ def cantilever_modes() -> tuple[Figure, ...]:
     strip = replace(Strip(FINE), density=_DENSITY)
     exact = exact_frequencies(strip)
     coarse, fine = bending_modes(replace(strip, panels=COARSE))[0], bending_modes(strip)[0]
-    figures = [
-        Figure.refined(f"omega_{k + 1} from K and M", "rad/s", coarse[k], fine[k], exact[k]) for k in range(3)
-    ]
+    names = {f"omega_{k} from K and M": "rad/s" for k in (1, 2, 3)}
+    figures = Figure.all_refined(names, coarse, fine, exact)
     moving = replace(strip, panels=DYNAMIC_PANELS)
     own = bending_modes(moving)[0][0]
     half, full = (frequency_in_time(moving, n) for n in (STEPS_PER_PERIOD // 2, STEPS_PER_PERIOD))
@@ -125,9 +117,7 @@ def released(amplitude: float, steps_per_period: int) -> float:
     for _ in range(math.ceil(0.9 * steps_per_period)):
         state, _ = stepper.step(state, Pose(), loads, step)
         heights.append(float(state.positions[strip.tip, 2].mean()))
-    h = np.array(heights)
-    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
-    crossings = before + h[before] / (h[before] - h[before + 1])
+    crossings = zero_crossings(heights)
     return float(2.0 * (crossings[1] - crossings[0]) * step)
 
 
@@ -162,14 +152,7 @@ def chain_frequencies(links: int) -> Array:
     strip = Strip(links, density=1.0, hinged=False)
     specimen = strip.specimen()
     hung = specimen.solve(specimen.drawn(), replace(UNLOADED, gravity=(_GRAVITY, 0.0, 0.0)))
-    stiffness = specimen.stiffness(hung)
-    sections = np.arange(2, links + 2)
-    together = np.zeros((3 * strip.nodes, links))
-    for side in (0, 1):
-        together[3 * (2 * sections + side) + 2, np.arange(links)] = 1.0
-    mass = strip.node_mass().reshape(-1, 2).sum(axis=1)[sections]
-    squares = eigh(together.T @ stiffness @ together, np.diag(mass), eigvals_only=True)
-    return np.asarray(np.sqrt(squares[:3]))
+    return np.asarray(np.sqrt(strip.sideways(specimen.stiffness(hung), 3)[0]))
 
 
 @case(
@@ -184,11 +167,8 @@ def swinging_chain() -> tuple[Figure, ...]:
     falls with the square of the links' length.
     """
     exact = 0.5 * jn_zeros(0, 3) * math.sqrt(_GRAVITY / Strip(FINE).length_m)
-    coarse, fine = chain_frequencies(COARSE), chain_frequencies(FINE)
-    return tuple(
-        Figure.refined(f"omega_{k + 1}", "rad/s", float(coarse[k]), float(fine[k]), float(exact[k]))
-        for k in range(3)
-    )
+    names = {f"omega_{k}": "rad/s" for k in (1, 2, 3)}
+    return tuple(Figure.all_refined(names, chain_frequencies(COARSE), chain_frequencies(FINE), exact))
 
 
 PANELS = 30
@@ -224,9 +204,7 @@ def whirled(steps_per_turn: int) -> tuple[float, float]:
     """
     strip = Strip(PANELS, density=1.0, hinged=False)
     specimen = strip.specimen()
-    x = stretched(strip, specimen)
-    held = np.flatnonzero(strip.clamped())
-    clamp = Clamp(held, specimen.body.positions[held], np.ones((len(held), 3), dtype=bool))
+    x, clamp = stretched(strip, specimen), strip.clamp()
     stepper = ImplicitStepper(specimen.newton, clamp, exact_steps("bdf2", 1e-7))
     u = np.maximum(x[:, 0], 0.0) / strip.length_m
     x[:, 2] = 0.5 * _FLAP * strip.length_m * (5.0 * u**3 - 3.0 * u)
@@ -241,9 +219,7 @@ def whirled(steps_per_turn: int) -> tuple[float, float]:
         state, _ = stepper.step(state, flange, UNLOADED, step)
         force = clamp.wrench(specimen.system.gradient, state.positions, flange).force
         pulls.append(float(force @ flange.rotation[:, 0]))
-    h = np.array(heights)
-    before = np.flatnonzero(h[:-1] * h[1:] < 0.0)
-    crossings = before + h[before] / (h[before] - h[before + 1])
+    crossings = zero_crossings(heights)
     return float(np.mean(pulls)), float(math.pi / ((crossings[1] - crossings[0]) * step))
 
 
@@ -298,12 +274,10 @@ def tip_ratio(strip: Strip, omega: float, damping_per_s: float) -> complex:
 def found_ratio(strip: Strip, omega: float, damping_per_s: float) -> complex:
     """Return the same from a motion that begins at rest, read from its last period."""
     specimen = strip.specimen()
-    held = np.flatnonzero(strip.clamped())
-    clamp = Clamp(held, specimen.body.positions[held], np.ones((len(held), 3), dtype=bool))
     # the strip's stretch rounds to some 2e-9 N, 4e-9 of this force
     tolerance = 1e-8 * strip.bending_stiffness / strip.length_m**2
     options = replace(exact_steps("bdf2", tolerance), damping_per_s=damping_per_s)
-    stepper = ImplicitStepper(specimen.newton, clamp, options)
+    stepper = ImplicitStepper(specimen.newton, strip.clamp(), options)
     state, step = specimen.drawn(), 2.0 * math.pi / omega / SHAKEN_STEPS_PER_PERIOD
     stroke, heights = _STROKE * strip.length_m, []
     for k in range(1, PERIODS * SHAKEN_STEPS_PER_PERIOD + 1):

@@ -148,12 +148,6 @@ def _polynomial(c: Matrix, s: int, first: int, order: int, z: float) -> tuple[fl
 
 
 @device_function
-def _quadratic(c0: float, c1: float, c2: float, z: float) -> tuple[float, float, float]:
-    """Return value, slope and curvature of c0 + c1 z + c2 z^2."""
-    return c0 + z * (c1 + z * c2), c1 + 2.0 * c2 * z, 2.0 * c2
-
-
-@device_function
 def section_energy(
     c: Matrix, s: int, x: Vector, inverse_length: float, gradient: Vector, hessian: Matrix
 ) -> float:
@@ -172,12 +166,12 @@ def section_energy(
     b, shear, t, q = w1 * w1 + w2 * w2, u1 * u1 + u2 * u2, w3 * w3, u1 * w2 - u2 * w1
     a, az, azz = _polynomial(c, s, 0, 6, z)
     bend, bend_z, bend_zz = _polynomial(c, s, 7, 4, z)
-    bend2, bend2_z, bend2_zz = _quadratic(c[s, 12], c[s, 13], c[s, 14], z)
-    bend3, bend3_z, _ = _quadratic(c[s, 15], c[s, 16], 0.0, z)
-    sh, sh_z, sh_zz = _quadratic(c[s, 17], c[s, 18], c[s, 19], z)
-    mix, mix_z, mix_zz = _quadratic(c[s, 20], c[s, 21], c[s, 22], z)
-    mix2, mix2_z, _ = _quadratic(c[s, 23], c[s, 24], 0.0, z)
-    tw, tw_z, tw_zz = _quadratic(c[s, 25], c[s, 26], c[s, 27], z)
+    bend2, bend2_z, bend2_zz = _polynomial(c, s, 12, 2, z)
+    bend3, bend3_z, _ = _polynomial(c, s, 15, 1, z)
+    sh, sh_z, sh_zz = _polynomial(c, s, 17, 2, z)
+    mix, mix_z, mix_zz = _polynomial(c, s, 20, 2, z)
+    mix2, mix2_z, _ = _polynomial(c, s, 23, 1, z)
+    tw, tw_z, tw_zz = _polynomial(c, s, 25, 2, z)
     c1, c2, c3, c4 = c[s, 28], c[s, 29], c[s, 30], c[s, 31]
     # derivatives by the invariants
     f_z = az + b * (bend_z + b * (bend2_z + b * bend3_z)) + shear * sh_z + q * (mix_z + b * mix2_z) + t * tw_z

@@ -182,11 +182,13 @@ def _product(a: Matrix, b: Matrix, row: int, i: int, k: int) -> float:
 
 
 @device_function
-def _fill_slopes(frames: Blocks, s: int, d: Vector, jac: Matrix) -> None:
-    """Fill jac (6, 9), d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b.
+def _add_stiffness(frames: Blocks, s: int, d: Vector, h: Matrix, diagonal: Blocks, off: Blocks) -> None:
+    """Add jac^T h jac to the blocks of the frames beside section s; the block between them is new.
 
-    Its last three rows are zero by r_b, and by phi_b the opposite of those by phi_a.
+    jac (6, 9) is d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b. Its last three rows
+    are zero by r_b, and by phi_b the opposite of those by phi_a.
     """
+    jac, turned = small_matrix(6, 9), small_matrix(6, 9)
     for i in range(3):
         j, k = (i + 1) % 3 + 1, (i + 2) % 3 + 1
         for r in range(3):
@@ -198,11 +200,6 @@ def _fill_slopes(frames: Blocks, s: int, d: Vector, jac: Matrix) -> None:
                 frames[s, k, m] * frames[s + 1, j, n] - frames[s, k, n] * frames[s + 1, j, m]
                 - frames[s, j, m] * frames[s + 1, k, n] + frames[s, j, n] * frames[s + 1, k, m]
             )  # fmt: skip
-
-
-@device_function
-def _add_stiffness(jac: Matrix, h: Matrix, turned: Matrix, s: int, diagonal: Blocks, off: Blocks) -> None:
-    """Add jac^T h jac to the blocks of the frames beside section s; the block between them is new."""
     for i in range(6):
         for k in range(9):
             turned[i, k] = h[i, 0] * jac[0, k] + h[i, 1] * jac[1, k] + h[i, 2] * jac[2, k]
@@ -270,7 +267,6 @@ def add_sections(
     d, x, g = small_vector(3), small_vector(6), small_vector(6)
     h = small_matrix(6, 6) if hessian else small_matrix(0, 6)
     lean, turn = small_matrix(2, 3), small_matrix(3, 3)
-    jac, turned = small_matrix(6, 9), small_matrix(6, 9)
     energy = 0.0
     for s in range(c.shape[0]):
         section_strains(frames, s, d, x)
@@ -280,8 +276,7 @@ def add_sections(
         energy += section_energy(c, s, x, inverse_length[s], g, h)
         _add_pull(frames, s, d, g, gradient, (lean, turn))
         if hessian:
-            _fill_slopes(frames, s, d, jac)
-            _add_stiffness(jac, h, turned, s, work.diagonal, work.off)
+            _add_stiffness(frames, s, d, h, work.diagonal, work.off)
             _add_geometric(s, d, lean, turn, work.diagonal, work.off)
     return energy
 

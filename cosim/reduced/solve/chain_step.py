@@ -20,6 +20,7 @@ from cosim.base.kernels import (
     Flags,
     Matrix,
     Vector,
+    copy,
     device_function,
     kernel,
     small_matrix,
@@ -172,15 +173,6 @@ class ChainEnds(NamedTuple):
 
 
 @device_function
-def _copy_frames(frames: Blocks, out: Blocks) -> None:
-    """Fill out (f, 4, 3); an assignment of whole arrays takes seconds to compile, as it can fail."""
-    for f in range(frames.shape[0]):
-        for a in range(4):
-            for r in range(3):
-                out[f, a, r] = frames[f, a, r]
-
-
-@device_function
 def _residual(gradient: Matrix, free: Flags, lever: float) -> float:
     """Return the largest out-of-balance force, or moment over lever."""
     largest = 0.0
@@ -236,7 +228,7 @@ def _minimise(
     The factor of an earlier tangent, where one is kept, serves while the residual falls fast enough.
     """
     frames, gradient, work, tolerance = ends.there[0], ends.gradient, side.work, scheme.tolerance_N
-    _copy_frames(frames, work.trial)
+    copy(frames.reshape(-1), work.trial.reshape(-1))
     iterations = shifted = tries = reused = 0
     energy = residual = slope = factor = 0.0
     # numba would compile all anew for a literal
@@ -247,7 +239,7 @@ def _minimise(
         if judging and not _descends(value, energy, factor * slope, residual, before):
             residual, tries, factor = before, tries + 1, 0.5 * factor
             if old:  # a new tangent, where the step began
-                _copy_frames(frames, work.trial)
+                copy(frames.reshape(-1), work.trial.reshape(-1))
                 wanted, judging, old = True, False, False
             elif tries < _HALVINGS_MAX:
                 change_frames(frames, work.step, factor, work.trial)
@@ -255,7 +247,7 @@ def _minimise(
                 outcome = NO_DESCENT
             continue
         energy = value
-        _copy_frames(work.trial, frames)
+        copy(work.trial.reshape(-1), frames.reshape(-1))
         if not (np.isfinite(residual) and np.isfinite(energy)):
             outcome = NOT_FINITE
         elif residual <= tolerance:
@@ -293,7 +285,7 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
                 twists[f, 3 + r] = 0.5 * spin
         change_frames(frames, twists, h, out)
     elif start == STANDING:
-        _copy_frames(frames, out)
+        copy(frames.reshape(-1), out.reshape(-1))
     for f in range(out.shape[0]):
         if free[f] and start != CARRIED:
             continue

@@ -410,29 +410,6 @@ def _read_lanes(s: Vector, w: BeamWork) -> None:
 
 
 @device_function
-def _fill_products(w: BeamWork, begin: int) -> None:
-    """Fill the Hessians, from a row and column on, with what the first derivatives of the measures give."""
-    for e in range(w.hessian.shape[0]):
-        jacobian, second, hessian, product = w.jacobian[e], w.second[e], w.hessian[e], w.product
-        for r in range(begin, COUNT):
-            for c in range(begin, COUNT):
-                hessian[r, c] = 0.0
-        for k in range(COUNT):
-            for c in range(begin, COUNT):
-                product[k, c] = 0.0
-            for r in range(COUNT):
-                value = second[k, r]
-                if value != 0.0:  # both factors are half empty
-                    for c in range(begin, COUNT):
-                        product[k, c] += value * jacobian[r, c]
-            for r in range(begin, COUNT):
-                value = jacobian[k, r]
-                if value != 0.0:
-                    for c in range(begin, COUNT):
-                        hessian[r, c] += value * product[k, c]
-
-
-@device_function
 def _add_by_turned_chords(w: BeamWork, whole: bool) -> None:
     """Add to the Hessians, whole or by turns alone, what the second derivatives of l, c, s_2 and s_3 give."""
     pull = w.pull
@@ -503,6 +480,22 @@ def fill_hessians(rigidities: Vector, lengths: Vector, s: Vector, w: BeamWork, w
     """
     _read_lanes(s, w)
     fill_second(rigidities, lengths, w)
-    _fill_products(w, 0 if whole else 3)
+    begin, product = 0 if whole else 3, w.product
+    for e in range(w.hessian.shape[0]):  # what the first derivatives of the measures give
+        jacobian, second, hessian = w.jacobian[e], w.second[e], w.hessian[e]
+        hessian[begin:, begin:] = 0.0
+        for k in range(COUNT):
+            for c in range(begin, COUNT):
+                product[k, c] = 0.0
+            for r in range(COUNT):
+                value = second[k, r]
+                if value != 0.0:  # both factors are half empty
+                    for c in range(begin, COUNT):
+                        product[k, c] += value * jacobian[r, c]
+            for r in range(begin, COUNT):
+                value = jacobian[k, r]
+                if value != 0.0:
+                    for c in range(begin, COUNT):
+                        hessian[r, c] += value * product[k, c]
     _add_by_turned_chords(w, whole)
     _add_by_twists(w)

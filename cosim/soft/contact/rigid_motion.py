@@ -31,13 +31,6 @@ def furthest_from_mean(values: Matrix) -> float:
 
 
 @device_function
-def _set_straight(turn: Matrix) -> None:
-    for r in range(3):
-        for c in range(3):
-            turn[r, c] = 1.0 if r == c else 0.0
-
-
-@device_function
 def _make_rotation(turn: Matrix, minors: Matrix) -> None:
     """Replace a matrix by the rotation nearest to it, by none where that is not to be told."""
     for _ in range(_ITERATIONS_MAX):
@@ -58,7 +51,9 @@ def _make_rotation(turn: Matrix, minors: Matrix) -> None:
                 change, turn[r, c] = max(change, abs(value - turn[r, c])), value
         if change < 1e-13:
             return
-    _set_straight(turn)
+    for r in range(3):
+        for c in range(3):
+            turn[r, c] = 1.0 if r == c else 0.0
 
 
 @device_function
@@ -104,18 +99,6 @@ def deviation(x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, r
         for r in range(3):
             off = x[n, r] - rigid[0, r] - rigid[2 + r, 0] * u - rigid[2 + r, 1] * v - rigid[2 + r, 2] * w
             square += off * off
-        most = max(most, square)
-    return np.sqrt(most)
-
-
-@device_function
-def radius_of(before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
-    """Return how far some nodes were at most from their mean."""
-    most = 0.0
-    for k in range(begin, end):
-        square = 0.0
-        for r in range(3):
-            square += (before[nodes[k], r] - rigid[1, r]) ** 2
         most = max(most, square)
     return np.sqrt(most)
 

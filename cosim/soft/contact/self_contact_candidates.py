@@ -38,13 +38,14 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     allocating,
+    copy_rows,
     device_function,
     kernel,
     small_matrix,
     small_vector,
 )
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, plane_of
-from cosim.soft.contact.rigid_motion import deviation, fit_motion, radius_of, rigid_difference
+from cosim.soft.contact.rigid_motion import deviation, fit_motion, rigid_difference
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 BEYOND_EDGES: Final = 0.02
@@ -71,14 +72,6 @@ class NearList(NamedTuple):
     before: Matrix
     allowed: Matrix
     bounds: Vector
-
-
-@device_function
-def _keep_places(x: Matrix, near: NearList) -> None:
-    """Keep where the nodes are as a list is made."""
-    for n in range(x.shape[0]):
-        for r in range(3):
-            near.before[n, r] = x[n, r]
 
 
 _MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
@@ -135,29 +128,6 @@ def _runs(face: IntArray, most: int) -> IntArray:
 
 
 @device_function
-def _longest_edge(x: Matrix, triangles: IndexTable) -> float:
-    """Return the length [m] of the longest edge."""
-    most = 0.0
-    for t in range(triangles.shape[0]):
-        for k in range(3):
-            a, b, square = triangles[t, k], triangles[t, (k + 1) % 3], 0.0
-            for r in range(3):
-                square += (x[a, r] - x[b, r]) ** 2
-            most = max(most, square)
-    return float(np.sqrt(most))
-
-
-@device_function
-def _share_nodes(nodes: Indices, corners: Indices) -> bool:
-    """Return whether a point and a triangle have a node in common."""
-    for a in range(3):
-        for b in range(3):
-            if nodes[a] == corners[b]:
-                return True
-    return False
-
-
-@device_function
 def _enclose(boxes: Matrix, begin: int, end: int, around: Vector) -> None:
     """Fill the box (6,), smallest and largest coordinates, around some boxes."""
     for r in range(3):
@@ -175,49 +145,6 @@ def _square_between(
     across = max(boxes[k, 1] - v, y - boxes[k, 4], 0.0)
     beyond = max(boxes[k, 2] - w, z - boxes[k, 5], 0.0)
     return along * along + across * across + beyond * beyond
-
-
-@device_function
-def _fill_boxes(x: Matrix, rows: FilmRows, points: Matrix, triangles: Matrix, bundles: Matrix) -> None:
-    """Fill the boxes of all points, which have no size, of all triangles, and around those of each run."""
-    for p in range(points.shape[0]):
-        fill_point(x, rows.nodes[p], rows.weights[p], points[p])
-        for r in range(3):
-            points[p, 3 + r] = points[p, r]
-    for t in range(triangles.shape[0]):
-        a, b, c = rows.triangles[t, 0], rows.triangles[t, 1], rows.triangles[t, 2]
-        for r in range(3):
-            triangles[t, r] = min(x[a, r], x[b, r], x[c, r])
-            triangles[t, 3 + r] = max(x[a, r], x[b, r], x[c, r])
-    for k in range(bundles.shape[0]):
-        _enclose(triangles, rows.triangles_from[k], rows.triangles_from[k + 1], bundles[k])
-
-
-@device_function
-def _fill_unit_boxes(x: Matrix, rows: FilmRows, boxes: Matrix) -> None:
-    """Fill the boxes (u, 6) of units."""
-    for unit in range(boxes.shape[0]):
-        for r in range(3):
-            boxes[unit, r], boxes[unit, 3 + r] = np.inf, -np.inf
-        for k in range(rows.units_from[unit], rows.units_from[unit + 1]):
-            for r in range(3):
-                value = x[rows.unit_nodes[k], r]
-                boxes[unit, r], boxes[unit, 3 + r] = (
-                    min(boxes[unit, r], value),
-                    max(boxes[unit, 3 + r], value),
-                )
-
-
-@device_function
-def _fill_near(rows: FilmRows, bundles: Matrix, box: Vector, face: int, limit: float, near: Indices) -> int:
-    """Fill which runs of triangles can meet a face's points in a box; return how many."""
-    count, own = 0, (box[0], box[1], box[2], box[3], box[4], box[5])
-    for k in range(bundles.shape[0]):
-        other = rows.films[rows.triangles_from[k], 0]
-        if rows.relation[face, other] != 0 and _square_between(bundles, k, *own) <= limit:
-            near[count] = k
-            count += 1
-    return count
 
 
 @device_function
@@ -243,11 +170,13 @@ def _list_point(
         for t in range(begin, end):
             if _square_between(triangles, t, x, y, z, x, y, z) > limit:
                 continue
-            if valley and _share_nodes(rows.nodes[p], rows.triangles[t]):
-                continue
-            if total < listed.shape[0]:
-                listed[total] = t
-            total += 1
+            shares = False
+            for a in range(9 if valley else 0):
+                shares |= rows.nodes[p, a // 3] == rows.triangles[t, a % 3]
+            if not shares:
+                if total < listed.shape[0]:
+                    listed[total] = t
+                total += 1
     return total
 
 
@@ -260,11 +189,27 @@ def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: I
     points, triangles = np.empty((rows.nodes.shape[0], 6)), np.empty((rows.triangles.shape[0], 6))
     bundles, own = np.empty((rows.triangles_from.shape[0] - 1, 6)), np.empty(6)
     near, total, limit = np.empty(bundles.shape[0], np.int64), 0, room * room
-    _fill_boxes(x, rows, points, triangles, bundles)
+    for p in range(points.shape[0]):  # boxes of points have no size
+        fill_point(x, rows.nodes[p], rows.weights[p], points[p])
+        for r in range(3):
+            points[p, 3 + r] = points[p, r]
+    for t in range(triangles.shape[0]):
+        a, b, c = rows.triangles[t, 0], rows.triangles[t, 1], rows.triangles[t, 2]
+        for r in range(3):
+            triangles[t, r] = min(x[a, r], x[b, r], x[c, r])
+            triangles[t, 3 + r] = max(x[a, r], x[b, r], x[c, r])
+    for k in range(bundles.shape[0]):
+        _enclose(triangles, rows.triangles_from[k], rows.triangles_from[k + 1], bundles[k])
     for box in range(rows.points_from.shape[0] - 1):
-        begin, end = rows.points_from[box], rows.points_from[box + 1]
+        begin, end, found = rows.points_from[box], rows.points_from[box + 1], 0
         _enclose(points, begin, end, own)
-        found = _fill_near(rows, bundles, own, rows.homes[begin, 0], limit, near)
+        corners = own[0], own[1], own[2], own[3], own[4], own[5]
+        for k in range(bundles.shape[0]):  # which runs of triangles can meet these points
+            other = rows.films[rows.triangles_from[k], 0]
+            can = rows.relation[rows.homes[begin, 0], other] != 0
+            if can and _square_between(bundles, k, *corners) <= limit:
+                near[found] = k
+                found += 1
         for p in range(begin, end):
             first[p] = total
             total = _list_point(rows, p, points[p], (triangles, bundles), near[:found], limit, listed, total)
@@ -347,15 +292,26 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
         lists: filled.
         room_m: largest distance of a point from a triangle that is asked for [m].
     """
-    rows, long, short = lists.rows, lists.long, lists.short
-    room = room_m + _MARGIN_M + 2.0 * BEYOND_EDGES * _longest_edge(x, rows.triangles)
+    rows, long, short, longest = lists.rows, lists.long, lists.short, 0.0
+    for t in range(rows.triangles.shape[0]):
+        for k in range(3):
+            a, b = rows.triangles[t, k], rows.triangles[t, (k + 1) % 3]
+            u, v, w = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1], x[a, 2] - x[b, 2]
+            longest = max(longest, u * u + v * v + w * w)
+    room = room_m + _MARGIN_M + 2.0 * BEYOND_EDGES * np.sqrt(longest)
     needed = _fill_list(x, rows, room, long.first, long.listed)
     for near in (long, short, lists.quiet):
         near.bounds[0], near.bounds[1] = -1.0, -1.0
     if needed > long.listed.shape[0]:
         return needed
     boxes = np.empty((rows.units_from.shape[0] - 1, 6))
-    _fill_unit_boxes(x, rows, boxes)
+    for unit in range(boxes.shape[0]):
+        low, high = boxes[unit], boxes[unit, 3:]
+        low[:3], high[:] = np.inf, -np.inf
+        for k in range(rows.units_from[unit], rows.units_from[unit + 1]):
+            for r in range(3):
+                value = x[rows.unit_nodes[k], r]
+                low[r], high[r] = min(low[r], value), max(high[r], value)
     for a in range(boxes.shape[0]):
         for b in range(boxes.shape[0]):
             low, high = boxes[b], boxes[b, 3:]
@@ -365,7 +321,7 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
             # where the long list has pairs, it leaves a little to the short one, elsewhere half
             short.allowed[a, b] = 0.5 * allowed if further > 0.0 else _MOTION_M
             long.allowed[a, b] = 0.5 * allowed if further > 0.0 else allowed - _MOTION_M
-    _keep_places(x, long)
+    copy_rows(x, long.before)
     long.bounds[0], long.bounds[1] = room_m, room_m
     return needed
 
@@ -477,7 +433,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
             lists.counts[1] += 1
     lists.went[:] = 0.0
     short.bounds[0], short.bounds[1] = reach, behind
-    _keep_places(x, short)
+    copy_rows(x, short.before)
 
 
 @device_function
@@ -493,8 +449,13 @@ def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> boo
     for a in range(units):
         some = start[a], start[a + 1], max(1, (start[a + 1] - start[a]) // _FITTED)
         fit_motion(x, before, nodes, some, rigid[a], minors)
-        moved[a, 0] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
-        moved[a, 1] = radius_of(before, nodes, start[a], start[a + 1], rigid[a])
+        moved[a, 0], furthest = deviation(x, before, nodes, start[a], start[a + 1], rigid[a]), 0.0
+        for k in range(start[a], start[a + 1]):
+            n, square = nodes[k], 0.0
+            for r in range(3):
+                square += (before[n, r] - rigid[a, 1, r]) ** 2
+            furthest = max(furthest, square)
+        moved[a, 1] = np.sqrt(furthest)
     for a in range(units):
         fits = False
         for b in range(a + 1, units):
@@ -547,20 +508,11 @@ def stays_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
 
 
 @device_function
-def _clearance(side: Vector, d: float, weight: float, reach: float, behind: float) -> float:
-    """Return for how small a motion [m] a point does not come over a triangle, by its present place.
-
-    By its distance, or by how far its foot is beside the triangle: with s the steepest slope, M s in a motion
-    m is at most m s (1.36 + 2.6 s |d|) as long as m s is no more than 1/10.
-    """
-    steepest = _steepest_slope(side)
-    beside = (-BEYOND_EDGES - weight) / (1.36 + 2.6 * steepest * abs(d))
-    return max(max(d - reach, -behind - d) / FEET_FOLLOW, min(beside, 0.1) / steepest)
-
-
-@device_function
 def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
-    """Fill for how small a motion nothing comes over a triangle, of a short list in which nothing is now.
+    """Fill for how small a motion [m] nothing comes over a triangle, of a short list in which nothing is now.
+
+    By a point's distance, or by how far its foot is beside the triangle: with s the steepest slope, M s in a
+    motion m is at most m s (1.36 + 2.6 s |d|) as long as m s is no more than 1/10.
 
     Args:
         x: (n, 3) [m], for which the lists serve.
@@ -581,7 +533,9 @@ def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None
             d = over_plane(lists.sides[t], place[0], place[1], place[2])
             if quiet.allowed[a, b] * FEET_FOLLOW > d - reach:
                 weight = least_weight(lists.sides[t], place[0], place[1], place[2])
-                free = _clearance(lists.sides[t], d, weight, reach, behind)
+                steepest = _steepest_slope(lists.sides[t])
+                beside = min((-BEYOND_EDGES - weight) / (1.36 + 2.6 * steepest * abs(d)), 0.1) / steepest
+                free = max(max(d - reach, -behind - d) / FEET_FOLLOW, beside)
                 quiet.allowed[a, b] = min(quiet.allowed[a, b], max(free, 0.0))
     quiet.bounds[0], quiet.bounds[1] = reach, behind
-    _keep_places(x, quiet)
+    copy_rows(x, quiet.before)

@@ -56,53 +56,6 @@ from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
 
 
-@device_function
-def _rub(
-    x: Matrix,
-    nodes: Indices,
-    w: Vector,
-    stick: float,
-    limit: float,
-    m: Vector,
-    stretch: Vector,
-    gradient: Vector,
-    tangent: Matrix,
-) -> float:
-    """Fill force and stiffness of one stick spring between two films; return its energy."""
-    u, along, square = gradient, 0.0, 0.0  # in its place, until all is known
-    for r in range(3):
-        u[r] = stretch[r]
-        for a in range(6):
-            u[r] += w[a] * x[nodes[a], r]
-        along += m[r] * u[r]
-    for r in range(3):
-        u[r] -= along * m[r]
-        square += u[r] * u[r]
-    level, secant, rate = dragging_law(np.sqrt(square), stick)
-    fold = limit * (rate - secant) / max(square, 1e-300)
-    for r in range(3):
-        for c in range(3):
-            tangent[r, c] = fold * u[r] * u[c] - limit * secant * m[r] * m[c]
-        tangent[r, r] += limit * secant
-    for r in range(3):
-        gradient[r] *= limit * secant
-    return limit * level
-
-
-@device_function
-def _add_normal_part(
-    push: float, rate: float, d: float, n: Vector, weight: Vector, slope: Matrix, a: int, b: int, k: Matrix
-) -> None:
-    """Fill the block of nodes a and b: E'' c_a c_b n n^T + E' d2(d), E' = -push."""
-    outer = rate * weight[a] * weight[b]
-    for r in range(3):
-        outer += push * d * slope[a, r] * slope[b, r]
-    for r in range(3):
-        for c in range(3):
-            turning = weight[a] * slope[b, r] * n[c] + weight[b] * n[r] * slope[a, c]
-            k[r, c] = outer * n[r] * n[c] + push * turning
-
-
 @inlined
 def _look_at(
     x: Matrix, pairs: PairRows, e: int, shape: tuple[Vector, Vector, Matrix], y: Vector
@@ -128,10 +81,26 @@ def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matri
     rub[:], drag[:] = 0.0, 0.0
     for a in range(3):
         w[a], w[3 + a] = pairs.weights[e, a], -pairs.foot[e, a]
-    limit, stick = pairs.friction[e], pairs.widths[1]
+    limit, m, u, along, square = pairs.friction[e], pairs.normal[e], rub, 0.0, 0.0  # u until all is known
     if not limit > 0.0:
         return 0.0
-    return _rub(x, pairs.nodes[e], w, stick, limit, pairs.normal[e], pairs.stretch[e], rub, drag)
+    for r in range(3):
+        u[r] = pairs.stretch[e, r]
+        for a in range(6):
+            u[r] += w[a] * x[pairs.nodes[e, a], r]
+        along += m[r] * u[r]
+    for r in range(3):
+        u[r] -= along * m[r]
+        square += u[r] * u[r]
+    level, secant, rate = dragging_law(np.sqrt(square), pairs.widths[1])
+    fold = limit * (rate - secant) / max(square, 1e-300)
+    for r in range(3):
+        for c in range(3):
+            drag[r, c] = fold * u[r] * u[c] - limit * secant * m[r] * m[c]
+        drag[r, r] += limit * secant
+    for r in range(3):
+        rub[r] *= limit * secant
+    return limit * level
 
 
 @kernel
@@ -186,10 +155,13 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
                 used[slot] = 1
                 if (a < 3 and w[a] == 0.0) or (b < 3 and w[b] == 0.0):
                     continue
-                _add_normal_part(push, rate, d, n, weight, slope, a, b, k)
+                outer = rate * weight[a] * weight[b]  # E'' c_a c_b n n^T + E' d2(d), E' = -push
+                for r in range(3):
+                    outer += push * d * slope[a, r] * slope[b, r]
                 for r in range(3):
                     for c in range(3):
-                        k[r, c] += w[a] * w[b] * drag[r, c]
+                        turning = weight[a] * slope[b, r] * n[c] + weight[b] * n[r] * slope[a, c]
+                        k[r, c] = outer * n[r] * n[c] + push * turning + w[a] * w[b] * drag[r, c]
                 add_block(blocks, slot if nodes[e, a] >= nodes[e, b] else -1 - slot, k)
     return missing
 

@@ -105,14 +105,11 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
     for i in range(begin, end):
         for r in range(3):
             gradient[i, r] = 0.0
-    energy = 0.0
-    for k in range(a[FILMS], b[FILMS]):
-        energy += _add_film(film, slots, k, x, gradient, blocks)
-    energy += _add_bends(film, slots, a[HINGES], b[HINGES], point)
-    energy += _add_cables(film, slots, a[SEGMENTS], b[SEGMENTS], acting, point)
     moves = bed.coefficient.shape[0] > 0
-    energy += _add_beams(film, slots, (a[BEAMS], b[BEAMS]), moves and not bed.closely, point)
-    energy += _add_frames(film, slots, a[FRAMES], b[FRAMES], point)
+    energy = _add_films(film, slots, part, point)
+    energy += _add_cables(film, slots, a[SEGMENTS], b[SEGMENTS], acting, point)
+    beams, frames = _add_rings(film, slots, part, moves and not bed.closely, point)
+    energy = energy + beams + frames
     energy += _add_gas(film, slots, a[CHAMBERS], b[CHAMBERS], acting, point)
     if not energy < np.inf:
         return np.inf
@@ -137,28 +134,24 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
 
 
 @device_function
-def _add_film(film: Any, slots: Any, k: int, x: Matrix, gradient: Matrix, blocks: Blocks) -> float:
-    """Add the triangles of film k; return their energy [J]."""
-    a, b = film.films[k], film.films[k + 1]
-    rows = MembraneRows(
-        film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
-        film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k], film.forces[a[2] : b[2]],
-    )  # fmt: skip
-    added = x, rows, slots.triangles[a[0] : b[0]], gradient, blocks
-    return _add_membranes(film.calls[_MEMBRANES], added)
-
-
-@device_function
-def _add_bends(film: Any, slots: Any, first: int, last: int, point: Any) -> float:
-    """Add some of the hinges; return their energy [J]."""
+def _add_films(film: Any, slots: Any, part: int, point: Any) -> float:
+    """Add a part's triangles and hinges; return their energy [J]."""
+    energy, triangles, fold = 0.0, slots.triangles, film.fold_barrier[0]
+    for k in range(film.parts[part, FILMS], film.parts[part + 1, FILMS]):
+        a, b = film.films[k], film.films[k + 1]
+        rows = MembraneRows(
+            film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
+            film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k],
+            film.forces[a[2] : b[2]],
+        )  # fmt: skip
+        added = point.x, rows, triangles[a[0] : b[0]], point.gradient, point.blocks
+        energy += _add_membranes(film.calls[_MEMBRANES], added)
+    first, last = film.parts[part, HINGES], film.parts[part + 1, HINGES]
     begin, end = film.angles[0] + first, film.angles[0] + last
-    springs = HingeRows(
-        film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last],
-        film.fold_barrier[0],
-    )  # fmt: skip
+    own = film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last]
     angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
-    added = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
-    return _add_hinges(film.calls[_HINGES], added)
+    bent = point.x, HingeRows(*own, fold), angles, slots.hinges[first:last], point.gradient, point.blocks
+    return energy + _add_hinges(film.calls[_HINGES], bent)
 
 
 @device_function
@@ -170,7 +163,20 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
     with_hessian, routes = slots.diagonal.shape[0] > 0, film.eyelets.routes
     for c in range(more.length.shape[0]):
         if first <= routes[c] < last and not math.isnan(more.length[c]):
-            energy += _pull_cable(film, c, more, with_hessian, point)
+            begin, end, weighted = routes[c], routes[c + 1], 0.0
+            for s in range(begin, end):
+                weighted += more.share[s] * segment_length(point.x, film.segments[s, 0], film.segments[s, 1])
+            level, force, slope = onset(weighted - more.length[c])
+            for s in range(begin, end):
+                pull[s] = more.spring[c] * force * more.share[s]
+            if with_hessian:
+                more.coefficients[c] = more.spring[c] * slope
+                more.vectors[c, :, :] = 0.0
+                if slope > 0.0:
+                    weights = film.segments[begin:end], more.share[begin:end], film.no_slots.segments
+                    added = point.x, *weights, more.vectors[c], film.no_blocks
+                    _add_segments(film.calls[_SEGMENTS], added)
+            energy += more.spring[c] * (level - force * weighted)  # less sum T_i L_i
     for c in range(routes.shape[0] - 1 if more.eyelets.shape[0] > 0 else 0):
         if first <= routes[c] < last and film.eyelets.places[routes[c]] >= 0:
             lost = point.x, film.eyelets, more.eyelets, c, point.tracked, pull
@@ -185,63 +191,34 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
 
 
 @device_function
-def _pull_cable(film: Any, c: int, more: FilmLoads, with_hessian: bool, point: Any) -> float:
-    """Fill the tensions of a cable of commanded length; return its energy [J] less sum T_i L_i."""
-    first, last = film.eyelets.routes[c], film.eyelets.routes[c + 1]
-    weighted = 0.0
-    for s in range(first, last):
-        weighted += more.share[s] * segment_length(point.x, film.segments[s, 0], film.segments[s, 1])
-    energy, force, slope = onset(weighted - more.length[c])
-    for s in range(first, last):
-        point.pull[s] = more.spring[c] * force * more.share[s]
-    if with_hessian:
-        more.coefficients[c] = more.spring[c] * slope
-        more.vectors[c, :, :] = 0.0
-        if slope > 0.0:
-            weights = film.segments[first:last], more.share[first:last], film.no_slots.segments
-            added = point.x, *weights, more.vectors[c], film.no_blocks
-            _add_segments(film.calls[_SEGMENTS], added)
-    return more.spring[c] * (energy - force * weighted)
-
-
-@device_function
-def _add_beams(film: Any, slots: Any, groups: tuple[int, int], moving: bool, point: Any) -> float:
-    """Add some groups of rings of beams; return their energy [J]."""
-    energy = 0.0
-    for k in range(groups[0], groups[1]):
+def _add_rings(film: Any, slots: Any, part: int, moving: bool, point: Any) -> tuple[float, float]:
+    """Add a part's groups of rings of beams, and of frames; return the energies [J] of both."""
+    energy, stiff, frames, differentiated = 0.0, 0.0, film.frames, slots.diagonal.shape[0] > 0
+    for k in range(film.parts[part, BEAMS], film.parts[part + 1, BEAMS]):
         begin, rings, nodes, first, slot = film.beams.groups[k]
         end, last = begin + rings * nodes, first + REMEMBERED * rings * nodes
         beams = BeamArrays(
             film.beams.rings[begin:end].reshape((rings, nodes)),
             film.beams.directors[9 * begin : 9 * end].reshape((rings, nodes, 3, 3)),
-            film.beams.lengths[begin:end].reshape((rings, nodes)),
-            film.beams.rigidities[k],
-            moving,
-        )
-        pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
-        own = slots.beams[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
+            film.beams.lengths[begin:end].reshape((rings, nodes)), film.beams.rigidities[k], moving,
+        )  # fmt: skip
+        shape = rings if differentiated else 0, nodes * (nodes + 1) // 2
+        own = slots.beams[slot : slot + shape[0] * shape[1]].reshape(shape)
         memory = Remembered(point.memory[first:last], point.tracked[first:last])
         added = point.x, beams, memory, own, point.gradient, point.blocks
         energy += _add_beam_rings(film.calls[_BEAMS], added)
-    return energy
-
-
-@device_function
-def _add_frames(film: Any, slots: Any, first: int, last: int, point: Any) -> float:
-    """Add some groups of frames; return their energy [J]."""
-    energy, frames = 0.0, film.frames
-    for k in range(first, last):
-        begin, rings, nodes, projection, slot = frames.groups[k]
-        end, shape = begin + rings * nodes, (rings, nodes, nodes)
-        pairs, differentiated = nodes * (nodes + 1) // 2, rings if slots.diagonal.shape[0] > 0 else 0
+    for k in range(film.parts[part, FRAMES], film.parts[part + 1, FRAMES]):
+        begin, rings, nodes, first, slot = frames.groups[k]
+        end, last = begin + rings * nodes, first + rings * nodes * nodes
+        shape = rings if differentiated else 0, nodes * (nodes + 1) // 2
+        own = slots.frames[slot : slot + shape[0] * shape[1]].reshape(shape)
         given = (
             point.x, frames.rings[begin:end].reshape((rings, nodes)),
-            frames.projections[projection : projection + rings * nodes * nodes].reshape(shape),
+            frames.projections[first:last].reshape((rings, nodes, nodes)),
             frames.lengths[begin:end].reshape((rings, nodes)), frames.stiffness[k],
         )  # fmt: skip
-        own = slots.frames[slot : slot + differentiated * pairs].reshape((differentiated, pairs))
-        energy += _add_frame_rings(film.calls[_FRAMES], (*given, own, point.gradient, point.blocks))
-    return energy
+        stiff += _add_frame_rings(film.calls[_FRAMES], (*given, own, point.gradient, point.blocks))
+    return energy, stiff
 
 
 @device_function
@@ -251,7 +228,16 @@ def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, p
     for k in range(first, last):
         given, sealed = acting.loads.pressure[k], more.gas.shape[0] > 0 and more.gas[k, 0] > 0.0
         if sealed:
-            given = _seal(film, k, more, slots.diagonal.shape[0] > 0, point)
+            row = more.coefficients.shape[0] - more.gas.shape[0] + k
+            if slots.diagonal.shape[0] > 0:
+                more.vectors[row, :, :] = 0.0
+                volume = _press(film, film.no_slots, k, -1.0, (point.x, more.vectors[row], film.no_blocks))
+            else:
+                volume = _press(film, film.no_slots, k, 0.0, (point.x, point.gradient, film.no_blocks))
+            given = absolute_pressure(more.gas[k, 0], more.gas[k, 1], more.gas[k, 2], volume)
+            if slots.diagonal.shape[0] > 0:
+                more.coefficients[row] = more.gas[k, 2] * given / volume
+            given -= more.gas[k, 3]
             if not given < np.inf:
                 return np.inf
         volume = _press(film, slots, k, given, (point.x, point.gradient, point.blocks))
@@ -282,22 +268,3 @@ def _press(film: Any, slots: Any, k: int, given: float, into: tuple[Matrix, Matr
         pairs = slots.caps[slots.first_of_cap[cap] : slots.first_of_cap[cap + 1]]
         volume += _add_cap(film.calls[_CAP], (x, ring, given, pairs, gradient, blocks))
     return volume
-
-
-@device_function
-def _seal(film: Any, k: int, more: FilmLoads, with_hessian: bool, point: Any) -> float:
-    """Return the gauge pressure [Pa] of what is sealed in chamber k, infinite without volume.
-
-    Fills what it adds to a Hessian.
-    """
-    row = more.coefficients.shape[0] - more.gas.shape[0] + k
-    if with_hessian:
-        more.vectors[row, :, :] = 0.0
-        volume = _press(film, film.no_slots, k, -1.0, (point.x, more.vectors[row], film.no_blocks))
-    else:
-        volume = _press(film, film.no_slots, k, 0.0, (point.x, point.gradient, film.no_blocks))
-    exponent, ambient = more.gas[k, 2], more.gas[k, 3]
-    absolute = absolute_pressure(more.gas[k, 0], more.gas[k, 1], exponent, volume)
-    if with_hessian:
-        more.coefficients[row] = exponent * absolute / volume
-    return absolute - ambient

@@ -376,21 +376,6 @@ class StepWork(NamedTuple):
 
 
 @device_function
-def copy(values: Vector, to: Vector) -> None:
-    """Copy values; a loop compiles in a fraction of the time of an assignment to a slice."""
-    for i in range(values.shape[0]):
-        to[i] = values[i]
-
-
-@device_function
-def copy_rows(values: Matrix, to: Matrix) -> None:
-    """Copy the rows of a matrix with three columns."""
-    for i in range(values.shape[0]):
-        for r in range(3):
-            to[i, r] = values[i, r]
-
-
-@device_function
 def move(place: Matrix, share: float, change: Matrix, x: Matrix) -> None:
     """Fill x with a place to which a share of a change is added."""
     for i in range(x.shape[0]):

@@ -26,6 +26,8 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     address_of,
+    copy,
+    copy_rows,
     device_function,
     handing_on_views,
     kernel,
@@ -77,8 +79,6 @@ from cosim.soft.film.step_arrays import (
     StepNumbers,
     StepPlace,
     StepWork,
-    copy,
-    copy_rows,
     move,
 )
 from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is_kept, renew, solve_kept
@@ -161,21 +161,6 @@ class FilmSide(NamedTuple):
     numbers: StepNumbers
     work: StepWork
     rims: RimArrays
-
-
-@device_function
-def _begin(side: FilmSide, motion: Any) -> None:
-    """Fill base (as new velocity), target and start, and memories as they were."""
-    x, velocity, before = motion.x, motion.velocity, motion.earlier_velocity
-    base, work, numbers = motion.new_velocity, side.work, side.numbers
-    calls, moved = work.calls, (x, velocity, motion.earlier_x, before)
-    rates = BedNumbers(numbers.two_steps, numbers.span, numbers.factor, numbers.damping)
-    if numbers.damping > 0.0:
-        _follow_flange(calls[_FOLLOW], (side.held, motion.flange, x, motion.earlier_x, rates, work.along))
-    _fill_bed(calls[_BED], (*moved, work.along, rates, base, side.bed.target))
-    _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
-    _place_flight(calls[_PLACE], (side.held, motion.flange, motion.new_x))
-    copy(motion.memory, motion.new_memory)
 
 
 @device_function
@@ -275,24 +260,6 @@ def _judge_kept(side: FilmSide, motion: Any, part: int, residual: float) -> int:
 
 
 @device_function
-def _serves(side: FilmSide, part: int, residual: float) -> bool:
-    """Return whether a share of the step along a new tangent lowers the potential, or the residual by far."""
-    work, state = side.work, side.work.parts[part]
-    energy, before, slope = state[TRIED], state[ENERGY], state[SHARE] * state[SLOPE]
-    if math.isfinite(energy) and residual < _MUCH_LESS * state[RESIDUAL]:
-        return True
-    if side.numbers.potential:
-        rounding = 1e-13 * (1.0 + abs(before))  # what it can hide in a sum of terms of this size
-        return energy <= before + 1e-4 * slope + rounding
-    # work of the out-of-balance force along the step (Crisfield's line search), of which a short step takes
-    # little away
-    force = _along(
-        work.gradient, work.solution[0], side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
-    )
-    return abs(force) <= (1.0 - 0.1 * state[SHARE]) * abs(state[SLOPE]) and math.isfinite(energy)
-
-
-@device_function
 def _along(force: Matrix, step: Matrix, begin: int, end: int) -> float:
     """Return the work of a force along a step of some nodes."""
     work = 0.0
@@ -304,10 +271,22 @@ def _along(force: Matrix, step: Matrix, begin: int, end: int) -> float:
 
 @device_function
 def _judge_search(side: FilmSide, motion: Any, part: int, residual: float) -> int:
-    """Judge a share of a step along a new tangent; return what is next."""
+    """Judge a share of a step along a new tangent; return what is next.
+
+    It serves if it lowers the potential, or the residual by far. Without a potential the work of the
+    out-of-balance force along the step counts (Crisfield's line search), of which a short step takes little
+    away.
+    """
     work, state = side.work, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
-    if _serves(side, part, residual):
+    energy, before, share = state[TRIED], state[ENERGY], state[SHARE]
+    if side.numbers.potential:
+        rounding = 1e-13 * (1.0 + abs(before))  # what it can hide in a sum of terms of this size
+        serves = energy <= before + 1e-4 * (share * state[SLOPE]) + rounding
+    else:
+        force = _along(work.gradient, work.solution[0], begin, end)
+        serves = abs(force) <= (1.0 - 0.1 * share) * abs(state[SLOPE]) and math.isfinite(energy)
+    if serves or (math.isfinite(energy) and residual < _MUCH_LESS * state[RESIDUAL]):
         state[TANGENTS] += 1.0
         state[SEARCHES] = state[PAIRS_KNOWN] = state[MOVED] = state[RUN] = 0.0
         return _accept(side, motion, part, residual)
@@ -390,21 +369,6 @@ def _fill_wide(new: NewTangents, acting: FilmActing, x: Matrix) -> bool:
 
 
 @device_function
-def _corrects(side: FilmSide, found: Matrix, x: Matrix) -> bool:
-    """Fill what open ends have beside a new factorisation; return whether that can be solved with."""
-    rims, film, pressure = side.rims, side.film, side.rims.pressure
-    if rims.nodes.shape[0] == 0:
-        return True
-    for k in range(film.chambers.shape[0] - 1):
-        for cap in range(film.chambers[k, 1], film.chambers[k + 1, 1]):
-            pressure[cap] = found[k, 0]
-    if correct_rims(rims, side.kept, x):
-        return True
-    side.kept.there[0] = 0
-    return False
-
-
-@device_function
 def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place: Any, part: int) -> int:
     """Take a step with a new tangent where the last point serves; return what is next."""
     kept, new, work, state = side.kept, side.tangents, side.work, side.work.parts[part]
@@ -423,8 +387,15 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
     state[ASKS] = TANGENT if fits else PATTERN
     blocks = new.wide.blocks if new.wide.call != 0 else new.blocks
     hold_rims(side.rims, blocks)
+    rims, chambers = side.rims, side.film.chambers
     definite = fits and renew(kept, blocks, motion.flange, begin, end)
-    if not definite or not _corrects(side, acting.more.found, motion.new_x):
+    if definite and rims.nodes.shape[0] > 0:  # what open ends have beside the factorisation
+        for k in range(chambers.shape[0] - 1):
+            for cap in range(chambers[k, 1], chambers[k + 1, 1]):
+                rims.pressure[cap] = acting.more.found[k, 0]
+        definite = correct_rims(rims, kept, motion.new_x)
+        kept.there[0] = definite
+    if not definite:
         _go_back(side, motion, part)
         return _STOP
     state[ASKS], state[SEARCHES] = NOTHING, 1.0
@@ -486,9 +457,17 @@ def _solve_part(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, p
 @device_function
 def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
     """Let all parts be solved from where the motion ends, or a step from where it begins."""
-    work, steps = side.work, place.begins == BEGINS_STEP
+    work, numbers, steps = side.work, side.numbers, place.begins == BEGINS_STEP
     if steps:
-        _begin(side, motion)
+        x, velocity, before, calls = motion.x, motion.velocity, motion.earlier_velocity, work.calls
+        base, moved = motion.new_velocity, (x, velocity, motion.earlier_x, before)
+        rates = BedNumbers(numbers.two_steps, numbers.span, numbers.factor, numbers.damping)
+        if numbers.damping > 0.0:
+            _follow_flange(calls[_FOLLOW], (side.held, motion.flange, x, motion.earlier_x, rates, work.along))
+        _fill_bed(calls[_BED], (*moved, work.along, rates, base, side.bed.target))
+        _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
+        _place_flight(calls[_PLACE], (side.held, motion.flange, motion.new_x))
+        copy(motion.memory, motion.new_memory)
         if work.more.eyelets.shape[0] > 0:
             given = motion.x, side.film.eyelets, motion.memory, tension, work.more.eyelets
             _freeze_losses(work.calls[_FREEZE], given)
@@ -503,14 +482,6 @@ def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
         work.parts[k, RESIDUAL] = work.parts[k, ENERGY] = math.inf
         work.parts[k, TRIED] = math.nan
         work.parts[k, SWEEPS] = FOLD_SWEEPS + 1 if steps else 0
-
-
-@device_function
-def _end(x: Matrix, base: Matrix, span: float) -> None:
-    """Replace base by the velocities."""
-    for i in range(x.shape[0]):
-        for r in range(3):
-            base[i, r] = (x[i, r] - base[i, r]) / span
 
 
 @kernel
@@ -546,5 +517,8 @@ def film_step(
                 parts[k, TO_DO], parts[k, LEFT], parts[k, ASKS] = 1.0, place.reuse_max, TANGENT
             done = False
     if done and numbers.span > 0.0:
-        _end(motion.new_x, motion.new_velocity, numbers.span)
+        x, base = motion.new_x, motion.new_velocity
+        for i in range(x.shape[0]):
+            for r in range(3):
+                base[i, r] = (x[i, r] - base[i, r]) / numbers.span
     return done, served, tangents, residual, energy

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
-from cosim.base.kernels import IndexTable, Matrix, Vector, device_function, kernel
+from cosim.base.kernels import IndexTable, Matrix, Vector, kernel
+from cosim.soft.geometry.surface import TURN
 from cosim.soft.solve.state import BedNumbers
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
@@ -84,12 +83,6 @@ def fill_flight(
                 flight[i, r] += fraction * h * (velocity[i, r] - earlier_velocity[i, r])
 
 
-@device_function
-def _gap(angle: float) -> float:
-    """Return how far a fold is from where its films meet [rad], whichever way it folds."""
-    return min(angle, 2.0 * np.pi - angle)
-
-
 @kernel
 def keep_folds_open(
     x: Matrix, hinges: IndexTable, theta1: float, before: Vector, angles: Vector, flight: Matrix
@@ -108,7 +101,8 @@ def keep_folds_open(
     """
     closes = False
     for h in range(hinges.shape[0]):
-        gap, left = _gap(before[h]), _gap(angles[h])
+        # how far from where its films meet, whichever way it folds
+        gap, left = min(before[h], TURN - before[h]), min(angles[h], TURN - angles[h])
         if gap > theta1 or left > _LEAST_OPEN * max(gap, _CLOSED * theta1) or left > _STAYS * gap:
             continue
         closes = True
