@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
-from cosim.telemetry.closing import error_line
+from cosim.telemetry.closing import error_line, swing_lines, swing_warnings
 from cosim.telemetry.figures import (
     ArmFigures,
     DeviceFigures,
@@ -30,8 +30,6 @@ from cosim.telemetry.figures import (
     resting,
     standing_lines,
     strength_warnings,
-    swing_lines,
-    swing_warnings,
     undecided_warnings,
 )
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
