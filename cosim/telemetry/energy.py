@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any, Final, NamedTuple, final
+from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import StepOptions
-from cosim.telemetry.tick_batch import TickBatch
 
 KINETIC, DONE, RELATIVE, MOVING, COLUMNS = range(5)
 WORKS: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "eyelets_J", "damping_J", "air_drag_J")
@@ -89,6 +88,42 @@ def fill_lengths(x: Blocks, segments: IndexTable, out: Matrix) -> None:
                 along = x[t, segments[s, 1], r] - x[t, segments[s, 0], r]
                 square += along * along
             out[t, s] = np.sqrt(square)
+
+
+class SeenTicks(Protocol):
+    """What the balance sees of ticks: columns of a `TickBatch`."""
+
+    @property
+    def node_position(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def chamber_volume_m3(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def chamber_pressure_Pa(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def cable_tension_N(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def wrench(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def flange_position(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def flange_rotation(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def flange_twist(self) -> Array:
+        """See `TickBatch`."""
 
 
 @final
@@ -199,9 +234,9 @@ class EnergyFigures:
     ticks: int = 0
     last: EnergyRow | None = None
 
-    def after(self, batch: TickBatch, parts: EnergyParts) -> EnergyFigures:
+    def after(self, batch: SeenTicks, parts: EnergyParts) -> EnergyFigures:
         """Return the balance with some ticks more; the state before the first one is by itself."""
-        x = np.ascontiguousarray(batch.film.node_position())
+        x = np.ascontiguousarray(batch.node_position)
         length = np.empty((len(x), len(parts.segments)))
         fill_lengths(x, parts.segments, length)
         columns = (

@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
 from cosim.telemetry import figures
-from cosim.telemetry.closing import error_line
+from cosim.telemetry.closing import error_line, swing_lines, swing_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -56,7 +56,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- warning: {line}" for line in summary["warnings"]),
         *(f"- stability: {line}" for line in figures.branching_lines(summary["branchings"])),
         *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
-        *(f"- natural frequencies: {line}" for line in figures.swing_lines(summary["phases"])),
+        *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
         f"- error: {error_line(summary)}",
         *figures.arm_table(summary["arm"]),
@@ -267,7 +267,7 @@ class SummaryBuilder:
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
         beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
-        beyond += figures.swing_warnings(self._phases)
+        beyond += swing_warnings(self._phases)
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
