@@ -274,6 +274,7 @@ def fitted(rows: list[dict[str, Any]]) -> str:
 
     The least that would have covered 95 % of its states, in tenths; of the mesh at least 1.5, as differences
     of the first order ask for. Of tensions, and of what has fewer than ten states: of all frames together.
+    Frames without any state have none.
     """
     lines = ["| frames | " + " | ".join(FIGURES) + " |", "|---" * (len(FIGURES) + 1) + "|"]
     for kind in FACTORS:
@@ -282,8 +283,9 @@ def fitted(rows: list[dict[str, Any]]) -> str:
             every = [(row["frame"], pair) for row in rows if (pair := compared(row, key)) is not None]
             own = [pair[:2] for frame, pair in every if frame == kind]
             few = len(own) < LEAST or key == "cable_tension_N"
-            found = max(FIRST_ORDER, factor([pair[:2] for _, pair in every] if few else own))
-            cells.append(f"{found:.1f} of {len(own)} states ({FACTORS[kind][key]})")
+            taken = [pair[:2] for _, pair in every] if few else own
+            found = f"{max(FIRST_ORDER, factor(taken)):.1f}" if own else "none"
+            cells.append(f"{found} of {len(own)} states ({FACTORS[kind][key]})")
         lines.append(f"| {kind} | " + " | ".join(cells) + " |")
     swings = [
         [(row["swing"][key], row["tick"][key]) for row in in_time(rows)] for key in ("tip_m", "length_m")
