@@ -4,9 +4,7 @@ Mesh: the state at rest under the loads of the phase's end is found on the run's
 once; their difference, times a factor that was calibrated (docs/run_error.md). Tensions that a target was
 reached with are searched for anew on both.
 
-Tick: what still swings at the end, as of the lowest mode, whose motion over a tick of an integrator is known:
-x_n = lambda^n x_0 in place of exp(i w h n) x_0. Over the ticks of the phase the two part by that much of the
-swing.
+Tick: the exact swing of each of the lowest modes under the forces of the run, see `tick_error`.
 
 Solver: a residual of the tolerance in each component, independent of one another, moves the tip by
 tolerance |K^-1 g|, g the tip's gradient.
@@ -14,7 +12,6 @@ tolerance |K^-1 g|, g the tip's gradient.
 
 from __future__ import annotations
 
-import cmath
 import math
 import time
 from collections.abc import Callable
@@ -34,20 +31,21 @@ from cosim.soft.beams.beam_rings import BeamRings, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import WHOLE
-from cosim.soft.solve.state import Clamp, Equilibrium, Integrator, SoftState
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.stepping.parts import Parts
+from cosim.stepping.tick_error import Modes, Swings, tip_pulls
 from cosim.telemetry.snapshot import RunErrors
 from cosim.telemetry.tick_batch import TickBatch
 
 FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
 FACTORS: Final = {
     "none": dict(zip(FIGURES, (2.5, 2.5, 2.5, 2.0, 2.5, 2.5), strict=True)),
-    "stiff": dict(zip(FIGURES, (2.0, 2.0, 1.8, 1.5, 2.0, 2.5), strict=True)),
-    "beam": dict(zip(FIGURES, (1.8, 1.8, 1.6, 1.4, 2.2, 2.5), strict=True)),
+    "stiff": dict(zip(FIGURES, (1.6, 1.6, 1.6, 1.5, 2.4, 2.0), strict=True)),
+    "beam": dict(zip(FIGURES, (1.5, 1.5, 1.5, 1.5, 2.4, 2.0), strict=True)),
 }
 """By which the difference of two meshes is multiplied, by kind of frames; docs/run_error.md."""
-_TICK_FACTOR: Final = 2.0
-"""By which the drift of the lowest mode is multiplied: others swing as well."""
+TICK_FACTOR: Final = 1.9
+"""By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
 _OF_TIP: Final = 0.3
 """Share of the tip's difference that sag and length are off by at least: theirs may vanish by chance."""
 _ELSEWHERE: Final = 0.6
@@ -62,13 +60,13 @@ class PhaseEnd:
     Args:
         phase: its index.
         state: of the soft side.
-        frequency_Hz: lowest natural frequency; None: not known.
+        ticks: how many `Swings` had taken in by then.
         why_not: why no error is worked out; empty where one is.
     """
 
     phase: int
     state: SoftArmState
-    frequency_Hz: float | None
+    ticks: int
     why_not: str = ""
 
 
@@ -116,23 +114,6 @@ def differences(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
     }
 
 
-def drift(integrator: Integrator, angle: float, ticks: int) -> float:
-    """Return how far a swing is off after some ticks, over its amplitude.
-
-    Args:
-        integrator: of the ticks.
-        angle: w h [rad], by which it swings in a tick.
-        ticks: since it began.
-    """
-    if integrator == "implicit_euler":
-        root = 1.0 / (1.0 - 1j * angle)
-    else:
-        a = 3.0 - 2j * angle
-        root = (2.0 + cmath.sqrt(4.0 - a)) / a
-    grown = cmath.exp(1j * angle) / root  # what the integrator has lost, a tick
-    return abs(cmath.exp(min(1.0, ticks * math.log(abs(grown))) + 1j * ticks * cmath.phase(grown)) - 1.0)
-
-
 _TANGENT: Final = {"dynamic": 40, "quasistatic": 6}
 """Iterations of the run that one on the refined mesh costs: those of ticks mostly keep a tangent."""
 _USUAL: Final = 10  # iterations that a state takes on the refined mesh
@@ -162,6 +143,11 @@ class ErrorFinder:
         self.ends: list[PhaseEnd] = []
         self._pairs: dict[int, Pair] = {}
         self._branched: dict[int, str] = {}
+        soft, solver = parts.soft, scenario.solver
+        self._swings: Swings | None = None
+        if not self._statics and isinstance(soft, SoftArm):
+            tick_s = scenario.clock.tick_s
+            self._swings = Swings(soft.body, tick_s, solver.integrator, solver.damping_per_s)
 
     @property
     def side(self) -> SoftArm:
@@ -174,10 +160,11 @@ class ErrorFinder:
         phase, side = int(batch.phase[-1]), self._parts.soft
         if any(each.extent >= WHOLE for passed in batch.branchings.values() for each in passed):
             self._branched[phase] = "the soft robot branches in it"
+        if self._swings is not None:
+            self._swings.observe(batch.film.node_position())
         if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm):
             return
         state, footing = side.save_state(), batch.footing.get(len(batch) - 1)
-        frequency_Hz = None if footing is None else footing.lowest_frequency_Hz
         why_not = self._branched.get(phase, "")
         if batch.slides[-1]:
             why_not = "the soft robot snaps at its end"
@@ -185,7 +172,7 @@ class ErrorFinder:
             why_not = "the soft robot touches something"
         elif footing is not None and (stands := footing.stability(())) != "stable":
             why_not = f"the soft robot ends {stands}"
-        self.ends.append(PhaseEnd(phase, state, frequency_Hz, why_not))
+        self.ends.append(PhaseEnd(phase, state, self._swings.ticks if self._swings else 0, why_not))
 
     def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
         """Return the errors, at all phase ends, or at the last where they would cost much of the run.
@@ -290,7 +277,7 @@ class ErrorFinder:
         away |= self._of_tension(end, pair, mesh)
         return {
             "of_mesh": mesh_bars(away, frame_kind(side.body)),
-            "of_tick": {} if self._statics else self._of_tick(end, side, here),
+            "of_tick": {} if self._swings is None else self._of_tick(end, pair.rest, self._swings),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
 
@@ -307,31 +294,25 @@ class ErrorFinder:
 
     def _of_solver(self, side: SoftArm, rest: Equilibrium) -> float:
         """Return how far what the solver leaves moves the tip [m]."""
-        solver, tip = side.equilibrium_solver.solver, side.body.tip
+        solver = side.equilibrium_solver.solver
         options = self._parts.scenario.solver
         tolerance_N = options.residual_tolerance_N if self._statics else options.dynamic_tolerance_N
         state, frame = rest.state, rest.world_from_flange.rotation
         if not solver.factorise(state.positions, state.memory, rest.loads, None, frame):
             return math.inf
-        pull = np.zeros((3, side.body.nodes, 3))
-        for axis in range(3):
-            pull[axis, tip, axis] = 1.0 / len(tip)
-        return tolerance_N * float(np.linalg.norm(solver.linear.solve_all(pull)))
+        return tolerance_N * float(np.linalg.norm(solver.linear.solve_all(tip_pulls(side.body))))
 
-    def _of_tick(self, end: PhaseEnd, side: SoftArm, rest: dict[str, Any]) -> dict[str, float]:
+    def _of_tick(self, end: PhaseEnd, rest: Equilibrium, swings: Swings) -> dict[str, float]:
         """Return how far ticks may have brought the figures off, besides those at rest."""
-        scenario, flange, soft = self._parts.scenario, end.state.flange, end.state.soft
-        frame, tick_s = (flange.translation, flange.rotation[:, 2]), scenario.clock.tick_s
-        before = end.state.flange_before or flange
-        carried = soft.positions - (before @ flange.inverse()).apply(soft.positions)
-        now = shape_figures(side, soft.positions, frame)
-        earlier = shape_figures(side, soft.positions - (tick_s * soft.velocities - carried), frame)
-        off, rate = differences(now, rest), differences(now, earlier)
-        if end.frequency_Hz is None:  # all that moves may be off
-            return {key: off[key] + rate[key] for key in off}
-        angle = 2.0 * math.pi * end.frequency_Hz * tick_s
-        share = _TICK_FACTOR * drift(scenario.solver.integrator, angle, self._counts[end.phase])
-        return {key: share * math.hypot(off[key], rate[key] / angle) for key in off}
+        side, shape, modes = self.side, end.state.soft.positions, Modes.of(self.side, rest)
+        if modes is None:
+            return dict.fromkeys(FIGURES, math.inf)
+        frame = (end.state.flange.translation, end.state.flange.rotation[:, 2])
+        now = shape_figures(side, shape, frame)
+        off = [
+            differences(now, shape_figures(side, shape + by, frame)) for by in swings.apart(modes, end.ticks)
+        ]
+        return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
 
 
 def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:

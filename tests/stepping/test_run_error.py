@@ -123,6 +123,26 @@ def test_long_ticks_are_told(arm: Path) -> None:
     assert short < 0.6 * long
 
 
+PULL = """
+[[phase]]
+name = "pull"
+duration_s = 0.3
+cable_tension_N = [0.5, 0.0]
+"""
+
+
+@pytest.mark.parametrize("tick_s", [0.01, 0.005])
+def test_the_bar_of_long_ticks_covers_what_a_quarter_of_them_changes(arm: Path, tick_s: float) -> None:
+    # what the ticks have lost of the swings is more than what still swings
+    arm.write_text(ARM.replace("increments = 2\n", "") + PULL, encoding="utf-8")
+    swing = {"mode": "dynamic", "solver.integrator": "bdf2", "phase.inflate.duration_s": 0.3}
+    run = phases(arm, **swing, **{"clock.tick_s": tick_s})
+    finer = phases(arm, error=False, **swing, **{"clock.tick_s": tick_s / 4.0})
+    for long, short in zip(run, finer, strict=True):
+        away = float(np.linalg.norm(np.subtract(long["tip_position_m"], short["tip_position_m"])))
+        assert 1e-4 < away < long["error"]["of_tick"]["tip_m"] < 15.0 * away
+
+
 def test_what_the_solver_leaves_counts_by_its_tolerance(arm: Path) -> None:
     close, loose = (
         phases(arm, **{"solver.residual_tolerance_N": given})[-1]["error"]["of_solver"]["tip_m"]
