@@ -26,7 +26,7 @@ FUSED: Final = "fused"
 """Face group of the triangles whose two films are fused."""
 
 
-class _Ring(NamedTuple):
+class Ring(NamedTuple):
     """A ring of a graded film.
 
     Args:
@@ -42,8 +42,8 @@ class _Ring(NamedTuple):
     circle: bool = False
 
 
-_HOLE, _FUSED = _Ring(0.0), _Ring(0.0, circle=True)
-_GRADED: Final = (_Ring(0.1), _Ring(0.42), _Ring(0.8, from_inside=False), _Ring(1.0, 4, False))
+_HOLE, _FUSED = Ring(0.0), Ring(0.0, circle=True)
+GRADED: Final = (Ring(0.1), Ring(0.42), Ring(0.8, from_inside=False), Ring(1.0, 4, False))
 """Places and diagonals were chosen on the first unit of the hexagonal arm: docs/mesh_study.md."""
 
 
@@ -135,10 +135,10 @@ class PolygonalStack:
         Args:
             fused_radius_m: within which films are fused, between hole and rims; None: none are.
         """
-        course: tuple[_Ring, ...] = (_HOLE, *_GRADED)
+        course: tuple[Ring, ...] = (_HOLE, *GRADED)
         start = self.hole_radius_m
         if fused_radius_m is not None:
-            start, course = fused_radius_m / np.cos(np.pi / self.sides), (_HOLE, _FUSED, *_GRADED)
+            start, course = fused_radius_m / np.cos(np.pi / self.sides), (_HOLE, _FUSED, *GRADED)
         rim = len(course) - 1
         counts = [self.sides * ring.per_side for ring in (*course, *course[-2:0:-1])]
         first = np.concatenate([[0], np.cumsum(counts)])
@@ -213,13 +213,13 @@ class PolygonalStack:
             self._polygon(middle, high),
         ]
 
-    def _graded_positions(self, unit: int, course: tuple[_Ring, ...], start: float) -> list[Array]:
+    def _graded_positions(self, unit: int, course: tuple[Ring, ...], start: float) -> list[Array]:
         """Return the nodes of a unit ring by ring, those of the hole above it left out."""
         outer, hole = self.corner_radius_m * self.taper**unit, self.hole_radius_m
         kinks = (hole, hole + self.mid_ring_fraction * (outer - hole), outer)
         low, half, high = self.ring_heights
 
-        def placed(ring: _Ring, heights: tuple[float, float, float]) -> Array:
+        def placed(ring: Ring, heights: tuple[float, float, float]) -> Array:
             radius = start + ring.place * (outer - start)
             points = self._polygon(radius, 0.0, ring.per_side)
             size = np.ones(len(points))
