@@ -104,7 +104,8 @@ def test_fused_film_is_twice_as_thick(robot: SoftRobotTable) -> None:
     ],
 )
 def test_necks_without_room_are_refused(changes: dict[str, Any], path: str, message: str) -> None:
-    given = {f"soft_robot.stack.{key}": value for key, value in {"refine_holes": 1, **changes}.items()}
+    stack = {"mesh": "drawn", "refine_holes": 1, **changes}
+    given = {f"soft_robot.stack.{key}": value for key, value in stack.items()}
     with pytest.raises(ScenarioError, match=message) as told:
         load_scenario("three_unit_inflation", given)
     assert told.value.path == f"soft_robot.stack.{path}"
