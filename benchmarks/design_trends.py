@@ -39,8 +39,8 @@ Changes = Mapping[str, Any]
 MESHES: dict[str, Changes] = {
     "drawn": {"model.published": True},
     "default": {"model.published": False},
-    "refined": {"model.published": False, "soft_robot.stack.refine": 1},
-    "twice": {"model.published": False, "soft_robot.stack.refine": 2},
+    "refined": {"model.published": False, "soft_robot.stack.mesh": "drawn", "soft_robot.stack.refine": 1},
+    "twice": {"model.published": False, "soft_robot.stack.mesh": "drawn", "soft_robot.stack.refine": 2},
 }
 AROUND_ROLL: Changes = {
     "robot": "ur5e",

@@ -116,6 +116,7 @@ def frame(section: str) -> list[str]:
     phases = to_table(scenario)["phase"][: [phase.name for phase in scenario.phases].index("lift")]
     stiffener = {"width_m": width, "height_m": height, "young_modulus_Pa": modulus}
     changes: dict[str, Any] = {f"soft_robot.stiffener.{key}": value for key, value in stiffener.items()}
+    changes["soft_robot.stack.mesh"] = "drawn"
     changes |= {"mode": "quasistatic", "phase": [{**phase, "increments": 30} for phase in phases]}
     arms = [
         run("ur5e_hexagon_arm", overrides={**changes, "soft_robot.stack.refine": level}) for level in (0, 1)

@@ -59,8 +59,8 @@ from cosim.soft.geometry.surface import (
 from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
-    "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule", "stiffener",
-    "cable.losses", "cable.eyelet_loss_N",
+    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule",
+    "stiffener", "cable.losses", "cable.eyelet_loss_N",
 )  # fmt: skip
 """Keys of a robot's file that the paper's model does not look at."""
 
@@ -71,7 +71,7 @@ def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
     Hinges keep their factor and barrier. What the robot carries is left as it is.
     Source: "cable pneumatic soft robots" and its code, Sim-FAST by Y. Zhu.
     """
-    stack = None if robot.stack is None else replace(robot.stack, refine_holes=0, neck=None)
+    stack = None if robot.stack is None else replace(robot.stack, mesh="drawn", refine_holes=0, neck=None)
     groups = tuple(replace(entry, film=_published_film(entry.film)) for entry in robot.groups)
     return replace(
         robot,
@@ -171,7 +171,7 @@ def _nearest(name: str, points: Array, surface: GroupedSurface) -> IntArray:
 
 
 NODES_PER_AREA: Final = "nodes_per_m2"
-"""Face value of a mesh refined at its holes: nodes of the drawn mesh to the square metre."""
+"""Face value of a mesh with further nodes at its holes: nodes of the drawn mesh to the square metre."""
 
 
 def drawn_stack(table: StackTable) -> NamedMesh:
@@ -180,12 +180,15 @@ def drawn_stack(table: StackTable) -> NamedMesh:
     Raises:
         MeshError: the geometry gives degenerate triangles.
     """
+    return _stack(table).mesh()
+
+
+def _stack(table: StackTable) -> PolygonalStack:
     t = table
-    stack = PolygonalStack(
+    return PolygonalStack(
         t.sides, t.units, t.corner_radius_m, t.hole_radius_m, t.unit_height_m, t.taper,
         t.mid_ring_fraction, t.ring_heights, t.first_corner_rad,
     )  # fmt: skip
-    return stack.mesh()
 
 
 def stack_mesh(drawn: NamedMesh, table: StackTable) -> NamedMesh:
@@ -196,12 +199,29 @@ def stack_mesh(drawn: NamedMesh, table: StackTable) -> NamedMesh:
     Raises:
         MeshError: a neck has no room, or no refinement at its hole.
     """
+    fused_radius_m = None if table.neck is None else table.neck.fused_radius_m
+    if table.mesh == "graded":
+        return refine(
+            _spread_by_unit(_stack(table).graded_mesh(fused_radius_m), drawn, table.units), table.refine
+        )
     if not table.refine_holes and table.neck is None:
         return refine(drawn, table.refine)
     rings = (*drawn.center_rings, drawn.tip_ring)
     drawn = replace(drawn, face_values={**drawn.face_values, NODES_PER_AREA: _nodes_per_area(drawn)})
-    fused_radius_m = None if table.neck is None else table.neck.fused_radius_m
     return refine(with_finer_holes(drawn, rings, table.refine_holes, fused_radius_m), table.refine)
+
+
+def _spread_by_unit(mesh: NamedMesh, drawn: NamedMesh, units: int) -> NamedMesh:
+    """Return a mesh with the nodes that the drawn one has in each unit, spread over its film.
+
+    Rings of the drawn mesh, equally far apart, have the same number of nodes: on an area there are as many as
+    goes with one over the distance from the axis.
+    """
+    area, own = (triangle_area(film.positions, film.triangles).reshape(units, -1) for film in (drawn, mesh))
+    nodes = (area * _nodes_per_area(drawn).reshape(units, -1)).sum(axis=1)
+    away = np.linalg.norm(mesh.positions[mesh.triangles].mean(axis=1)[:, :2], axis=1).reshape(units, -1)
+    spread = (nodes / (own / away).sum(axis=1))[:, None] / away
+    return replace(mesh, face_values={**mesh.face_values, NODES_PER_AREA: spread.ravel()})
 
 
 def _nodes_per_area(mesh: NamedMesh) -> Array:

@@ -235,7 +235,7 @@ def _find(
 def _settle(
     contact: ContactArrays, films: FilmContacts, found: tuple[int, int], x: Matrix, ticks: Any, k: int
 ) -> bool:
-    """Take in the end of a step that might touch something, or has let go of it; return if it is asked for."""
+    """Take in the end of a step that might touch, or has let go of something; return if it is asked for."""
     if films.calls.shape[0] > 0:
         rows, memory, deepest = first_pairs(films.pairs, found[1]), films.memory, 0.0
         count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[: found[1]], False, memory))

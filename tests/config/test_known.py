@@ -48,7 +48,7 @@ def test_a_key_that_there_is_not_is_refused(known: dict[str, list[str]], path: s
 
 def test_a_run_says_what_is_assumed_and_of_the_paper_s_model_only_what_is_left() -> None:
     told = known_report(load_scenario("sealed_arm"))
-    assert "assumed: stack.refine_holes, stack.neck, film.law, stiffener" in told
+    assert "assumed: stack.mesh, stack.refine_holes, stack.neck, film.law, stiffener" in told
     published = known_report(load_scenario("sealed_arm", {"model.published": True}))
     assert "stiffener" not in published
     assert "mass" in published

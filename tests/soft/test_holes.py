@@ -131,3 +131,35 @@ def test_fused_triangles_fill_the_disc(levels: int) -> None:
 def test_discs_without_room_are_refused(levels: int, fused: float, message: str) -> None:
     with pytest.raises(MeshError, match=message):
         finer(SQUARES, levels, fused)
+
+
+GRADED = [(stack, fused) for stack, levels, fused in CASES if levels == 1]
+
+
+@pytest.mark.parametrize(("stack", "fused"), GRADED)
+def test_a_graded_mesh_is_of_the_same_shape_and_names(stack: PolygonalStack, fused: float | None) -> None:
+    drawn, mesh = stack.mesh(), stack.graded_mesh(fused)
+    area = triangle_area(drawn.positions, drawn.triangles).sum()
+    # a film of squares is kinked where the mid ring of the drawn mesh is, by 0.2 mm
+    assert triangle_area(mesh.positions, mesh.triangles).sum() == pytest.approx(area, rel=1e-4)
+    assert enclosed_volume(mesh.positions, mesh.triangles, mesh.caps) > 0.0
+    assert mesh.rings.keys() == drawn.rings.keys()
+    for name in (*holes_of(drawn), *drawn.seam_rings):
+        cuts = len(mesh.ring(name)) // len(drawn.ring(name))
+        np.testing.assert_allclose(
+            mesh.positions[mesh.ring(name)[::cuts]], drawn.positions[drawn.ring(name)], atol=1e-15
+        )
+    for name, line in drawn.lines.items():
+        np.testing.assert_allclose(mesh.positions[mesh.line(name)], drawn.positions[line], atol=1e-15)
+    angle = 2.0 * np.pi / stack.sides
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0, 0, 1.0]])
+    for symmetry in (np.diag([1.0, -1.0, 1.0]), turn):
+        assert shapes_of(mesh, symmetry) == shapes_of(mesh, np.eye(3))
+
+
+def test_fused_triangles_of_a_graded_mesh_are_those_within_the_radius() -> None:
+    mesh = SQUARES.graded_mesh(0.008)
+    distance = np.hypot(*mesh.positions[:, :2].T)[mesh.triangles]
+    within = np.flatnonzero((distance < 0.008 * (1.0 + 1e-9)).all(axis=1))
+    np.testing.assert_array_equal(mesh.face_groups[FUSED], within)
+    assert np.isclose(distance[within], 0.008).any(axis=1).all()

@@ -25,8 +25,8 @@ def test_the_reference_scenario_ends_where_140_increments_lead_it() -> None:
     result = cosim.run("ur5e_hexagon_arm", overrides=few("inflate", "turn", "lift", "reach"))
     assert result.status == "completed"
     # with more increments, and in the dynamic mode: the same to the last digit
-    assert tip(result, "inflate") == pytest.approx([0.3, 0.0, 0.5652], abs=2e-4)
-    assert tip(result, "turn") == pytest.approx([0.3545, 0.0, 0.5802], abs=2e-4)
+    assert tip(result, "inflate") == pytest.approx([0.3, 0.0, 0.5635], abs=2e-4)
+    assert tip(result, "turn") == pytest.approx([0.3507, 0.0, 0.5771], abs=2e-4)
     assert tip(result, "lift")[2] == pytest.approx(0.59, abs=1e-4)
     assert tip(result, "reach") == pytest.approx([0.45, 0.15, 0.55], abs=1e-4)
     assert result.summary["warnings"] == []
@@ -39,6 +39,6 @@ def test_a_load_on_the_light_arm_is_lifted_back() -> None:
     assert result.status == "completed"
     assert 0.035 < result.summary["soft_weight_N"] / 9.81 < 0.06
     turned, loaded, lifted = (tip(result, phase)[2] for phase in ("turn", "load", "lift"))
-    assert turned - loaded == pytest.approx(10.0e-3, abs=3e-4)
+    assert turned - loaded == pytest.approx(11.6e-3, abs=3e-4)
     assert lifted == pytest.approx(turned, abs=2e-4)
     assert float(np.min(result.cable_tension_N[-1])) > 0.5

@@ -18,6 +18,7 @@ _RINGS: Final = ("hole", "lower", "outer", "upper")
 _TRIANGLES_PER_UNIT_AND_SIDE: Final = (14, 28, 56)
 """By `refine_holes`."""
 _WITH_NECK: Final = (14, 28, 84)
+_GRADED, _GRADED_WITH_NECK = 36, 44
 
 
 @final
@@ -49,10 +50,12 @@ class StackTable:
         ring_heights: of lower mid, outer and upper mid ring, as fractions of the unit's height.
         first_corner_rad: angle of corner 0 from the flange's x axis about its z axis; omitted:
             -pi / sides, so that the edge between corners 0 and 1 faces +x.
-        refine_holes: how often all edges that end at hole rings are cut, a third of the logarithmic way
-            outwards: units bend there, and the drawn mesh is several times too stiff for it.
+        mesh: "drawn", the paper's triangles; "graded", others on the same shape, nearer to a fine mesh:
+            docs/mesh_study.md.
+        refine_holes: of a drawn mesh, how often all edges that end at hole rings are cut, a third of the
+            logarithmic way outwards: units bend there, and it is several times too stiff for it.
         neck: films fused around the holes; omitted: each unit has films of its own up to the holes. Only with
-            refine_holes.
+            refine_holes or a graded mesh.
         refine: how often each triangle is divided into four, after that.
     """
 
@@ -66,6 +69,7 @@ class StackTable:
     taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
     mid_ring_fraction: Fraction = 0.5
     first_corner_rad: float | None = None
+    mesh: Literal["drawn", "graded"] = "drawn"
     refine_holes: Annotated[int, Interval(ge=0, le=2)] = 0
     neck: NeckTable | None = None
     refine: Annotated[int, Interval(ge=0, le=4)] = 0
@@ -79,7 +83,10 @@ class StackTable:
     def triangles(self) -> int:
         """How many triangles the refined mesh has."""
         counts = _TRIANGLES_PER_UNIT_AND_SIDE if self.neck is None else _WITH_NECK
-        return counts[self.refine_holes] * self.sides * self.units << 2 * self.refine
+        count = counts[self.refine_holes]
+        if self.mesh == "graded":
+            count = _GRADED if self.neck is None else _GRADED_WITH_NECK
+        return count * self.sides * self.units << 2 * self.refine
 
     @property
     def neck_bound_m(self) -> float:
@@ -116,5 +123,5 @@ class StackTable:
                 f"{fused:g} must lie between hole_radius_m, {least:g}, and the mid rings, whose edges are "
                 f"{most:.4g} from the axis at the least",
             )
-        elif not self.refine_holes:
+        elif not self.refine_holes and self.mesh == "drawn":
             yield "refine_holes", "is 0; a neck needs 1 or 2, which put nodes where the fused films end"

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from itertools import pairwise
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,30 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.refinement import refine_some
+
+FUSED: Final = "fused"
+"""Face group of the triangles whose two films are fused."""
+
+
+class Ring(NamedTuple):
+    """A ring of a graded film.
+
+    Args:
+        place: 0 at the hole, or at the polygon around the circle within which films are fused, 1 at the rim.
+        per_side: how many nodes it has to a side.
+        from_inside: whether diagonals that end at it begin at the corners of the ring within it.
+        circle: whether its nodes lie on a circle.
+    """
+
+    place: float
+    per_side: int = 2
+    from_inside: bool = True
+    circle: bool = False
+
+
+_HOLE, _FUSED = Ring(0.0), Ring(0.0, circle=True)
+GRADED: Final = (Ring(0.1), Ring(0.42), Ring(0.8, from_inside=False), Ring(1.0, 4, False))
+"""Places and diagonals were chosen on the first unit of the hexagonal arm: docs/mesh_study.md."""
 
 
 @dataclass(frozen=True)
@@ -89,29 +114,76 @@ class PolygonalStack:
         wrinkle_panel_m is the width of the panels of a unit.
         """
         n = self.sides
-        rings, levels = {}, []
+        rings, levels = dict[str, IntArray](), list[Array]()
         for unit in range(self.units):
             start = 7 * n * unit
             for name, first, count in (("hole", 0, n), ("lower", n, 2 * n), ("outer", 3 * n, 2 * n),
                                        ("upper", 5 * n, 2 * n)):  # fmt: skip
                 rings[f"unit_{unit + 1}.{name}"] = np.arange(start + first, start + first + count)
             levels += self._unit_positions(unit)
-        tip = 7 * n * self.units + np.arange(n)
-        rings["tip"] = tip
+        rings["tip"] = 7 * n * self.units + np.arange(n)
         levels.append(self._polygon(self.hole_radius_m, self.units * self.unit_height_m)[::2])
         triangles = [self._unit_triangles(unit) for unit in range(self.units)]
+        return self._named(np.concatenate(levels), np.concatenate(triangles), rings)
+
+    def graded_mesh(self, fused_radius_m: float | None = None) -> NamedMesh:
+        """Return the drawn shape with its nodes where units bend and where frames are loaded.
+
+        Names are those of `mesh`; some rings have none. Triangles within the fused radius are in face group
+        FUSED.
+
+        Args:
+            fused_radius_m: within which films are fused, between hole and rims; None: none are.
+        """
+        course: tuple[Ring, ...] = (_HOLE, *GRADED)
+        start = self.hole_radius_m
+        if fused_radius_m is not None:
+            start, course = fused_radius_m / np.cos(np.pi / self.sides), (_HOLE, _FUSED, *GRADED)
+        rim = len(course) - 1
+        counts = [self.sides * ring.per_side for ring in (*course, *course[-2:0:-1])]
+        first = np.concatenate([[0], np.cumsum(counts)])
+        nodes = [
+            [first[-1] * unit + np.arange(*ends) for ends in pairwise(first)] for unit in range(self.units)
+        ]
+        tip = first[-1] * self.units + np.arange(counts[0])
+        rings, levels, triangles = dict[str, IntArray](), list[Array](), list[IntArray]()
+        for unit, own in enumerate(nodes):
+            for name, place in (("hole", 0), ("lower", rim - 2), ("outer", rim), ("upper", rim + 2)):
+                rings[f"unit_{unit + 1}.{name}"] = own[place]
+            levels += self._graded_positions(unit, course, start)
+            above = tip if unit + 1 == self.units else nodes[unit + 1][0]
+            for film, turned in ((own, -1), ([above, *own[: -rim - 1 : -1]], 1)):
+                strips = zip(film, film[1 : rim + 1], course[1:], strict=False)
+                triangles += [
+                    _strip(a, b, self.sides, ring.from_inside)[:, ::turned] for a, b, ring in strips
+                ]
+        rings["tip"] = tip
+        levels.append(self._polygon(self.hole_radius_m, self.units * self.unit_height_m))
+        mesh = self._named(np.concatenate(levels), np.concatenate(triangles), rings)
+        if fused_radius_m is None:
+            return mesh
+        sizes = [len(strip) for strip in triangles]
+        fused = np.repeat(np.arange(len(sizes)) % rim == 0, sizes)
+        return replace(mesh, face_groups={FUSED: np.flatnonzero(fused)})
+
+    def _named(self, positions: Array, triangles: IntArray, rings: dict[str, IntArray]) -> NamedMesh:
+        """Return the mesh of positions and of triangles in the order of units, given its rings."""
         outer = [f"unit_{unit + 1}.outer" for unit in range(self.units)]
+        per_side = len(rings[outer[0]]) // self.sides
         return NamedMesh(
-            positions=np.concatenate(levels),
-            triangles=np.concatenate(triangles),
+            positions=positions,
+            triangles=triangles,
             rings=rings,
-            caps=(rings["unit_1.hole"][::-1], tip),
+            caps=(rings["unit_1.hole"][::-1], rings["tip"]),
             base_ring="unit_1.hole",
             tip_ring="tip",
             seam_rings=tuple(outer),
             center_rings=tuple(f"unit_{unit + 1}.hole" for unit in range(self.units)),
-            lines={f"corner_{k}": np.array([rings[name][2 * k] for name in outer]) for k in range(n)},
-            face_values={"wrinkle_panel_m": np.repeat(self._panels(), 14 * n)},
+            lines={
+                f"corner_{k}": np.array([rings[name][per_side * k] for name in outer])
+                for k in range(self.sides)
+            },
+            face_values={"wrinkle_panel_m": np.repeat(self._panels(), len(triangles) // self.units)},
         )
 
     def _panels(self) -> Array:
@@ -119,14 +191,15 @@ class PolygonalStack:
         outer = self.corner_radius_m * self.taper ** np.arange(self.units)
         return np.asarray((outer - self.hole_radius_m) * np.cos(np.pi / self.sides))
 
-    def _polygon(self, radius: float, height: float) -> Array:
-        """Corners (even) and edge midpoints (odd) of the polygon at a height: (2 sides, 3) [m]."""
+    def _polygon(self, radius: float, height: float, per_side: int = 2) -> Array:
+        """Corners of the polygon at a height, and further nodes along its edges: (per_side sides, 3) [m]."""
         first = -np.pi / self.sides if self.first_corner_rad is None else self.first_corner_rad
         angle = first + 2.0 * np.pi / self.sides * np.arange(self.sides)
         corners = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        points = np.full((2 * self.sides, 3), height)
-        points[::2, :2] = corners
-        points[1::2, :2] = 0.5 * (corners + np.roll(corners, -1, axis=0))
+        way = np.arange(per_side)[None, :, None] / per_side
+        points = np.full((per_side * self.sides, 3), height)
+        along = (1.0 - way) * corners[:, None] + way * np.roll(corners, -1, axis=0)[:, None]
+        points[:, :2] = along.reshape(-1, 2)
         return points
 
     def _unit_positions(self, unit: int) -> list[Array]:
@@ -140,12 +213,60 @@ class PolygonalStack:
             self._polygon(middle, high),
         ]
 
+    def _graded_positions(self, unit: int, course: tuple[Ring, ...], start: float) -> list[Array]:
+        """Return the nodes of a unit ring by ring, those of the hole above it left out."""
+        outer, hole = self.corner_radius_m * self.taper**unit, self.hole_radius_m
+        kinks = (hole, hole + self.mid_ring_fraction * (outer - hole), outer)
+        low, half, high = self.ring_heights
+
+        def placed(ring: Ring, heights: tuple[float, float, float]) -> Array:
+            radius = start + ring.place * (outer - start)
+            points = self._polygon(radius, 0.0, ring.per_side)
+            size = np.ones(len(points))
+            if ring.circle:
+                size = radius * np.cos(np.pi / self.sides) / np.linalg.norm(points, axis=1)
+            points *= size[:, None]
+            points[:, 2] = self.unit_height_m * (unit + np.interp(radius * size, kinks, heights))
+            return points
+
+        lower = [placed(ring, (0.0, low, half)) for ring in course[1:]]
+        upper = [placed(ring, (1.0, high, half)) for ring in course[-2:0:-1]]
+        return [self._polygon(hole, self.unit_height_m * unit), *lower, *upper]
+
     def _unit_triangles(self, unit: int) -> IntArray:
         """Both films of a unit: the lower faces -z, the upper +z."""
         n, start = self.sides, 7 * self.sides * unit
         hole, above = start + np.arange(n), start + 7 * n + np.arange(n)
         lower, outer, upper = (start + n * first + np.arange(2 * n) for first in (1, 3, 5))
         return np.concatenate([_film(hole, lower, outer)[:, ::-1], _film(above, upper, outer)])
+
+
+def _strip(inner: IntArray, outer: IntArray, sides: int, from_inside: bool) -> IntArray:
+    """Return the triangles between two rings, alike on both halves of each side, counter-clockwise about +z.
+
+    Args:
+        inner: nodes, an even number to a side.
+        outer: the same.
+        sides: of the polygon.
+        from_inside: whether diagonals between nodes of one place begin at the inner ring's corners.
+    """
+    by_side = [ring.reshape(sides, -1) for ring in (inner, outer)]
+    whole = [np.column_stack([nodes, np.roll(nodes[:, 0], -1)]) for nodes in by_side]
+    k, m = (nodes.shape[1] for nodes in by_side)
+    found = []
+    for turned in (1, -1):
+        near, far = (nodes[:, ::turned] for nodes in whole)
+        i = j = 0
+        while 2 * i < k or 2 * j < m:
+            ahead = (i + 1) * m - (j + 1) * k  # above 0: the outer ring's next node comes first
+            if 2 * i == k or (2 * j < m and (ahead > 0 or (ahead == 0 and from_inside))):
+                corners = (near[:, i], far[:, j], far[:, j + 1])
+                j += 1
+            else:
+                corners = (near[:, i], far[:, j], near[:, i + 1])
+                i += 1
+            found.append(np.stack(corners[::turned], axis=1))
+    return np.concatenate(found)
 
 
 def _film(hole: IntArray, middle: IntArray, outer: IntArray) -> IntArray:
@@ -165,8 +286,6 @@ def _film(hole: IntArray, middle: IntArray, outer: IntArray) -> IntArray:
     return np.concatenate([np.stack(triangle, axis=1) for triangle in corners])
 
 
-FUSED: Final = "fused"
-"""Face group of the triangles whose two films are fused."""
 _ROUNDING: Final = 1e-9
 _LOGARITHMIC_WAY: Final = 1.0 / 3.0
 _NONE: Final = np.zeros(0, np.int64)
