@@ -113,7 +113,7 @@ REPLACED = {
         ROBOT,
         f"soft_robot = {{ file = 'hexagon_arm', {FINEST} }}",
         "soft_robot.stack",
-        "91,750,400 triangles",
+        "144,179,200 triangles",
     ),
     "number for a robot": (ROBOT, "soft_robot = 5", "soft_robot", "expected a table"),
     "list for a robot": (ROBOT, "soft_robot = [true]", "soft_robot", "expected a table"),

@@ -175,7 +175,7 @@ def test_no_way_of_bending_lets_films_pass_through_one_another(bent: dict[str, A
     )
     deep, crossed = (deepest_m(body, run.node_position[-1]) for run in (auto, through))
     assert deep < 4e-4  # the law's own softness
-    assert crossed > 3e-3
+    assert crossed > 2.5e-3
     assert abs(auto.tip_position[-1] - throughout.tip_position[-1]).max() < 1e-4
     assert auto.summary["self_contact_since_s"] is not None
     assert auto.summary["overlaps"] == []
