@@ -93,3 +93,11 @@ def test_a_step_ends_at_the_speed_at_which_its_frames_have_moved() -> None:
     # and its figures are those of where it ends
     own = figures_of(second.frames, base.free, section().mass, second.gradient)
     assert second.figures == pytest.approx(own, abs=ROUNDING)
+
+
+def test_a_volume_is_that_at_its_own_pressure() -> None:
+    solver, frames = ChainSolver(section()), section().straight(25e3)
+    low, high = (float(section().volumes(frames[None], np.array([p]))[0]) for p in (10e3, 35e3))
+    assert high > 1.001 * low
+    for pressure_Pa, volume in ((10e3, low), (35e3, high), (10e3, low)):
+        assert solver.volume(frames, pressure_Pa) == pytest.approx(volume, rel=1e-9)
