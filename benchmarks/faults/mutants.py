@@ -1,12 +1,12 @@
 """Do the tests notice small faults? Draws faults from the sources, and runs the tests with one at a time.
 
-    python -m benchmarks.faults.mutants --seed 11 --each 10 --folder mutants
+    python -m benchmarks.faults.mutants --seed 11 --count 60 --folder mutants
 
-The draw depends on the sources and the seed alone: in each area every kind of fault is equally likely, and
-every place for it as well. A fault is found if a test fails or computes for ever; one that is not found has
-passed every test but those that fail without it. The tests that run the faulty function come first, and the
-first failure ends a run. Needs git; takes a minute a fault, and as long as all tests for each that is not
-found.
+The draw depends on the sources and the seed alone: every line that can have a fault is equally likely, and
+every fault that it can have as well; so a room's share is that of its code. A fault is found if a test fails
+or computes for ever; one that is not found has passed every test but those that fail without it. The tests
+that run the faulty function come first, and the first failure ends a run. Needs git; takes a minute a fault,
+and as long as all tests for each that is not found.
 """
 
 from __future__ import annotations
@@ -32,17 +32,6 @@ from benchmarks.faults.records import Choice, TestRecords, file_of
 from benchmarks.faults.source_tree import SourceTree
 
 ROOT = Path(__file__).resolve().parents[2]
-AREAS = {
-    "coupling": ("coupling/**/*.py",),
-    "contact": (
-        "soft/contact/*.py",
-        "reduced/**/*contact*.py",
-        "rigid/**/*contact*.py",
-        "coupling/contact/*.py",
-    ),
-    "planning": ("plan/*.py", "soft/targets/*.py"),
-    "files": ("app/*.py", "base/*files.py", "base/*data.py", "base/state*.py", "config/toml/*.py"),
-}
 _PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records", "-p", "no:cacheprovider")
 _AT_MOST_S = 7200.0
 _PASSED, _FAILED, _NOT_COLLECTED = 0, 1, 2
@@ -64,30 +53,22 @@ class Verdict:
     wall_s: float
 
 
-def draw(seed: int, each: int, areas: Sequence[str], root: Path = ROOT) -> list[Fault]:
-    """Return faults of each area, drawn at random.
+def draw(seed: int, count: int, folders: Sequence[str] = (".",), root: Path = ROOT) -> list[Fault]:
+    """Return faults drawn at random, each in a line of its own.
 
     Args:
         seed: of the draw.
-        each: faults per area.
-        areas: of `AREAS`.
+        count: of faults.
+        folders: of the package that they are drawn from, such as coupling or soft/contact.
         root: of the tree.
     """
-    drawn = []
-    for area in areas:
-        paths = sorted({path for pattern in AREAS[area] for path in (root / "cosim").glob(pattern)})
-        by_kind: dict[str, list[Fault]] = {}
-        for path in paths:
-            for fault in faults(str(path.relative_to(root)), path.read_bytes()):
-                by_kind.setdefault(fault.kind, []).append(fault)
-        chance = random.Random(f"{seed} {area}")
-        chosen: set[Fault] = set()
-        while len(chosen) < each:
-            here = chance.choice(by_kind[chance.choice(sorted(by_kind))])
-            if here not in chosen:
-                chosen.add(here)
-                drawn.append(here)
-    return drawn
+    by_line: dict[tuple[str, int], list[Fault]] = {}
+    for path in sorted({path for folder in folders for path in (root / "cosim" / folder).rglob("*.py")}):
+        name = str(path.relative_to(root))
+        for fault in faults(name, path.read_bytes()):
+            by_line.setdefault((name, fault.line), []).append(fault)
+    chance = random.Random(seed)
+    return [chance.choice(by_line[line]) for line in chance.sample(sorted(by_line), count)]
 
 
 def judge(fault: Fault, sound: SourceTree, records: TestRecords, folder: Path, *, near: bool) -> Verdict:
@@ -158,8 +139,8 @@ def main() -> None:
     """Draw, run and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--each", type=int, default=10, help="faults per area")
-    parser.add_argument("--areas", nargs="+", choices=AREAS, default=list(AREAS))
+    parser.add_argument("--count", type=int, default=60, help="of faults")
+    parser.add_argument("--folders", nargs="+", default=["."], help="of the package; all of it unless given")
     parser.add_argument("--folder", type=Path, required=True, help="for trees, records and results")
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
@@ -185,7 +166,7 @@ def main() -> None:
         print("\n".join([f"{where}: {end}, {verdict.wall_s:.0f} s", *lines]), flush=True)
         return verdict.found
 
-    drawn = draw(options.seed, options.each, options.areas, sound.root)
+    drawn = draw(options.seed, options.count, options.folders, sound.root)
     left = drawn
     for near in (True, False):
         with ThreadPoolExecutor(options.workers) as pool:

@@ -23,7 +23,10 @@ WRONG = {
     "no URDF": (TWO_JOINTS, "<sdf/>", "its first element is <sdf>"),
     "MJCF": (TWO_JOINTS, "<mujoco/>", "an MJCF file ends in .xml"),
     "xacro": ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', None),
-    "macro": ("</robot>", '<x:if xmlns:x="http://www.ros.org/wiki/xacro"/></robot>', "xacro arm.urdf > "),
+    "macro": (
+        "</robot>", '<x:if xmlns:x="http://www.ros.org/wiki/xacro"/></robot>',
+        r"xacro arm\.urdf > arm\.plain\.urdf$",
+    ),
     "entities": ("<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot', "declares a document type"),
     "huge": ("</robot>", "</robot>" + " " * 4_000_000, "is longer than 4000000 bytes"),
     "not text": ("two", "\udcff", "is not UTF-8 text: byte 13"),
@@ -119,6 +122,15 @@ def test_wrong_urdf(tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str
     line = refusal(path, capsys)
     assert line.startswith(str(path))
     assert re.search(words, line), line
+
+
+@pytest.mark.parametrize(("name", "plain"), [("arm.urdf.xacro", "arm.urdf"), ("arm.xacro", "arm.urdf")])
+def test_a_file_of_macros_is_to_be_expanded_beside_itself(
+    tmp_path: Path, name: str, plain: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(TWO_JOINTS)
+    assert refusal(path, capsys).endswith(f"expand them first: xacro {name} > {plain}")
 
 
 @pytest.mark.parametrize("case", WRONG_TABLES)

@@ -147,9 +147,9 @@ class FixedFlange:
 
     def native(self) -> NativeScene:
         """Return the scene's with the flange where it is; what acts on that moves nothing."""
-        still = {"velocity": np.zeros(6), "applied": np.zeros(6)}
+        origin, still = self._origin, np.zeros(6)
         return self._scene.native()._replace(
-            origin=self._origin, center=self._origin, axes=self._axes, **still
+            origin=origin, center=origin, axes=self._axes, velocity=still, applied=still.copy()
         )
 
     def apply_flange_wrench(self, wrench: Wrench) -> None:

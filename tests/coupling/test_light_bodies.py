@@ -54,9 +54,13 @@ class Bounce(NamedTuple):
 
 
 def bounce(
-    mass_kg: float, tick_s: float, seconds: float, scheme: Callable[[Interface], Coupling] = StaggeredCoupling
+    mass_kg: float,
+    tick_s: float,
+    seconds: float,
+    scheme: Callable[[Interface], Coupling] = StaggeredCoupling,
+    beside_m: tuple[float, ...] = (),
 ) -> Bounce:
-    """Drop a ball on a cushion."""
+    """Drop a ball on a cushion, with another one beside it or none."""
     x, triangles = icosphere(2, RADIUS_M)
     turn = np.array([[np.cos(0.3), 0.0, np.sin(0.3)], [0.0, 1.0, 0.0], [-np.sin(0.3), 0.0, np.cos(0.3)]])
     x = x @ turn.T
@@ -64,9 +68,11 @@ def bounce(
     film = Film(1e8, 0.3, 1e-4)
     body = SoftBody.from_arrays(x, triangles, film, node_mass=1.2e-4, base=held, tip=held)
     start = HERE + np.array([0.004, 0.0, RADIUS_M + BALL_M + DROP_M])
-    a, b, c = start.tolist()
-    ball = SceneObject("ball", "sphere", (BALL_M,), (a, b, c), mass_kg=mass_kg)
-    scene = RigidScene(SceneDescription(find_arm("ur5e"), tick_s=tick_s, objects=(ball,)))
+    balls = []
+    for name, way in (("ball", np.zeros(3)), *([("other", np.array(beside_m))] if beside_m else [])):
+        a, b, c = (start + way).tolist()
+        balls.append(SceneObject(name, "sphere", (BALL_M,), (a, b, c), mass_kg=mass_kg))
+    scene = RigidScene(SceneDescription(find_arm("ur5e"), tick_s=tick_s, objects=tuple(balls)))
     flange = Pose(np.eye(3), HERE)
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
     soft = SoftArm(body, flange, NewtonOptions(), options)
@@ -113,6 +119,17 @@ def test_both_schemes_agree_on_a_light_ball() -> None:
     plain, iterated = (bounce(1e-3, 4e-3, 0.12, scheme) for scheme in (StaggeredCoupling, IteratedCoupling))
     assert iterated.height == pytest.approx(plain.height, abs=2e-4)
     assert plain.ratio.max() > 10.0
+
+
+def test_two_light_balls_give_way_at_once() -> None:
+    # 22 mm beside the first, and as far above the film
+    alone, beside = (bounce(1e-3, 4e-3, 0.1, IteratedCoupling, at) for at in ((), (-0.022, 0.0, -0.0047)))
+    gained = 1e-3 * (beside.velocity[-1] - beside.velocity[0])
+    weight = 1e-3 * np.array([0.0, 0.0, -GRAVITY]) * 4e-3 * (len(beside.force) - 1)
+    assert 4e-3 * beside.force[:-1].sum(axis=0) + weight == pytest.approx(gained, abs=1e-12)
+    # the film is pushed from two sides: it is not the same bounce, but one of that kind
+    assert beside.force.any()
+    assert np.abs(beside.height - alone.height).max() < 2e-3
 
 
 def test_what_a_light_ball_does_hangs_on_its_mass_no_longer() -> None:

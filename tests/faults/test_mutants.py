@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.faults.code_faults import Fault, faults
-from benchmarks.faults.mutants import AREAS, ROOT, draw, judge, record
+from benchmarks.faults.mutants import ROOT, draw, judge, record
 from benchmarks.faults.source_tree import SourceTree
 
 
@@ -55,17 +55,17 @@ def test_faults_are_small_changes_of_what_a_test_could_see(text: str, faults: li
     assert sorted(faults_of(text)) == sorted(faults)
 
 
-def test_a_seed_draws_the_same_faults_in_every_area_and_all_are_python() -> None:
-    drawn = draw(3, 25, list(AREAS))
-    assert drawn == draw(3, 25, list(AREAS))
-    assert len(drawn) == 25 * len(AREAS)
-    for first in range(0, len(drawn), 25):  # areas share files, and so may share a fault
-        assert len(set(drawn[first : first + 25])) == 25
-    assert set(drawn) != set(draw(4, 25, list(AREAS)))
+def test_a_seed_draws_the_same_faults_from_all_rooms_and_all_are_python() -> None:
+    drawn = draw(3, 200)
+    assert drawn == draw(3, 200)
+    assert len({(fault.path, fault.line) for fault in drawn}) == 200
+    assert len({fault.path.split("/")[1] for fault in drawn}) > 10
+    assert set(drawn) != set(draw(4, 200))
     for fault in drawn:
         source = (ROOT / fault.path).read_bytes()
         compile(fault.applied(source), fault.path, "exec")
         assert fault.difference(source)
+    assert {fault.path.split("/")[1] for fault in draw(3, 20, ["plan", "soft/contact"])} == {"plan", "soft"}
 
 
 @pytest.fixture

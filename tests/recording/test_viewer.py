@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.request import urlopen
 
@@ -18,6 +19,7 @@ from cosim.cli import viewing
 from cosim.cli.main import main
 from cosim.config.schema.scenario import RecordingTable
 from cosim.errors import InputError, OutputError
+from cosim.recording import pictures
 from cosim.recording.pictures import Pictures, write_video
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.recording.viewer import Viewer, check_display, start_viewer
@@ -242,3 +244,18 @@ def test_a_page_is_served_on_after_the_run_and_ended_after_that(monkeypatch: pyt
         live.recorder(Path("a.rrd"), RecordingTable(), None)  # type: ignore[arg-type]
         live.serve_on()
     assert done == [Page.address, "wait", "stop", "stop"]
+
+
+def test_a_recording_without_frames_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[str] = []
+    shows_nothing = SimpleNamespace(address="", check=lambda: None, stop=lambda: ended.append("viewer"))
+    answers = SimpleNamespace(get_state=lambda: None)
+    monkeypatch.setattr(pictures, "start_viewer", lambda *_, **__: shows_nothing)
+    monkeypatch.setattr(ViewerClient, "connect", lambda _: answers)
+    monkeypatch.setattr(pictures, "_WAIT_S", 0.0)
+    with (
+        pytest.raises(OutputError, match=r"^empty\.rrd: holds no frame of a run$"),
+        Pictures([Path("empty.rrd")]),
+    ):
+        pass
+    assert ended == ["viewer"]

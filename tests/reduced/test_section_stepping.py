@@ -9,7 +9,13 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.sections.ring_frames import RingFrames, points_of
-from cosim.reduced.solve.clamp import carried, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.chain_step import ChainState
+from cosim.reduced.solve.clamp import FrameClamp, carried, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.newton import ChainSolver
+from cosim.reduced.solve.time_step import ChainStepper
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.state import StepOptions
+from tests.small_section import section
 from tests.soft.bodies import hexagon_arm
 
 SHIFT, TURN = np.array([0.3, -0.7, 0.2]), np.array([1.1, 0.4, -0.9])
@@ -70,3 +76,28 @@ def test_frames_weigh_as_the_points_that_ride_on_them() -> None:
     own = MassProperties.of(weights.ravel(), places)
     assert center == pytest.approx(own.center, abs=ROUNDING)
     assert inertia == pytest.approx(own.inertia, abs=1e-11)
+
+
+def test_a_step_ends_at_the_speed_at_which_its_frames_have_moved() -> None:
+    solver, base = ChainSolver(section()), FrameClamp.of_base(section())
+    step_s, begin = 1e-3, ChainState.at_rest(section().straight(25e3))
+    loads = Loads((25e3,), (2.0, 0.0), (4.0, 0.0, -9.81))
+    euler, bdf2 = (ChainStepper(solver, StepOptions(name)) for name in ("implicit_euler", "bdf2"))
+    first = euler.step(euler.task(begin, base, step_s), loads)
+    moved = first.frames - begin.frames
+    assert np.abs(moved[1:, 0]).max() > 1e-7
+    assert first.chain.rates == pytest.approx(moved / step_s, abs=1e-9)
+    second = bdf2.step(bdf2.task(first.chain, base, step_s), loads)
+    wanted = (3.0 * second.frames - 4.0 * first.frames + begin.frames) / (2.0 * step_s)
+    assert second.chain.rates == pytest.approx(wanted, abs=1e-9)
+    # and its figures are those of where it ends
+    own = figures_of(second.frames, base.free, section().mass, second.gradient)
+    assert second.figures == pytest.approx(own, abs=ROUNDING)
+
+
+def test_a_volume_is_that_at_its_own_pressure() -> None:
+    solver, frames = ChainSolver(section()), section().straight(25e3)
+    low, high = (float(section().volumes(frames[None], np.array([p]))[0]) for p in (10e3, 35e3))
+    assert high > 1.001 * low
+    for pressure_Pa, volume in ((10e3, low), (35e3, high), (10e3, low)):
+        assert solver.volume(frames, pressure_Pa) == pytest.approx(volume, rel=1e-9)

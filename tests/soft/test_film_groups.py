@@ -124,6 +124,11 @@ def test_groups_that_leave_a_triangle_without_a_film_are_refused() -> None:
     beyond = {"wall": np.array([len(triangles)])}
     with pytest.raises(MeshError, match=f"face group wall has triangle {len(triangles)}"):
         SoftBody.from_arrays(arm.positions, triangles, {"wall": FILM}, face_groups=beyond)
+    twice = {**groups, "wall": np.concatenate([groups["wall"], groups["wall"][:1]])}
+    with pytest.raises(MeshError, match="face group wall has a triangle twice"):
+        replace(PolygonalStack(6, 1, 0.05, 0.01, 0.002).mesh(), face_groups={"wall": np.array([0, 1, 0])})
+    with pytest.raises(MeshError, match="face group wall has a triangle twice"):
+        SoftBody.from_arrays(arm.positions, triangles, {"wall": FILM, "neck": DOUBLE}, face_groups=twice)
 
 
 def test_parts_of_a_triangle_have_its_groups_and_values() -> None:

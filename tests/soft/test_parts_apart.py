@@ -231,11 +231,11 @@ def test_new_tangents_of_the_kernel_are_those_of_newtons_method(monkeypatch: pyt
         asked.append(given[2])
         return true(solver, *given)
 
+    arm, other, state = held(gripper()), held(gripper()), at_rest()
     monkeypatch.setattr(NewtonSolver, "_with_tangent", counted)
-    arm, other = held(gripper()), held(gripper())
-    in_kernel = pressed(arm, stepper(arm, HASTY), at_rest(), range(TICKS))
+    in_kernel = pressed(arm, stepper(arm, HASTY), state, range(TICKS))
     assert not asked
-    move, state = stepper(other, HASTY), at_rest()
+    move = stepper(other, HASTY)
     for k in range(TICKS):
         saved = other.newton.save_state()  # while it holds the factor, the kernel makes no other
         state = pressed(other, move, state, range(k, k + 1)).state

@@ -17,6 +17,8 @@ from cosim.verification.case import Case, Figure, observed_order
 from cosim.verification.suite import CASES, run_case
 from cosim.verification.time_steps import THEORY
 
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "verification.md"
+
 
 def made_up(figure: Figure | None) -> Case:
     """Return a case with one given figure, or none because it cannot be solved."""
@@ -32,6 +34,18 @@ def made_up(figure: Figure | None) -> Case:
 GOOD = Figure("height", "m", 1.004, 1.0, 5e-3)
 
 
+def documented() -> dict[str, dict[str, float]]:
+    """Return the tolerance of every quantity in the document's table, by case."""
+    found: dict[str, dict[str, float]] = {}
+    name = ""
+    for line in DOCUMENT.read_text(encoding="utf-8").partition("## Table of the last run")[2].splitlines():
+        if line.startswith(("| `", "|  |")):
+            cells = [cell.strip() for cell in line.split("|")[1:-1]]
+            name, (number, *percent) = cells[0].strip("`") or name, cells[5].split()
+            found.setdefault(name, {})[cells[1]] = float(number) * (0.01 if percent else 1.0)
+    return found
+
+
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_case_passes(case: Case) -> None:
     result = run_case(case)
@@ -39,6 +53,10 @@ def test_case_passes(case: Case) -> None:
     short = [f"{f.quantity}: {f.value} instead of {f.reference}" for f in result.figures if not f.passed]
     assert short == []
     assert result.passed
+    # what is compared, at which load and how closely, is what the document says, in which it is rounded
+    own = {f.quantity + ("" if f.unit == "1" else f" [{f.unit}]"): f.tolerance for f in result.figures}
+    assert len(own) == len(result.figures)
+    assert own == pytest.approx(documented()[case.name], rel=0.05, abs=6e-5)
 
 
 def test_every_case_has_a_name_of_its_own_and_a_source() -> None:
@@ -47,7 +65,7 @@ def test_every_case_has_a_name_of_its_own_and_a_source() -> None:
 
 
 def test_the_document_names_every_case_in_text_and_table() -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs" / "verification.md").read_text(encoding="utf-8")
+    text = DOCUMENT.read_text(encoding="utf-8")
     described, _, table = text.partition("## Table of the last run")
     assert [case.name for case in CASES if f"`{case.name}`" not in described] == []
     assert [case.name for case in CASES if f"| `{case.name}` |" not in table] == []

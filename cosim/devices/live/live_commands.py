@@ -286,12 +286,7 @@ class LiveCommands(SteeredCommands):
         state, tick = self._state, self._before[phase] + done
         if state is None:
             return self._given.ahead(phase, done, most)
-        ends = [state.begin_tick + state.ticks]
-        if self._motion is not None:
-            ends.append(tick - 1 + self._motion[1])
-        elif state.joints is not None:
-            ends.append(state.joints.begin + state.joints.ticks)
-        changing = max(ends) - tick + 1
+        changing = state.begin_tick + state.ticks - tick + 1
         planned = self._given.ahead(phase, done, changing if changing > 0 else most or _HELD_TICKS)
         if planned is None:
             return None
