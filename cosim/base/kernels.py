@@ -37,6 +37,7 @@ from cosim.base.numba_insides import caller as caller
 from cosim.base.numba_insides import same_bits as same_bits
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Record = TypeVar("Record")
 
 # fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
 # error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
@@ -357,6 +358,73 @@ def nothing_of(kind: Any) -> Any:
     if isinstance(kind, types.Array):
         return np.zeros((0,) * kind.ndim, str(kind.dtype))
     return False if kind == types.boolean else kind.cast_python_value(0)
+
+
+@final
+class RecordStore:
+    """Keeps a record where kernels read it by its address, see `record_at`: as 8 bytes for each number.
+
+    Args:
+        kind: named tuple of what kernels take.
+    """
+
+    def __init__(self, kind: Any) -> None:
+        self._layout = _layout(numba_type(kind))
+        self._words, self._last = np.zeros(self._layout[0], np.int64), None
+
+    def address(self, record: Any) -> int:
+        """Return where a record is until the next one is given; only what has changed is written.
+
+        Raises:
+            TypeError: an array in it is none that the kernels take.
+        """
+        last, self._last = self._last, None
+        self._write(self._layout, record, last, 0)
+        self._last = record  # so that its arrays stay
+        return int(self._words.ctypes.data)
+
+    def _write(self, layout: Any, given: Any, last: Any, begin: int) -> None:
+        if given is last:
+            return
+        words, kind, parts = layout
+        if parts is not None:
+            earlier = (None,) * len(parts) if last is None else last
+            for part, value, before in zip(parts, given, earlier, strict=True):
+                if value is not before:
+                    self._write(part, value, before, begin)
+                begin += part[0]
+        elif kind == "float64":
+            self._words.view(np.float64)[begin] = given
+        elif kind is None:
+            self._words[begin] = given
+        elif (given.dtype.name, given.ndim) != kind or not given.flags.c_contiguous:
+            raise TypeError(f"an array of {given.dtype} {given.shape} is none of {kind}")
+        else:
+            place = given.__array_interface__["data"][0]
+            numbers = given.size, given.itemsize, place, *given.shape, *given.strides
+            self._words[begin + 2 : begin + words] = (
+                numbers  # the first two are its owner, which none asks for
+            )
+
+
+def _layout(kind: Any) -> tuple[int, Any, Any]:
+    """Return words, type of a number or of the entries of an array, and the parts of a tuple."""
+    words = numba_insides.words_of(kind)
+    if isinstance(kind, numba_insides.BASE_TUPLE):
+        return words, None, [_layout(part) for part in kind.types]
+    if isinstance(kind, types.Array):
+        dtype = "bool" if kind.dtype == types.boolean else str(kind.dtype)
+        return words, (dtype, kind.ndim), None
+    return words, "float64" if kind == types.float64 else None, None
+
+
+@numba_insides.untyped_intrinsic
+def _record_at(_typing: Any, address: Any, kind: Any) -> Any:
+    return numba_insides.reference(address, kind, numba_type(kind.instance_class))
+
+
+record_at: Callable[[int, type[Record]], Record] = _record_at
+"""Reads, in a kernel, the record of some kind at an address of `RecordStore`; it is not copied."""
 
 
 def _small_array(dimensions: int, *, zeros: bool = False) -> Any:

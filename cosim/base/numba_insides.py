@@ -24,12 +24,17 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models, register_model
 
 KNOWN: Final = str(numba.__version__).startswith("0.68.")  # its insides are as the code below expects
 _ALIGNMENT = 32  # [bytes], of the widest loads
 processor: Any = llvm.get_host_cpu_name
-_intrinsic: Callable[..., Any] = intrinsic
+untyped_intrinsic: Callable[..., Any] = intrinsic  # as those that follow: typed for mypy
+_lower_cast: Callable[..., Callable[..., Any]] = lower_cast
+_lower_getattr: Callable[..., Callable[..., Any]] = lower_getattr_generic
+BASE_TUPLE: Any = types.BaseTuple
 
 
 def to_bytes(compiled: Any, *, alone: bool) -> bytes | None:
@@ -128,6 +133,94 @@ if KNOWN:
             raise TypeError(f"{what}: mark it as taken in, or call it by its address, see `caller`")
 
 
+@final
+class RecordAt(types.Type):
+    """A named tuple in memory: kernels read each field where they need it, and it is never copied whole.
+
+    Given by value, each of its numbers is a variable of each function that it comes by: the kernel of rows of
+    ticks, with 2,400 of them, takes 31 s to compile; with those at their addresses see `RecordStore`.
+    """
+
+    def __init__(self, record: Any) -> None:
+        self.record, self.fields = record, record.instance_class._fields
+        super().__init__(f"RecordAt({record.instance_class.__module__}.{record.instance_class.__name__})")
+
+    def kind_of(self, place: int) -> Any:
+        """Return the type as which a field is read."""
+        kind = self.record.types[place]
+        return RecordAt(kind) if isinstance(kind, types.BaseNamedTuple) else kind
+
+    def can_convert_to(self, _context: Any, other: Any) -> Any:
+        """Return that it can be copied where a named tuple is asked for."""
+        return Conversion.safe if other == self.record else None
+
+
+@register_model(RecordAt)
+class _RecordModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, ir.IntType(8).as_pointer())
+
+
+@infer_getattr
+class _RecordFields(AttributeTemplate):
+    key = RecordAt
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
+        return kind.kind_of(kind.fields.index(name)) if name in kind.fields else None
+
+
+def words_of(kind: Any) -> int:
+    """Return of how many words of 8 bytes an argument of some type is, in memory."""
+    if isinstance(kind, types.Array):
+        return 5 + 2 * int(kind.ndim)
+    return sum(words_of(part) for part in kind.types) if isinstance(kind, BASE_TUPLE) else 1
+
+
+def _field(context: Any, builder: Any, kind: Any, value: Any, place: int) -> Any:
+    begin = ir.Constant(ir.IntType(32), 8 * sum(map(words_of, kind.record.types[:place])))
+    at, wanted = builder.gep(value, [begin]), kind.kind_of(place)
+    if isinstance(wanted, RecordAt):
+        return at
+    loaded = builder.load(builder.bitcast(at, context.get_value_type(wanted).as_pointer()))
+    loaded.set_metadata("invariant.load", builder.module.add_metadata([]))  # nobody changes it meanwhile
+    return loaded
+
+
+@_lower_getattr(RecordAt)
+def _read_field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    return _field(context, builder, kind, value, kind.fields.index(name))
+
+
+def _as_value(context: Any, builder: Any, value: Any, from_: Any, to: Any) -> Any:
+    """Return a value of one type as another, with copies of records, within tuples as well."""
+    if from_ == to:
+        return value
+    if isinstance(from_, RecordAt) or (isinstance(from_, BASE_TUPLE) and isinstance(to, BASE_TUPLE)):
+        parts = []
+        for place, wanted in enumerate(to.types):
+            if isinstance(from_, RecordAt):
+                part, kind = _field(context, builder, from_, value, place), from_.kind_of(place)
+            else:
+                part, kind = builder.extract_value(value, place), from_.types[place]
+            parts.append(_as_value(context, builder, part, kind, wanted))
+        return context.make_tuple(builder, to, parts)
+    return context.cast(builder, value, from_, to)
+
+
+@_lower_cast(RecordAt, BASE_TUPLE)
+def _copy_record(context: Any, builder: Any, from_: Any, to: Any, value: Any) -> Any:
+    return _as_value(context, builder, value, from_, to)
+
+
+def reference(address: Any, kind: Any, record: Any) -> Any:
+    """Return type and code of what takes an integer for the address of a record."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        return builder.inttoptr(values[0], ir.IntType(8).as_pointer())
+
+    return RecordAt(record)(address, kind), generate
+
+
 def caller(kernel: Any) -> Any:
     """Return what calls a kernel that does not raise from within others: call(address, tuple of arguments).
 
@@ -143,15 +236,15 @@ def caller(kernel: Any) -> Any:
             code = convention.get_function_type(returned, wanted.types)
             function = builder.inttoptr(values[0], ir.PointerType(code))
             pairs = zip(unpack_tuple(builder, values[1]), given.types, wanted.types, strict=True)
-            cast = [context.cast(builder, value, from_, to) for value, from_, to in pairs]
+            cast = [_as_value(context, builder, value, from_, to) for value, from_, to in pairs]
             return convention.call_function(builder, function, returned, wanted.types, cast)[1]
 
         return returned(types.int64, given), generate
 
-    return _intrinsic(call)
+    return untyped_intrinsic(call)
 
 
-@_intrinsic
+@untyped_intrinsic
 def call_native(_typing: Any, address: Any, first: Any, second: Any) -> Any:
     """Call a C function of two pointers by its address: through Python it takes several times as long."""
 
@@ -163,7 +256,7 @@ def call_native(_typing: Any, address: Any, first: Any, second: Any) -> Any:
     return types.void(types.int64, types.int64, types.int64), generate
 
 
-@_intrinsic
+@untyped_intrinsic
 def same_bits(_typing: Any, value: Any) -> Any:
     """Return the uint64 with the bits of a real number, or the reverse; loops over lanes stay vectorised."""
     kind = types.uint64 if isinstance(value, types.Float) else types.float64

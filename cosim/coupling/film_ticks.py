@@ -25,6 +25,7 @@ from cosim.base.kernels import (
     copy_rows,
     device_function,
     kernel,
+    record_at,
     small_matrix,
     small_vector,
 )
@@ -112,7 +113,7 @@ class FilmSteps(NamedTuple):
     """What all ticks in a row have in common.
 
     Args:
-        side: of the soft steps.
+        side: address of the `FilmSide` of the soft steps, see `RecordStore`.
         place: from which they begin where nothing is touched.
         touching_place: the same where something is.
         rest_m: how far the film looks for shapes at rest.
@@ -121,12 +122,12 @@ class FilmSteps(NamedTuple):
         calls: (kernels,), see `film_calls`.
         mass: (nodes, 1, 1) [kg].
         largest_turn: [rad], of the flange in a tick; beyond it a step is left.
-        contact: with the scene.
-        films: that may touch one another.
+        contact: address of the `ContactArrays` with the scene.
+        films: address of the `FilmContacts` of films that may touch one another.
         whole: whether parts that nothing couples are solved together until films let go, where a row ends.
     """
 
-    side: FilmSide
+    side: int
     place: StepPlace
     touching_place: StepPlace
     rest_m: float
@@ -135,8 +136,8 @@ class FilmSteps(NamedTuple):
     calls: Indices
     mass: Blocks
     largest_turn: float
-    contact: ContactArrays
-    films: FilmContacts
+    contact: int
+    films: int
     whole: bool
 
 
@@ -163,8 +164,7 @@ def _take_soft_step(
     flange: Matrix,
 ) -> bool:
     """Take the film's step of tick k with planes and pairs that were found; return whether it converged."""
-    side, contact, films, call = row.side, row.contact, row.films, row.calls[_STEP]
-    free, touched = row.place, row.touching_place
+    contact, films = record_at(row.contact, ContactArrays), record_at(row.films, FilmContacts)
     planes, pairs = touched_planes(contact.touched, found[0]), first_pairs(films.pairs, found[1])
     touching = Touching(planes, films.calls[ADD] if found[1] > 0 else 0, pairs)
     loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
@@ -172,9 +172,9 @@ def _take_soft_step(
         way.x[k + 1], way.velocity[k + 1], way.x[k], way.velocity[k], way.memory[k], flange,
         way.x[k + 2], way.velocity[k + 2], way.memory[k + 1],
     )  # fmt: skip
-    place = free if found[0] + found[1] == 0 else touched
-    given = side, loads, touching, motion, place
-    converged, iterations, tangents, residual, _ = _film_step(call, given)
+    place = row.place if found[0] + found[1] == 0 else row.touching_place
+    given = row.side, loads, touching, motion, place
+    converged, iterations, tangents, residual, _ = _film_step(row.calls[_STEP], given)
     ticks.residual[k], ticks.iterations[k] = residual, iterations + (tangents if converged else 0)
     return converged
 
@@ -276,8 +276,8 @@ def _take_tick(
     moments: Vector,
 ) -> int:
     """Take tick k; return how it ended, -1 if the next one may follow."""
-    # named once: a row has thousands of numbers, and all are compiled wherever it is named
-    side, contact, films = row.side, row.contact, row.films
+    side, contact = record_at(row.side, FilmSide), record_at(row.contact, ContactArrays)
+    films = record_at(row.films, FilmContacts)
     calls, mass, whole = row.calls, row.mass, row.whole
     reach, turn = (row.rest_m, row.films_rest_m, row.ahead_s), row.largest_turn
     held, gradient = side.held, side.work.gradient

@@ -36,7 +36,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import address_of, nothing_of
+from cosim.base.kernels import RecordStore, address_of, nothing_of
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.giving_way import rigid_motions
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
@@ -196,6 +196,14 @@ class _FilmHalves(SoftHalves):
         nothing: FilmContacts = nothing_of(FilmContacts)
         return nothing
 
+    @cached_property
+    def _contact_store(self) -> RecordStore:
+        return RecordStore(ContactArrays)
+
+    @cached_property
+    def _films_store(self) -> RecordStore:
+        return RecordStore(FilmContacts)
+
     def _room(self, count: int) -> FilmMotion:
         state = self._soft.state
         x, velocity = (np.empty((count + 2, *state.positions.shape)) for _ in range(2))
@@ -225,11 +233,11 @@ class _FilmHalves(SoftHalves):
         side = quick.sides.of(scheme, tick_s, pressed=pressed)
         assert side is not None, "of a body and a factorisation that it knows"
         steps = FilmSteps(
-            side, quick.begins(lenient=True), quick.begins(lenient=False),
+            quick.sides.address(side), quick.begins(lenient=True), quick.begins(lenient=False),
             0.0 if contact is None else contact.rest_reach_m, 0.0 if films is None else films.rest_m,
             AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
-            self._nothing if contact is None else contact.arrays,
-            self._no_films if films is None else films.contacts,
+            self._contact_store.address(self._nothing if contact is None else contact.arrays),
+            self._films_store.address(self._no_films if films is None else films.contacts),
             pressed and quick.sides.has_parts,
         )  # fmt: skip
         if films is not None:

@@ -31,6 +31,7 @@ from cosim.base.kernels import (
     device_function,
     handing_on_views,
     kernel,
+    record_at,
     small_matrix,
 )
 from cosim.base.numba_insides import caller
@@ -399,8 +400,9 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
         _go_back(side, motion, part)
         return _STOP
     state[ASKS], state[SEARCHES] = NOTHING, 1.0
-    axes, given = (motion.flange, turn), ((work.pairs, 0), (begin, end), work.gradient, work.solution)
-    return _follow(side, motion, part, solve_kept(kept, axes, *given))
+    axes, pairs = (motion.flange, turn), _own(work, begin, end)
+    largest = solve_kept(kept, axes, (pairs, 0), (begin, end), work.gradient, work.solution)
+    return _follow(side, motion, part, largest)
 
 
 @device_function
@@ -486,15 +488,18 @@ def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
 
 @kernel
 def film_step(
-    side: FilmSide, loads: PlainLoads, touching: Touching, motion: StepMotion, place: StepPlace
+    at: int, loads: PlainLoads, touching: Touching, motion: StepMotion, place: StepPlace
 ) -> tuple[bool, int, int, float, float]:
-    """Solve, or go on; return whether it has converged, iterations, tangents, residual and potential.
+    """Solve, or go on, with the `FilmSide` at an address; see `RecordStore`.
+
+    It returns whether it has converged, iterations, tangents, residual and potential.
 
     Iterations are those with a kept factorisation in this call, tangents the new ones in the whole solution:
     of several parts the most. The residual [N] is the largest if it has not converged, the potential in J.
     Of a step it fills the bed's target and the end of the motion, of one that has not converged base instead
     of velocities; bed, motion and work say what they hold.
     """
+    side = record_at(at, FilmSide)
     work, numbers, count = side.work, side.numbers, side.film.parts.shape[0] - 1
     turn, parts = small_matrix(3, 3), work.parts[:count]
     acting = FilmActing(loads, work.more, touching, side.bed)

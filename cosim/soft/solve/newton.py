@@ -15,7 +15,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import nothing_of
+from cosim.base.kernels import RecordStore, nothing_of
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import pair_calls
@@ -167,6 +167,7 @@ class NewtonSolver:
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
         self._definite: DefiniteTangent | None = None
+        self.store = RecordStore(FilmSide)  # where kernels read what this solver gives them
         self._last_wide: tuple[BlockPattern, WideTangent] | None = None
         self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
 
@@ -272,7 +273,7 @@ class NewtonSolver:
         plain, touching = loads.arrays(self.system.gas.count), loads.touching
         while True:
             side = self.side(solution.task)
-            found = film_step(side, plain, touching, solution.motion, place)
+            found = film_step(self.store.address(side), plain, touching, solution.motion, place)
             converged, served, solution.tangents, solution.residual, solution.energy = found
             self.take_over(side.kept, solution.task.kind)
             solution.reused += served

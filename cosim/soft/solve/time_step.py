@@ -133,6 +133,10 @@ class FilmSides:
         """
         return self._solver.side(self.task(self._plain, self._share, scheme, step_s, pressed=pressed))
 
+    def address(self, side: FilmSide) -> int:
+        """Return where the kernels read it, until the next one."""
+        return self._solver.store.address(side)
+
     def fill_bed(self, state: SoftState, flange: Pose, bed: BedNumbers, base: Array, target: Array) -> None:
         """Fill base and target (n, 3) [m] of a step from a state.
 
