@@ -50,7 +50,7 @@ from cosim.stepping.run_error import (
     tension_difference,
 )
 
-DRAWS = {"calibration": (71, 40), "held_out": (1926, 20)}
+DRAWS = {"calibration": (71, 40), "held_out": (2611, 20)}
 """Seed and number of runs."""
 IN_TIME = 3  # every so many runs
 SHARE, LEAST, FIRST_ORDER = 0.95, 10, 1.5  # of the rule of `fitted`
