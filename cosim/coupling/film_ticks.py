@@ -53,7 +53,8 @@ from cosim.coupling.half_ticks import (
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, fill_center_and_inertia
 from cosim.soft.body.loads import PlainLoads, Touching
-from cosim.soft.contact.self_contact_pairs import settle_pairs
+from cosim.soft.contact.self_contact_pairs import pair_work, settle_pairs
+from cosim.soft.elements.eyelets import eyelet_loss
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.film.step_arrays import StepMotion, StepPlace
 from cosim.soft.solve import self_contact
@@ -65,6 +66,7 @@ from cosim.soft.solve.self_contact import (
     PRESS,
     SETTLE,
     THROUGH_M,
+    WORK,
     FilmContacts,
     films_press,
     find_pairs,
@@ -141,15 +143,18 @@ class FilmSteps(NamedTuple):
     whole: bool
 
 
-_CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over, add_damping)
-_STEP, _WRENCH, _MOMENTS, _RIGID, _HAND, _DAMPING = range(len(_CALLED))
-_film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over, _add_damping = map(caller, _CALLED)
+_CALLED = (film_step, add_wrench, mass_moments, take_rigid_half, hand_over, add_damping, eyelet_loss)
+_STEP, _WRENCH, _MOMENTS, _RIGID, _HAND, _DAMPING, _LOSS = range(len(_CALLED))
+_film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over, _add_damping, _eyelet_loss = map(
+    caller, _CALLED
+)
 _find_touched, _settle_touched, _meet_touched = map(caller, (find_touched, settle_touched, meet_touched))
 _find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pairs), caller(films_press)
+_pair_work = caller(pair_work)
 
 
 def film_calls() -> IntArray:
-    """Return the addresses (6,) of the kernels that a row of ticks calls."""
+    """Return the addresses (7,) of the kernels that a row of ticks calls."""
     return np.array([address_of(called) for called in _CALLED])
 
 
@@ -233,11 +238,15 @@ def _find(
 
 @device_function
 def _settle(
-    contact: ContactArrays, films: FilmContacts, found: tuple[int, int], x: Matrix, ticks: Any, k: int
+    contact: ContactArrays, films: FilmContacts, found: tuple[int, int], way: FilmMotion, ticks: Any, k: int
 ) -> bool:
     """Take in the end of a step that might touch, or has let go of something; return if it is asked for."""
+    before, x = way.x[k + 1], way.x[k + 2]
     if films.calls.shape[0] > 0:
         rows, memory, deepest = first_pairs(films.pairs, found[1]), films.memory, 0.0
+        if found[1] > 0:
+            given = films.calls[ADD], before, x, rows, films.force
+            ticks.work[k, 1] = _pair_work(films.calls[WORK], given)
         count = _settle_pairs(films.calls[SETTLE], (x, rows, films.key[: found[1]], False, memory))
         films.counts[self_contact.REMEMBERED] = ticks.self_contact[k, 0] = count
         for e in range(count):
@@ -245,9 +254,10 @@ def _settle(
             deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
         ticks.self_contact[k, 2] = -deepest
     if found[0] > 0 or contact.counts[LEFT]:
-        _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, x))
+        _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, before, x))
         ticks.contacts[k] = contact.counts[REMEMBERED]
         ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
+        ticks.work[k, 0] = contact.end.figures[2]
         copy_rows(contact.end.loads, ticks.body_force[k])
         return contact.counts[ASKS] != 0
     return False
@@ -317,7 +327,10 @@ def _take_tick(
     total = _mass_moments(calls[_MOMENTS], (mass, x.reshape((x.shape[0], 1, 3)), moments))
     fill_center_and_inertia(total, moments, flange[0], figures)
     _hand_over(calls[_HAND], (rigid.scene.applied, ticks, k))
-    if _settle(contact, films, found, x, ticks, k):
+    if way.memory.shape[1] > 0:
+        given = x, side.film.eyelets, way.memory[k], way.memory[k + 1]
+        ticks.work[k, 2] = _eyelet_loss(calls[_LOSS], given)
+    if _settle(contact, films, found, way, ticks, k):
         return ALL_DONE
     return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 

@@ -148,6 +148,8 @@ class Ticks(NamedTuple):
         body_force: (n, bodies, 3) [N], of the soft robot on each body, world axes.
         self_contact: (n, 3), points of films on films, sum of their normal forces [N], depth of the deepest
             [m].
+        work: (n, 3) [J], of contacts with the scene on the film, of those between films on these, and lost at
+            eyelets that know their direction.
     """
 
     figures: Matrix
@@ -168,6 +170,7 @@ class Ticks(NamedTuple):
     contact: Matrix
     body_force: Blocks
     self_contact: Matrix
+    work: Matrix
 
     @classmethod
     def room(cls, n: int, joints: int, bodies: int) -> Ticks:
@@ -177,7 +180,7 @@ class Ticks(NamedTuple):
             np.zeros((n + 1, 7)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)),
             np.zeros((n, bodies, 3)), np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n),
             np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
-            np.zeros((n, 3)),
+            np.zeros((n, 3)), np.zeros((n, 3)),
         )  # fmt: skip
 
     def from_on(self, first: int) -> Ticks:

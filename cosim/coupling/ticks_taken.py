@@ -77,6 +77,7 @@ class TicksTaken:
         figures[WRENCH:CENTER] = *wrench.force, *wrench.torque
         figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
         ticks.residual[k], ticks.iterations[k] = reply.residual_N, reply.iterations
+        ticks.work[k, 1:] = reply.films_work_J, reply.eyelets_J
         self.pressure_Pa[k] = soft.pressures_Pa
         if films is not None:
             ticks.self_contact[k] = films.count, films.normal_force_N, films.depth_m
@@ -102,6 +103,9 @@ class TicksTaken:
             "self_contacts": ticks.self_contact[:n, 0].astype(np.int64),
             "self_contact_force_N": ticks.self_contact[:n, 1],
             "self_contact_depth_m": ticks.self_contact[:n, 2],
+            "contact_work_J": ticks.work[:n, 0],
+            "self_contact_work_J": ticks.work[:n, 1],
+            "eyelets_J": ticks.work[:n, 2],
             "scheme": np.full(n, self.scheme),
             "trials": self.trials[:n],
             "interface_residual": self.interface_residual[:n],

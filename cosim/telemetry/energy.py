@@ -7,7 +7,7 @@ all elements, at rest in the shape of a phase's end.
 What the integrator takes is found apart from all these, from motion alone. The masses' accelerations a_n of
 its formulas say what all forces together have done: sum m (a_n + a_n+1) (x_n+1 - x_n) / 2. An exact
 integrator turns that into kinetic energy; what is missing there is lost. So the rest of the balance is no
-such loss: it is the work of contacts, and where nothing is touched the error of the balance.
+such loss: it is the error of the balance.
 """
 
 from __future__ import annotations
@@ -20,14 +20,19 @@ from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, kernel
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import StepOptions
 
 KINETIC, DONE, RELATIVE, MOVING, COLUMNS = range(5)
-WORKS: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "eyelets_J", "damping_J", "air_drag_J")
+WORKS: Final = (
+    "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
+    "air_drag_J",
+)  # fmt: skip
+_PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
+_EYELETS: Final = WORKS.index("eyelets_J")
 
 
 class _Pace(NamedTuple):
@@ -78,16 +83,64 @@ def fill_motion(
         out[t, 0], out[t, 1], out[t, 2], out[t, 3] = kinetic, done, relative, moving
 
 
+class _Routes(NamedTuple):
+    """Of cables: nodes of their segments, of which each is, and the share of tension that it has not got."""
+
+    segments: IndexTable
+    cable: Indices
+    lost: Vector
+
+
+@device_function
+def _pull(x: Matrix, routes: Any, tension: Vector, length: Vector) -> tuple[float, float]:
+    """Return the work of cables in a tick and what of it eyelets lose; bring the lengths to its end."""
+    put_in = lost = 0.0
+    for s in range(length.shape[0]):
+        square = 0.0
+        for r in range(3):
+            along = x[routes.segments[s, 1], r] - x[routes.segments[s, 0], r]
+            square += along * along
+        now = np.sqrt(square)
+        work = tension[routes.cable[s]] * (length[s] - now)
+        put_in, lost, length[s] = put_in + work, lost + routes.lost[s] * work, now
+    return put_in, lost
+
+
+@device_function
+def _carry(wrench: Vector, pose: Vector, before: Vector) -> float:
+    """Return the work of the flange in a tick, by poses of a place and nine axes; a turn is small."""
+    work = 0.0
+    for r in range(3):
+        j, k, turn = 3 * ((r + 1) % 3), 3 * ((r + 2) % 3), 0.0
+        for c in range(3, 6):
+            turn += 0.5 * (pose[k + c] * before[j + c] - pose[j + c] * before[k + c])
+        work -= wrench[r] * (pose[r] - before[r]) + wrench[3 + r] * turn
+    return work
+
+
 @kernel
-def fill_lengths(x: Blocks, segments: IndexTable, out: Matrix) -> None:
-    """Fill the lengths (k, s) [m] of segments (s, 2) of cables in k shapes (k, n, 3) [m]."""
+def add_works(
+    x: Blocks, routes: _Routes, rows: Matrix, mean: Matrix, chambers: int, length: Vector
+) -> tuple[float, float, float, float]:
+    """Return the works [J] of gas, cables and flange, and what is lost at eyelets, in ticks.
+
+    Args:
+        x: (k, n, 3) [m].
+        routes: of the cables.
+        rows: (k + 1, columns), see `EnergyRow`, the first from before the ticks.
+        mean: (k, columns), of rows that follow one another.
+        chambers: how many.
+        length: (s,) [m], of the segments before the ticks; brought to their end.
+    """
+    pose, gas, cables, flange, eyelets = rows.shape[1] - 12, 0.0, 0.0, 0.0, 0.0
     for t in range(x.shape[0]):
-        for s in range(segments.shape[0]):
-            square = 0.0
-            for r in range(3):
-                along = x[t, segments[s, 1], r] - x[t, segments[s, 0], r]
-                square += along * along
-            out[t, s] = np.sqrt(square)
+        now, before, between = rows[t + 1], rows[t], mean[t]
+        for c in range(chambers):
+            gas += between[chambers + c] * (now[c] - before[c])
+        put_in, lost = _pull(x[t], routes, between[2 * chambers : pose - 6], length)
+        cables, eyelets = cables + put_in, eyelets + lost
+        flange += _carry(between[pose - 6 : pose], now[pose:], before[pose:])
+    return gas, cables, flange, eyelets
 
 
 class SeenTicks(Protocol):
@@ -125,6 +178,18 @@ class SeenTicks(Protocol):
     def flange_twist(self) -> Array:
         """See `TickBatch`."""
 
+    @property
+    def contact_work_J(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def self_contact_work_J(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
+    def eyelets_J(self) -> Array:
+        """See `TickBatch`."""
+
 
 @final
 @dataclass(frozen=True)
@@ -135,23 +200,22 @@ class EnergyParts:
         mass: (n,) [kg].
         segments: (s, 2), nodes of all cables' segments.
         cable: (s,), of which each is.
-        ratio: positions (n, 3) [m] -> tension of each segment over that at its base end (s,).
+        lost: positions (n, 3) [m] -> share (s,) of the tension at its base end that each segment has not got,
+            where that does not depend on how the cable slides.
         elastic: positions (n, 3) [m] -> elastic energy [J].
         options: of the steps.
         tick_s: their length.
         gravity: (3,) [m/s^2].
-        known_losses: whether `ratio` is all that eyelets lose by.
     """
 
     mass: Array
     segments: IntArray
     cable: IntArray
-    ratio: Callable[[Array], Array]
+    lost: Callable[[Array], Array]
     elastic: Callable[[Array], float]
     options: StepOptions
     tick_s: float
     gravity: Array
-    known_losses: bool
 
     @classmethod
     def of(cls, body: SoftBody, options: StepOptions, tick_s: float, gravity: Array) -> EnergyParts:
@@ -162,12 +226,11 @@ class EnergyParts:
             body.node_mass,
             np.concatenate([np.zeros((0, 2), np.int64), *segments]),
             np.repeat(np.arange(len(cables)), [len(own) for own in segments]),
-            partial(_ratios, body),
+            _lost(body),
             partial(_elastic, body, []),
             options,
             tick_s,
             gravity,
-            not any(cable.remembers for cable in cables),
         )
 
     def begin(self) -> EnergyFigures:
@@ -175,8 +238,18 @@ class EnergyParts:
         return EnergyFigures()
 
 
-def _ratios(body: SoftBody, positions: Array) -> Array:
-    return np.concatenate([np.zeros(0), *(cable.tension_ratio(positions) for cable in body.cables)])
+def _lost(body: SoftBody) -> Callable[[Array], Array]:
+    def lost(positions: Array) -> Array:
+        ratios = (
+            np.ones(len(cable.segments)) if cable.remembers else cable.tension_ratio(positions)
+            for cable in body.cables
+        )
+        return np.asarray(1.0 - np.concatenate([np.zeros(0), *ratios]))
+
+    if any(cable.friction_coefficient > 0.0 and not cable.remembers for cable in body.cables):
+        return lost
+    same = lost(body.positions)  # at every shape
+    return lambda _: same
 
 
 def _elastic(body: SoftBody, made: list[SoftSystem], positions: Array) -> float:
@@ -195,24 +268,14 @@ class EnergyRow:
     Args:
         motion: see `fill_motion`.
         sums: (COLUMNS,).
-        volume: (chambers,) [m^3].
-        pressure: (chambers,) [Pa].
-        tension: (cables,) [N].
         length: (s,) [m].
-        wrench: (6,).
-        origin: (3,) [m].
-        rotation: (3, 3).
+        seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, place and axes of the flange.
     """
 
     motion: Annotated[Array, (5, "nodes", 3)]
     sums: Annotated[Array, (4,)]
-    volume: Annotated[Array, ("chambers",)]
-    pressure: Annotated[Array, ("chambers",)]
-    tension: Annotated[Array, ("*",)]
     length: Annotated[Array, ("*",)]
-    wrench: Annotated[Array, (6,)]
-    origin: Annotated[Array, (3,)]
-    rotation: Annotated[Array, (3, 3)]
+    seen: Annotated[Array, ("*",)]
 
 
 @final
@@ -236,76 +299,52 @@ class EnergyFigures:
 
     def after(self, batch: SeenTicks, parts: EnergyParts) -> EnergyFigures:
         """Return the balance with some ticks more; the state before the first one is by itself."""
-        x = np.ascontiguousarray(batch.node_position)
-        length = np.empty((len(x), len(parts.segments)))
-        fill_lengths(x, parts.segments, length)
+        x, volume = np.ascontiguousarray(batch.node_position), batch.chamber_volume_m3
         columns = (
-            batch.chamber_volume_m3, batch.chamber_pressure_Pa, batch.cable_tension_N, length, batch.wrench,
-            batch.flange_position, batch.flange_rotation,
+            volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
+            batch.flange_rotation.reshape(-1, 9),
         )  # fmt: skip
+        seen = np.concatenate(columns, axis=1)
+        length = np.zeros(len(parts.segments)) if self.last is None else self.last.length.copy()
+        rows = np.concatenate([seen[:1] if self.last is None else self.last.seen[None], seen])
+        routes = _Routes(parts.segments, parts.cable, parts.lost(x[-1]))
+        works = add_works(x, routes, rows, 0.5 * (rows[1:] + rows[:-1]), volume.shape[1], length)
         if self.last is None:
-            motion, sums = np.zeros((5, *x.shape[1:])), np.zeros(COLUMNS)
+            motion = np.zeros((5, *x.shape[1:]))
             motion[:2] = x[0]
-            row = EnergyRow(motion, sums, *(column[0].copy() for column in columns))
+            row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
             return replace(self, elastic=parts.elastic(x[0]), last=row)
-        last, options = self.last, parts.options
-        motion, sums = last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
-        sums[0] = last.sums
+        motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
+        sums[0], options = self.last.sums, parts.options
+        twist = np.ascontiguousarray(batch.flange_twist)
         pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks)
-        fill_motion(
-            x, parts.mass, np.ascontiguousarray(batch.flange_twist),
-            np.ascontiguousarray(batch.flange_position), pace, motion, sums[1:],
-        )  # fmt: skip
-        before = (
-            last.volume,
-            last.pressure,
-            last.tension,
-            last.length,
-            last.wrench,
-            last.origin,
-            last.rotation,
-        )
-        volume, pressure, tension, length, wrench, origin, rotation = (
-            np.concatenate([one[None], column]) for one, column in zip(before, columns, strict=True)
-        )
-        lost = 1.0 - parts.ratio(x[-1]) if parts.known_losses else np.zeros(len(parts.cable))
-        turned = np.einsum("kab,kcb->kac", rotation[1:], rotation[:-1])
-        skew = 0.5 * (turned - turned.swapaxes(1, 2))  # a turn within a tick is small
-        turn = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-        way = np.hstack([np.diff(origin, axis=0), turn])
-        shorter, pulls = -np.diff(length, axis=0), _mean(tension)[:, parts.cable]
-        rates = parts.tick_s * _mean(sums).sum(axis=0)
+        origin = np.ascontiguousarray(batch.flange_position)
+        fill_motion(x, parts.mass, twist, origin, pace, motion, sums[1:])
+        rates = parts.tick_s * (sums[1:].sum(axis=0) + 0.5 * (sums[0] - sums[-1]))
         found = (
-            (_mean(pressure) * np.diff(volume, axis=0)).sum(),
-            (pulls * shorter).sum(),
-            -(_mean(wrench) * way).sum(),
-            float(parts.mass @ (x[-1] - last.motion[0]) @ parts.gravity),
-            (pulls * shorter @ lost).sum(),
+            *works,
+            float(parts.mass @ (x[-1] - self.last.motion[0]) @ parts.gravity),
+            batch.contact_work_J.sum(),
+            batch.self_contact_work_J.sum(),
             options.damping_per_s * rates[RELATIVE],
             options.air_drag_per_s * rates[MOVING],
         )
-        works = tuple(float(own + np.sum(more)) for own, more in zip(self.works, found, strict=True))
-        row = EnergyRow(motion, sums[-1].copy(), *(column[-1].copy() for column in columns))
-        return EnergyFigures(
-            works, self.done + float(sums[1:, DONE].sum()), self.elastic, self.ticks + len(x), row
-        )
+        total = [float(own + more) for own, more in zip(self.works, found, strict=True)]
+        total[_EYELETS] += float(batch.eyelets_J.sum())
+        row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy())
+        done = self.done + float(sums[1:, DONE].sum())
+        return EnergyFigures(tuple(total), done, self.elastic, self.ticks + len(x), row)
 
-    def figures(self, parts: EnergyParts) -> dict[str, float | None]:
+    def figures(self, parts: EnergyParts) -> dict[str, float]:
         """Return the balance since the start for the summary."""
         if self.last is None:
             return {}
         works = dict(zip(WORKS, self.works, strict=True))
         kinetic, elastic = float(self.last.sums[KINETIC]), parts.elastic(self.last.motion[0]) - self.elastic
         numerical = self.done - kinetic
-        put_in = works["gas_J"] + works["cables_J"] + works["flange_J"] + works["gravity_J"]
+        put_in = sum(works[name] for name in _PUT_IN)
         losses = works["eyelets_J"] + works["damping_J"] + works["air_drag_J"]
         rest = put_in - losses - elastic - kinetic - numerical
-        found: dict[str, Any] = works | {
+        return works | {
             "elastic_J": elastic, "kinetic_J": kinetic, "numerical_J": numerical, "rest_J": rest,
         }  # fmt: skip
-        return found if parts.known_losses else found | {"eyelets_J": None}
-
-
-def _mean(rows: Array) -> Array:
-    """Return the means of rows that follow one another."""
-    return np.asarray(0.5 * (rows[1:] + rows[:-1]))

@@ -115,6 +115,9 @@ class TickBatch(RigidColumns):
     self_contacts: IntArray
     self_contact_force_N: Array
     self_contact_depth_m: Array
+    contact_work_J: Array
+    self_contact_work_J: Array
+    eyelets_J: Array
     scheme: NDArray[np.str_]
     trials: IntArray
     interface_residual: Array

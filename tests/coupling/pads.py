@@ -105,9 +105,10 @@ class Grasp:
             return self.exchange.report
         self.scene.finish_step()
         self.scene.begin_step()
+        before = self.soft.state.positions
         planes = self.exchange.find(self.soft.state, self.scene.tick_s)
         self.soft.advance(self.flange, replace(self.loads, contact=planes), self.scene.tick_s)
-        return self.exchange.settle(self.soft.state.positions)
+        return self.exchange.settle(before, self.soft.state.positions)
 
     @property
     def ratio(self) -> float:

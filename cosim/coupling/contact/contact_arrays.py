@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.base.frames import IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.coupling.ticks import BodyLoads
 from cosim.rigid.distance.shapes import ShapeBounds
@@ -135,7 +135,10 @@ class EndRows(NamedTuple):
         acting: (bodies,), 1 where any acts.
         held: (bodies,) [N/m], trace of the stiffness of a body's contacts, stick springs slack.
         film: (6,), the loads as the film's nodes bear them, summed over all bodies.
-        figures: (2,), sum of the normal forces [N]; depth of the deepest that presses [m].
+        figures: (3,), sum of the normal forces [N]; depth of the deepest that presses [m]; work on the film
+            in the tick [J].
+        own: (k, 3) [N], force of each on its body.
+        force: (nodes, 3) [N], of all on the film.
     """
 
     point: Matrix
@@ -145,12 +148,15 @@ class EndRows(NamedTuple):
     held: Vector
     film: Vector
     figures: Vector
+    own: Matrix
+    force: Matrix
 
     @classmethod
-    def room(cls, count: int, bodies: int) -> EndRows:
-        """Return room for so many."""
+    def room(cls, count: int, bodies: int, force: Array) -> EndRows:
+        """Return room for so many, with the force on the film as it is."""
         of_bodies = np.zeros((bodies, 6)), _no_indices(bodies), np.zeros(bodies)
-        return cls(np.zeros((count, 3)), np.zeros(count), *of_bodies, np.zeros(6), np.zeros(2))
+        rest = np.zeros(6), np.zeros(3), np.zeros((count, 3)), force
+        return cls(np.zeros((count, 3)), np.zeros(count), *of_bodies, *rest)
 
 
 class ListRows(NamedTuple):

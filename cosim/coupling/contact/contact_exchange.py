@@ -10,7 +10,7 @@ anew where they serve no longer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Final, final
 
@@ -76,12 +76,14 @@ class ContactState:
         planes: what might have been touched in the last step; None for nothing.
         age: ticks of contact since bodies were weighed.
         centers: (bodies, 3) [m], of masses, where the film has met them.
+        force: (touched nodes, 3) [N], on the film.
     """
 
     memory: ContactMemory
     planes: ContactPlanes | None
     age: int
     centers: Annotated[Array, ("bodies", 3)]
+    force: Annotated[Array, ("touched nodes", 3)]
 
 
 @final
@@ -125,13 +127,14 @@ class ContactExchange:
         """
         return self._found(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
 
-    def settle(self, positions: Array) -> ContactReport:
+    def settle(self, before: Array, positions: Array) -> ContactReport:
         """Take in the end of the soft step: remember the contacts and load the bodies.
 
         Args:
-            positions: (n, 3) [m], of the nodes at the end of the step.
+            before: (n, 3) [m], of the nodes at the beginning of the step.
+            positions: (n, 3) [m], the same at its end.
         """
-        settle_touched(self.arrays, positions)
+        settle_touched(self.arrays, before, positions)
         planes = self.planes
         self.forget()
         self.planes = planes
@@ -207,7 +210,7 @@ class ContactExchange:
         """What the contacts did in the last step."""
         end, counts = self.arrays.end, self.arrays.counts
         if not counts[TOUCHES]:
-            return NOTHING_TOUCHED
+            return replace(NOTHING_TOUCHED, work_J=float(end.figures[2]))
         acting = np.flatnonzero(end.acting)
         force, torque = end.loads[acting, :3], end.loads[acting, 3:]
         return ContactReport(acting, force, torque, int(counts[REMEMBERED]), *end.figures.tolist())
@@ -226,7 +229,8 @@ class ContactExchange:
     def save_state(self) -> ContactState:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
-        return ContactState(self.memory, self.planes, int(self.arrays.counts[AGE]), centers)
+        age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
+        return ContactState(self.memory, self.planes, age, centers, force)
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -237,6 +241,7 @@ class ContactExchange:
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
             part[:count] = getattr(state.memory, name)
         self.arrays.bodies.centers[:] = state.centers
+        self.arrays.end.force[:] = state.force
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -306,8 +311,9 @@ class ContactExchange:
         )  # fmt: skip
 
     def _first_arrays(self, search: Search) -> ContactArrays:
-        law, bodies, query = self.law, self.bodies, self.query
+        law, bodies, query, surface = self.law, self.bodies, self.query, self.surface
         stiffness, touchable = law.stiffness_N_m3, np.unique(query.body)
+        nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         movable = touchable[bodies.movable(touchable)]
         numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0)
         touched = TouchedPlanes(
@@ -316,7 +322,8 @@ class ContactExchange:
         )  # fmt: skip
         return ContactArrays(
             search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
-            MemoryRows.room(0), MemoryRows.room(0), touched, Ties.room(0), EndRows.room(0, bodies.count),
+            MemoryRows.room(0), MemoryRows.room(0), touched, Ties.room(0),
+            EndRows.room(0, bodies.count, np.zeros((nodes, 3))),
             BodyLoads(
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
@@ -337,5 +344,5 @@ class ContactExchange:
         )
         return before._replace(
             search=search, memory=memory, kept=MemoryRows.room(room), touched=touched, ties=Ties.room(room),
-            end=EndRows.room(room, self.bodies.count),
+            end=EndRows.room(room, self.bodies.count, before.end.force),
         )  # fmt: skip

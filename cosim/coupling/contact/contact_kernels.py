@@ -492,6 +492,8 @@ def _conclude(
         )
         slack = shapes.friction[ties.shape[e]] * push
         end.slack_friction[e] = slack
+        for r in range(3):
+            end.own[e, r] = own[r]
         pressing = planes.stiffness[e] * min(max((0.5 * width - distance) / width, 0.0), 1.0)
         end.held[b] += pressing + 4.0 * slack / stick
         # a point that has just come off may still rub: friction is bounded by the last tick's normal force
@@ -592,9 +594,27 @@ def _asks_for_weighing(contact: Any) -> bool:
     return False
 
 
+@device_function
+def _work(planes: PlaneRows, end: Any, before: Matrix, x: Matrix) -> float:
+    """Return the contacts' work on the film in a tick, by the mean of forces at its ends; keep the last."""
+    force, work = end.force, 0.0
+    for i in range(force.shape[0]):
+        for r in range(3):
+            work += 0.5 * force[i, r] * (x[i, r] - before[i, r])
+            force[i, r] = 0.0
+    for e in range(planes.body.shape[0]):
+        for a in range(3):
+            i = planes.nodes[e, a]
+            for r in range(3):
+                share = planes.weights[e, a] * end.own[e, r]
+                force[i, r] -= share
+                work -= 0.5 * share * (x[i, r] - before[i, r])
+    return work
+
+
 @kernel
-def settle_touched(contact: ContactArrays, x: Matrix) -> None:
-    """Take in the end of a step at x (n, 3) [m]: remember what presses, and load the bodies."""
+def settle_touched(contact: ContactArrays, before: Matrix, x: Matrix) -> None:
+    """Take in the end of a step from before to x (n, 3) [m]: remember what presses, and load the bodies."""
     counts, end, pressing = contact.counts, contact.end, 0
     count = counts[TOUCHES]
     if count > 0:
@@ -604,6 +624,7 @@ def settle_touched(contact: ContactArrays, x: Matrix) -> None:
         counts[AGE] += 1
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
+    end.figures[2] = _work(touched_planes(contact.touched, count).planes, end, before, x)
     counts[REMEMBERED] = pressing
     _take_for_last(contact.memory, contact.kept, pressing)
     _load_bodies(end, contact.bodies)

@@ -51,6 +51,7 @@ class ContactReport:
         count: contact points that press.
         normal_force_N: sum over them.
         depth_m: of the deepest.
+        work_J: on the film.
     """
 
     bodies: Annotated[IntArray, ("b",)]
@@ -59,6 +60,7 @@ class ContactReport:
     count: int
     normal_force_N: float
     depth_m: float
+    work_J: float = 0.0
 
     @classmethod
     def of(cls, planes: ContactPlanes, found: ContactForces) -> ContactReport:

@@ -463,7 +463,7 @@ class LightBodies:
                 trial = self._agree(step, trial)
         assert trial.reply is not None, "the film has stepped"
         self.trials = step.trials
-        self._exchange.settle(self._soft.state.positions)
+        self._exchange.settle(step.before.positions, self._soft.state.positions)
         self.weigh()
         return trial.reply
 

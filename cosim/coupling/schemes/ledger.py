@@ -60,6 +60,9 @@ class LedgerEntry:
         self_contacts: points of the film that press on another film of the soft robot.
         self_contact_force_N: sum of their normal forces.
         self_contact_depth_m: how deep the deepest of them is behind the other film; negative while none is.
+        contact_work_J: of contacts with the scene on the film in this tick.
+        self_contact_work_J: of contacts between films on these.
+        eyelets_J: lost at eyelets of cables that know in which direction they slide.
         scheme: of the exchange in this tick.
         trials: how often the tick was taken until the loads agreed; 1 in the staggered exchange.
         interface_residual: what the loads on flange and bodies that acted differ from those the soft side
@@ -83,6 +86,9 @@ class LedgerEntry:
     self_contacts: int = 0
     self_contact_force_N: float = 0.0
     self_contact_depth_m: float = 0.0
+    contact_work_J: float = 0.0
+    self_contact_work_J: float = 0.0
+    eyelets_J: float = 0.0
     scheme: Scheme = "staggered"
     trials: int = 1
     interface_residual: float = 0.0

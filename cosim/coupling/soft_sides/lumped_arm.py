@@ -193,6 +193,7 @@ class SoftArm(SoftSide):
         self._flange_before: Pose | None = None
         self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
         self._residual = 0.0
+        self._work = [0.0, 0.0]
         self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
         # of the last step: where it began, and what the step before it had left
         self._begin: tuple[Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
@@ -238,6 +239,7 @@ class SoftArm(SoftSide):
     def _advance(self, end: Drive, step_s: float, aim: StepAim | None) -> SoftReply:
         begin, before = (self._flange, self._loads), self.state
         self._begin = (begin, self._flange_before, self._piece_s)
+        self._work = [0.0, 0.0]
         try:
             iterations = self._march(begin, end, step_s, aim)
         except ConvergenceError:
@@ -245,7 +247,7 @@ class SoftArm(SoftSide):
             raise
         self._flange_before, (self._flange, self._loads) = begin[0], end
         wrench = self._stepper.wrench(self.state, self._flange)
-        return SoftReply(wrench, self._residual, iterations)
+        return SoftReply(wrench, self._residual, iterations, *self._work)
 
     @property
     def stepper(self) -> ImplicitStepper:
@@ -339,8 +341,13 @@ class SoftArm(SoftSide):
         return spent, worst
 
     def _step(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
-        self.state, result = self._stepper.step(self.state, *end, step_s, begin[0], aim)
+        before = self.state
+        self.state, result = self._stepper.step(before, *end, step_s, begin[0], aim)
         self._residual = result.residual_N
+        if self.films is not None:
+            self._work[0] += self.films.work_J
+        after = self.state
+        self._work[1] += self._system.lost_at_eyelets(after.positions, before.memory, after.memory)
         return result.iterations
 
     def _restart(self) -> None:

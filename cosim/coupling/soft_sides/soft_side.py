@@ -238,11 +238,15 @@ class SoftReply:
         wrench: exerted on the flange, at its origin, world axes.
         residual_N: largest out-of-balance component.
         iterations: Newton iterations.
+        films_work_J: of contacts between its films on these.
+        eyelets_J: lost at eyelets that know their direction.
     """
 
     wrench: Wrench
     residual_N: float
     iterations: int
+    films_work_J: float = 0.0
+    eyelets_J: float = 0.0
 
 
 class SoftSide(ABC):

@@ -42,6 +42,7 @@ from cosim.base.kernels import (
     zero_matrix,
     zero_vector,
 )
+from cosim.base.numba_insides import caller
 from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
 from cosim.soft.contact.point_kernels import (
     distance_of,
@@ -123,6 +124,29 @@ def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
             for r in range(3):
                 gradient[nodes[e, a], r] += w[a] * rub[r] - push * weight[a] * n[r]
     return energy
+
+
+_add_pairs = caller(add_pairs)
+
+
+@kernel
+def pair_work(add: int, before: Matrix, x: Matrix, pairs: PairRows, force: Matrix) -> float:
+    """Return the work [J] that all pairs do on the film in a step, by the mean of the forces at its ends.
+
+    Args:
+        add: address of `add_pairs`.
+        before: (n, 3) [m], at the beginning.
+        x: (n, 3) [m], at the end.
+        pairs: as they were found before it.
+        force: (n, 3), overwritten.
+    """
+    force[:], work = 0.0, 0.0
+    _add_pairs(add, (before, pairs, force))
+    _add_pairs(add, (x, pairs, force))
+    for i in range(x.shape[0]):
+        for r in range(3):
+            work -= 0.5 * force[i, r] * (x[i, r] - before[i, r])
+    return work
 
 
 @kernel
@@ -271,6 +295,10 @@ class FilmPairs:
         """
         kept = FilmMemoryRows.room(len(self))
         return kept.first(settle_pairs(positions, self.rows, self.key, resting, kept))
+
+    def work(self, before: Array, positions: Array) -> float:
+        """Return the work [J] on the film in a step from (n, 3) [m] to (n, 3) [m]."""
+        return float(pair_work(self.call, before, positions, self.rows, np.empty_like(before)))
 
     def rubbing(self, friction: Array, stretch: Array) -> FilmPairs:
         """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""

@@ -34,7 +34,7 @@ from cosim.soft.contact.rigid_motion import furthest_from_mean
 from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, stays_quiet
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
-from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, settle_pairs
+from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, pair_work, settle_pairs
 from cosim.soft.contact.self_contact_search import BEHIND_M, any_over, find_over
 from cosim.soft.solve.state import SoftState
 
@@ -82,7 +82,8 @@ class FilmContacts(NamedTuple):
         pairs: (k,).
         memory: (k,), of the last step.
         counts: (3,), see `REMEMBERED`, `NEEDED` and `OVERLOOKED`.
-        calls: (6,) addresses of kernels, see `FIND` and what follows.
+        force: (n, 3), for `pair_work`.
+        calls: (7,) addresses of kernels, see `FIND` and what follows.
         waits: whether steps of films that do not press are first taken without contact.
     """
 
@@ -95,6 +96,7 @@ class FilmContacts(NamedTuple):
     pairs: PairRows
     memory: FilmMemoryRows
     counts: Indices
+    force: Matrix
     calls: Indices
     waits: bool
 
@@ -102,7 +104,7 @@ class FilmContacts(NamedTuple):
 REMEMBERED, NEEDED, OVERLOOKED = range(3)
 """Places in `FilmContacts.counts`: pairs that are remembered; rows that the last search would have needed;
 whether films pressed at the end of the last step, which was taken without contact."""
-FIND, SETTLE, ADD, PRESS, _OVER, _ANY = range(6)
+FIND, SETTLE, ADD, PRESS, WORK, _OVER, _ANY = range(7)
 """Places in `FilmContacts.calls`."""
 _find_over, _any_over = caller(find_over), caller(any_over)
 THROUGH_M: Final = 1.5e-3
@@ -185,7 +187,7 @@ def films_press(films: FilmContacts, x: Matrix, velocity: Matrix, ahead: float, 
 
 @final
 class SelfContact:
-    """Finds the pairs of films that may touch.
+    """Finds the pairs of films that may touch; `work_J` is theirs on the film in the last step.
 
     Args:
         body: of which films.
@@ -195,13 +197,14 @@ class SelfContact:
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
         self.law, self.faces = law.law, FilmFaces.of(body)
         points = FilmPoints.of(self.faces, body.positions)
-        called = find_pairs, settle_pairs, add_pairs, films_press, find_over, any_over
+        called = find_pairs, settle_pairs, add_pairs, films_press, pair_work, find_over, any_over
         self._overlooked: SoftState | None = None
+        self.work_J = 0.0
         self.contacts = FilmContacts(
             FilmLists.room(FilmRows.of(self.faces, points), self.faces.units_meet, body.nodes),
             _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
-            *self._room(len(points)), np.zeros(3, np.int64), np.array([address_of(each) for each in called]),
-            not law.throughout,
+            *self._room(len(points)), np.zeros(3, np.int64), np.empty((body.nodes, 3)),
+            np.array([address_of(each) for each in called]), not law.throughout,
         )  # fmt: skip
 
     @property

@@ -322,14 +322,16 @@ class ImplicitStepper:
             raise InputError(f"step {step_s} s must be positive and finite")
         first = self._with_films(state, loads, step_s)
         end, result = self._step(state, world_from_flange, first, step_s, before, aim)
-        films = self.self_contact
-        if films is None or not films.waits(state) or not films.press(end, step_s):
+        films, pairs = self.self_contact, first.self_contact
+        if films is None:
             return end, result
-        pairs = films.step_pairs(state, step_s)
-        if pairs is None:
-            return end, result
-        again = replace(loads, self_contact=pairs)
-        return self._step(state, world_from_flange, again, step_s, before, aim)
+        if films.waits(state) and films.press(end, step_s):
+            pairs = films.step_pairs(state, step_s)
+            if pairs is not None:
+                again = replace(loads, self_contact=pairs)
+                end, result = self._step(state, world_from_flange, again, step_s, before, aim)
+        films.work_J = 0.0 if pairs is None else pairs.work(state.positions, end.positions)
+        return end, result
 
     def _step(
         self,
