@@ -362,7 +362,13 @@ class Clamp:
         held = gradient[self.nodes]
         return held if self._whole else np.where(self.components, held, 0.0)
 
-    def wrench(self, gradient: Array, positions: Array, world_from_flange: Pose) -> Wrench:
+    def wrench(
+        self,
+        gradient: Array,
+        positions: Array,
+        world_from_flange: Pose,
+        damped: tuple[Damped, Array] | None = None,
+    ) -> Wrench:
         """Return what the body exerts on the flange, at its origin, world axes.
 
         force = -sum_k r_k, torque = -sum_k (x_k - o) x r_k, with r the reactions at the held nodes.
@@ -371,9 +377,12 @@ class Clamp:
             gradient: (n, 3) [N].
             positions: (n, 3) [m], world.
             world_from_flange: pose of the flange, o its origin.
+            damped: nodes that the flange damps, and their velocities (n, 3) [m/s]; None for none.
         """
-        wrench = np.zeros(6)
-        add_wrench(self.held, gradient, positions, flange_axes(world_from_flange), wrench)
+        wrench, flange = np.zeros(6), flange_axes(world_from_flange)
+        add_wrench(self.held, gradient, positions, flange, wrench)
+        if damped is not None:
+            add_damping(damped[0], positions, damped[1], flange, wrench)
         return Wrench.owning(wrench[:3], wrench[3:])
 
 

@@ -42,8 +42,6 @@ from cosim.soft.solve.state import (
     StepAim,
     StepOptions,
     StepScheme,
-    add_damping,
-    add_wrench,
     difference_scheme,
     flange_axes,
     follow_flange,
@@ -425,12 +423,11 @@ class ImplicitStepper:
 
     def wrench(self, end: SoftState, world_from_flange: Pose) -> Wrench:
         """Return what the body exerts on the flange, at its origin, world axes, at the end of a step."""
-        wrench, flange, system = np.zeros(6), flange_axes(world_from_flange), self.solver.system
-        add_wrench(self.clamp.held, system.gradient, end.positions, flange, wrench)
+        system, damped = self.solver.system, None
         if self.options.damping_per_s > 0.0:
-            damped = Damped(system.body.node_mass, self.options.damping_per_s, self.solver.along)
-            add_damping(damped, end.positions, end.velocities, flange, wrench)
-        return Wrench.owning(wrench[:3], wrench[3:])
+            along = self.solver.along
+            damped = Damped(system.body.node_mass, self.options.damping_per_s, along), end.velocities
+        return self.clamp.wrench(system.gradient, end.positions, world_from_flange, damped)
 
     def scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
         """Return the scheme of a step; the same object for the same kind of step."""
