@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from cosim.base.frames import Array, Pose
 from cosim.base.kernels import Blocks, Indices, Matrix, Vector, device_function
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.rigid.scene.native import Foresight
-
-if TYPE_CHECKING:
-    from cosim.rigid.scene.bodies import Bodies
 
 
 class Servos(NamedTuple):
@@ -97,15 +94,6 @@ class BodyLoads(NamedTuple):
     loaded: Indices
     handed: Vector
     leads: Leads
-
-
-def leads_of(bodies: Bodies) -> Leads:
-    """Return how far the bodies of a scene are ahead: not at all."""
-    count = bodies.count
-    return Leads(
-        bodies.spins, bodies.tree_centers, bodies.roots, bodies.mass_centers, bodies.flange,
-        np.zeros(count, np.int64), bodies.foresight, np.zeros((count, 6)),
-    )  # fmt: skip
 
 
 @device_function

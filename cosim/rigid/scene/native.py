@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from cosim.base.frames import IntArray
 from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 from cosim.errors import SceneError
-from cosim.rigid.build.cells import CellDrives
-from cosim.rigid.scene.arm import ArmLayout
+from cosim.rigid.scene.arm import ArmLayout, CellDrives
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
 """Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""

@@ -22,12 +22,11 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
-from cosim.rigid.build.cells import CellDrives
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, Flange, droop, effort_limit
+from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, droop, effort_limit
 from cosim.rigid.scene.bodies import Bodies, mobility, touchable_geoms
 from cosim.rigid.scene.link_contacts import LinkContacts
 from cosim.rigid.scene.native import NativeScene, native_scene
