@@ -30,6 +30,7 @@ from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.soft.solve.assembly import elastic_energy
 from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
@@ -338,7 +339,8 @@ def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
     options, lumped = dynamic_options(scenario), scenario.fidelity in ("lumped", "refined")
     if scenario.mode != "dynamic" or not lumped or options.substep_error_m is not None:
         return None
-    return EnergyParts.of(body, options, scenario.clock.tick_s, np.array(scenario.gravity_m_s2))
+    gravity = np.array(scenario.gravity_m_s2)
+    return EnergyParts.of(body, elastic_energy(body), options, scenario.clock.tick_s, gravity)
 
 
 def _decay(scenario: Scenario) -> Decay | None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 
 import numpy as np
@@ -22,8 +21,6 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import StepOptions
 
 KINETIC, DONE, RELATIVE, MOVING, COLUMNS = range(5)
@@ -218,7 +215,14 @@ class EnergyParts:
     gravity: Array
 
     @classmethod
-    def of(cls, body: SoftBody, options: StepOptions, tick_s: float, gravity: Array) -> EnergyParts:
+    def of(
+        cls,
+        body: SoftBody,
+        elastic: Callable[[Array], float],
+        options: StepOptions,
+        tick_s: float,
+        gravity: Array,
+    ) -> EnergyParts:
         """Return them for a body and its steps."""
         cables = body.cables
         segments = [np.asarray(cable.segments) for cable in cables]
@@ -227,7 +231,7 @@ class EnergyParts:
             np.concatenate([np.zeros((0, 2), np.int64), *segments]),
             np.repeat(np.arange(len(cables)), [len(own) for own in segments]),
             _lost(body),
-            partial(_elastic, body, []),
+            elastic,
             options,
             tick_s,
             gravity,
@@ -250,14 +254,6 @@ def _lost(body: SoftBody) -> Callable[[Array], Array]:
         return lost
     same = lost(body.positions)  # at every shape
     return lambda _: same
-
-
-def _elastic(body: SoftBody, made: list[SoftSystem], positions: Array) -> float:
-    if not made:
-        made.append(SoftSystem(body))
-    system, x = made[0], np.array(positions, order="C")
-    loads, memory = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0)), system.fresh(body.first_memory())
-    return system.evaluate(x, loads, system.segment_share(x, loads), memory, hessian=False)
 
 
 @final
