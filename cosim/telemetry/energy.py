@@ -18,26 +18,26 @@ from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 
-KINETIC, DONE, RELATIVE, MOVING, COLUMNS = range(5)
+KINETIC, DONE, RELATIVE, MOVING, FALLING, COLUMNS = range(6)
 WORKS: Final = (
     "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
     "air_drag_J",
 )  # fmt: skip
 _PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
-_EYELETS: Final = WORKS.index("eyelets_J")
 
 
 class _Pace(NamedTuple):
-    """Of steps: whether they look back over two, their length [s], how many were taken before."""
+    """Of steps: whether they look back over two, their length [s], how many were taken before; gravity."""
 
     two_steps: bool
     h: float
     taken: int
+    gravity: Vector
 
 
 @kernel
@@ -54,12 +54,13 @@ def fill_motion(
         pace: of the ticks.
         motion: (5, n, 3), positions one and two ticks before, velocities the same, accelerations one before.
         out: (k, COLUMNS), filled: kinetic energy [J], work that all forces have done in the tick [J], sums of
-            mass times the square of velocities relative to the flange, and of velocities [W s].
+            mass times the square of velocities relative to the flange, and of velocities [W s], work of the
+            weight in the tick [J].
     """
     for t in range(x.shape[0]):
         both = pace.two_steps and pace.taken + t > 0
         span = 2.0 * pace.h / 3.0 if both else pace.h
-        kinetic = done = relative = moving = 0.0
+        kinetic = done = relative = moving = falling = 0.0
         for i in range(x.shape[1]):
             for r in range(3):
                 j, k = (r + 1) % 3, (r + 2) % 3
@@ -75,23 +76,26 @@ def fill_motion(
                 done += 0.5 * mass[i] * (a + motion[4, i, r]) * (x[t, i, r] - motion[0, i, r])
                 relative += mass[i] * (v - u) * (v - u)
                 moving += mass[i] * v * v
+                falling += mass[i] * pace.gravity[r] * (x[t, i, r] - motion[0, i, r])
                 motion[1, i, r], motion[0, i, r] = motion[0, i, r], x[t, i, r]
                 motion[3, i, r], motion[2, i, r], motion[4, i, r] = motion[2, i, r], v, a
-        out[t, 0], out[t, 1], out[t, 2], out[t, 3] = kinetic, done, relative, moving
+        out[t, 0], out[t, 1], out[t, 2], out[t, 3], out[t, 4] = kinetic, done, relative, moving, falling
 
 
 class _Routes(NamedTuple):
-    """Of cables: nodes of their segments, of which each is, and the share of tension that it has not got."""
+    """Of cables: nodes of their segments, of which each is, the share of tension that it has not got after
+    each tick, and its length [m] before it."""
 
     segments: IndexTable
     cable: Indices
-    lost: Vector
+    lost: Matrix
+    length: Vector
 
 
 @device_function
-def _pull(x: Matrix, routes: Any, tension: Vector, length: Vector) -> tuple[float, float]:
+def _pull(x: Matrix, routes: Any, lost_share: Vector, tension: Vector) -> tuple[float, float]:
     """Return the work of cables in a tick and what of it eyelets lose; bring the lengths to its end."""
-    put_in = lost = 0.0
+    put_in, lost, length = 0.0, 0.0, routes.length
     for s in range(length.shape[0]):
         square = 0.0
         for r in range(3):
@@ -99,7 +103,7 @@ def _pull(x: Matrix, routes: Any, tension: Vector, length: Vector) -> tuple[floa
             square += along * along
         now = np.sqrt(square)
         work = tension[routes.cable[s]] * (length[s] - now)
-        put_in, lost, length[s] = put_in + work, lost + routes.lost[s] * work, now
+        put_in, lost, length[s] = put_in + work, lost + lost_share[s] * work, now
     return put_in, lost
 
 
@@ -116,28 +120,25 @@ def _carry(wrench: Vector, pose: Vector, before: Vector) -> float:
 
 
 @kernel
-def add_works(
-    x: Blocks, routes: _Routes, rows: Matrix, mean: Matrix, chambers: int, length: Vector
-) -> tuple[float, float, float, float]:
-    """Return the works [J] of gas, cables and flange, and what is lost at eyelets, in ticks.
+def fill_works(x: Blocks, routes: _Routes, rows: Matrix, mean: Matrix, chambers: int, out: Matrix) -> None:
+    """Fill the works [J] of gas, cables and flange, and what is lost at eyelets, in each tick.
 
     Args:
         x: (k, n, 3) [m].
-        routes: of the cables.
+        routes: of the cables; lengths are brought to the end.
         rows: (k + 1, columns), see `EnergyRow`, the first from before the ticks.
         mean: (k, columns), of rows that follow one another.
         chambers: how many.
-        length: (s,) [m], of the segments before the ticks; brought to their end.
+        out: (k, works), the first four filled.
     """
-    pose, gas, cables, flange, eyelets = rows.shape[1] - 12, 0.0, 0.0, 0.0, 0.0
+    pose = rows.shape[1] - 12
     for t in range(x.shape[0]):
-        now, before, between = rows[t + 1], rows[t], mean[t]
+        now, before, between, gas = rows[t + 1], rows[t], mean[t], 0.0
         for c in range(chambers):
             gas += between[chambers + c] * (now[c] - before[c])
-        put_in, lost = _pull(x[t], routes, between[2 * chambers : pose - 6], length)
-        cables, eyelets = cables + put_in, eyelets + lost
-        flange += _carry(between[pose - 6 : pose], now[pose:], before[pose:])
-    return gas, cables, flange, eyelets
+        cables, lost = _pull(x[t], routes, routes.lost[t], between[2 * chambers : pose - 6])
+        out[t, 0], out[t, 1], out[t, 3] = gas, cables, lost
+        out[t, 2] = _carry(between[pose - 6 : pose], now[pose:], before[pose:])
 
 
 class SeenTicks(Protocol):
@@ -190,7 +191,7 @@ class SeenTicks(Protocol):
 
 @final
 @dataclass(frozen=True)
-class EnergyParts:
+class EnergyParts(Shown):
     """What the balance knows of the body.
 
     Args:
@@ -269,7 +270,7 @@ class EnergyRow:
     """
 
     motion: Annotated[Array, (5, "nodes", 3)]
-    sums: Annotated[Array, (4,)]
+    sums: Annotated[Array, (5,)]
     length: Annotated[Array, ("*",)]
     seen: Annotated[Array, ("*",)]
 
@@ -294,7 +295,10 @@ class EnergyFigures:
     last: EnergyRow | None = None
 
     def after(self, batch: SeenTicks, parts: EnergyParts) -> EnergyFigures:
-        """Return the balance with some ticks more; the state before the first one is by itself."""
+        """Return the balance with some ticks more; the state before the first one is by itself.
+
+        Ticks are summed in order: however many come at once, every bit of the balance is the same.
+        """
         x, volume = np.ascontiguousarray(batch.node_position), batch.chamber_volume_m3
         columns = (
             volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
@@ -303,8 +307,10 @@ class EnergyFigures:
         seen = np.concatenate(columns, axis=1)
         length = np.zeros(len(parts.segments)) if self.last is None else self.last.length.copy()
         rows = np.concatenate([seen[:1] if self.last is None else self.last.seen[None], seen])
-        routes = _Routes(parts.segments, parts.cable, parts.lost(x[-1]))
-        works = add_works(x, routes, rows, 0.5 * (rows[1:] + rows[:-1]), volume.shape[1], length)
+        lost = np.array([parts.lost(shape) for shape in x])
+        routes = _Routes(parts.segments.copy(), parts.cable.copy(), lost, length)
+        each = np.zeros((len(x), len(WORKS)))
+        fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
         if self.last is None:
             motion = np.zeros((5, *x.shape[1:]))
             motion[:2] = x[0]
@@ -313,23 +319,25 @@ class EnergyFigures:
         motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
         sums[0], options = self.last.sums, parts.options
         twist = np.ascontiguousarray(batch.flange_twist)
-        pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks)
+        pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks, parts.gravity.copy())
         origin = np.ascontiguousarray(batch.flange_position)
-        fill_motion(x, parts.mass, twist, origin, pace, motion, sums[1:])
-        rates = parts.tick_s * (sums[1:].sum(axis=0) + 0.5 * (sums[0] - sums[-1]))
-        found = (
-            *works,
-            float(parts.mass @ (x[-1] - self.last.motion[0]) @ parts.gravity),
-            batch.contact_work_J.sum(),
-            batch.self_contact_work_J.sum(),
-            options.damping_per_s * rates[RELATIVE],
-            options.air_drag_per_s * rates[MOVING],
+        fill_motion(x, parts.mass.copy(), twist, origin, pace, motion, sums[1:])
+        rates = parts.tick_s * _mean(sums)
+        each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
+        each[:, WORKS.index("gravity_J") :] = np.stack(
+            [
+                sums[1:, FALLING],
+                batch.contact_work_J,
+                batch.self_contact_work_J,
+                options.damping_per_s * rates[:, RELATIVE],
+                options.air_drag_per_s * rates[:, MOVING],
+            ],
+            axis=1,
         )
-        total = [float(own + more) for own, more in zip(self.works, found, strict=True)]
-        total[_EYELETS] += float(batch.eyelets_J.sum())
         row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy())
-        done = self.done + float(sums[1:, DONE].sum())
-        return EnergyFigures(tuple(total), done, self.elastic, self.ticks + len(x), row)
+        works = tuple(np.cumsum(np.vstack([self.works, each]), axis=0)[-1].tolist())
+        done = float(np.cumsum([self.done, *sums[1:, DONE]])[-1])
+        return EnergyFigures(works, done, self.elastic, self.ticks + len(x), row)
 
     def figures(self, parts: EnergyParts) -> dict[str, float]:
         """Return the balance since the start for the summary."""
@@ -344,3 +352,8 @@ class EnergyFigures:
         return works | {
             "elastic_J": elastic, "kinetic_J": kinetic, "numerical_J": numerical, "rest_J": rest,
         }  # fmt: skip
+
+
+def _mean(rows: Array) -> Array:
+    """Return the means of rows that follow one another."""
+    return np.asarray(0.5 * (rows[1:] + rows[:-1]))
