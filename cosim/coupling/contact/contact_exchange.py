@@ -27,6 +27,7 @@ from cosim.coupling.contact.contact_arrays import (
     REMEMBERED,
     TOUCHES,
     UNKNOWN,
+    BodyLoads,
     ContactArrays,
     ContactNumbers,
     EndRows,
@@ -37,6 +38,7 @@ from cosim.coupling.contact.contact_arrays import (
     ShapeRows,
     SurfaceRows,
     Ties,
+    leads_of,
 )
 from cosim.coupling.contact.contact_kernels import (
     contact_calls,
@@ -46,7 +48,6 @@ from cosim.coupling.contact.contact_kernels import (
     settle_touched,
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
-from cosim.coupling.ticks import BodyLoads, leads_of
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies

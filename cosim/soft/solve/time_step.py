@@ -115,7 +115,7 @@ class FilmSides:
         """
         options = self._options
         bed = scheme.bed
-        step = bed.two_steps, step_s, bed.span, bed.factor, bed.damping, options.gain
+        step = bed.two_steps, step_s, bed.span, bed.factor, bed.share, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
         films = pressed or loads.self_contact is not None
@@ -145,7 +145,7 @@ class FilmSides:
         """
         x, v, along = state.positions, state.velocities, self._solver.along
         earlier_x, earlier_v = state.earlier or (x, v)
-        if bed.damping > 0.0:
+        if bed.share > 0.0:
             follow_flange(self._clamp.held, flange_axes(flange), x, earlier_x, bed, along)
         fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
 
@@ -421,8 +421,9 @@ class ImplicitStepper:
         """Return what the body exerts on the flange, at its origin, world axes, at the end of a step."""
         wrench, flange, system = np.zeros(6), flange_axes(world_from_flange), self.solver.system
         add_wrench(self.clamp.held, system.gradient, end.positions, flange, wrench)
-        if self.options.damping_per_s > 0.0:
-            damped = Damped(system.body.node_mass, self.options.damping_per_s, self.solver.along)
+        if self._scheme is not None and self._scheme.bed.share > 0.0:
+            bed = self._scheme.bed  # of the step that has led there
+            damped = Damped(system.body.node_mass, bed.share, bed.span, self.solver.along)
             add_damping(damped, end.positions, end.velocities, flange, wrench)
         return Wrench.owning(wrench[:3], wrench[3:])
 
