@@ -291,7 +291,7 @@ def _take_tick(
     calls, mass, whole = row.calls, row.mass, row.whole
     reach, turn = (row.rest_m, row.films_rest_m, row.ahead_s), row.largest_turn
     held, gradient = side.held, side.work.gradient
-    damping, tolerance = side.numbers.damping, side.numbers.tolerance
+    share, tolerance = side.numbers.share, side.numbers.tolerance
     several = side.film.parts.shape[0] > 2
     if not _take_rigid_half(calls[_RIGID], (rigid, servos, ticks, k)):
         return RIGID_SIDE_WARNS
@@ -321,8 +321,8 @@ def _take_tick(
     for r in range(CENTER):
         figures[r] = 0.0
     _add_wrench(calls[_WRENCH], (held, gradient, x, flange, figures[:CENTER]))
-    if damping > 0.0:
-        damped = Damped(side.film.mass, damping, side.work.along)
+    if share > 0.0:
+        damped = Damped(side.film.mass, share, side.numbers.span, side.work.along)
         _add_damping(calls[_DAMPING], (damped, x, way.velocity[k + 2], flange, figures[:CENTER]))
     total = _mass_moments(calls[_MOMENTS], (mass, x.reshape((x.shape[0], 1, 3)), moments))
     fill_center_and_inertia(total, moments, flange[0], figures)

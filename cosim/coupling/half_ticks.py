@@ -13,7 +13,8 @@ import numpy as np
 
 from cosim.base.kernels import Matrix, Vector, device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
-from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos, Ticks
+from cosim.coupling.contact.contact_arrays import BodyLoads
+from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NativeScene
 

@@ -243,6 +243,8 @@ class DynamicSimulation(SteppedRun):
 
     def _sudden(self, taken: TicksTaken, film: FilmShapes) -> list[int]:
         """Return the ticks in which the tip, seen from the flange, has become much faster than before."""
+        if self._parts.scenario.fidelity == "rigid":  # its tip stays where it is
+            return []
         ticks, last = taken.ticks, slice(1, taken.done + 1)
         seen = np.einsum("kr,krs->ks", film.figures.tip_position - ticks.origin[last], ticks.axes[last])
         rows, self._speed = self._speed.after(seen, self.stage.tick_s, self._least)

@@ -143,11 +143,10 @@ class ErrorFinder:
         self.ends: list[PhaseEnd] = []
         self._pairs: dict[int, Pair] = {}
         self._branched: dict[int, str] = {}
-        soft, solver = parts.soft, scenario.solver
+        soft = parts.soft
         self._swings: Swings | None = None
         if not self._statics and isinstance(soft, SoftArm):
-            tick_s = scenario.clock.tick_s
-            self._swings = Swings(soft.body, tick_s, solver.integrator, solver.damping_per_s)
+            self._swings = Swings(soft.body, scenario.clock.tick_s, soft.dynamics)
 
     @property
     def side(self) -> SoftArm:

@@ -25,7 +25,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.state import Equilibrium, Integrator
+from cosim.soft.solve.state import Equilibrium, StepOptions
 
 _POWERS: Final = 8  # of the height: of long stacks more see no more of the modes
 _ROUNDS: Final = 4  # of three Ritz vectors each
@@ -87,12 +87,11 @@ class Swings:
     Args:
         body: that moves.
         tick_s: [s].
-        integrator: of the ticks.
-        damping_per_s: alpha [1/s].
+        options: of the ticks.
     """
 
-    def __init__(self, body: SoftBody, tick_s: float, integrator: Integrator, damping_per_s: float) -> None:
-        self._tick_s, self._integrator, self._damping = tick_s, integrator, damping_per_s
+    def __init__(self, body: SoftBody, tick_s: float, options: StepOptions) -> None:
+        self._tick_s, self._options = tick_s, options
         low, high = body.positions.min(axis=0), body.positions.max(axis=0)
         x, y, height = (2.0 * (body.positions - low) / np.where(high > low, high - low, 1.0) - 1.0).T
         powers, root = np.polynomial.legendre.legvander(height, _POWERS - 1), np.sqrt(body.node_mass)
@@ -123,7 +122,7 @@ class Swings:
 
     def _apart(self, x: Array, frequency: Array) -> Array:
         """Return how far swings (ticks, k) are off at the end, as amplitudes, at frequencies (k,)."""
-        h, damping = self._tick_s, np.minimum(self._damping / 2.0, _DAMPED * frequency)
+        h, damping = self._tick_s, np.minimum(self._options.damping_per_s / 2.0, _DAMPED * frequency)
         speed = self._derivative(np.concatenate([np.repeat(x[:1], 4, axis=0), x]))
         force = self._derivative(speed)[-len(x) :] + 2.0 * damping * speed[-len(x) :] + frequency**2 * x
         turning = np.sqrt(frequency**2 - damping**2)
@@ -137,6 +136,6 @@ class Swings:
 
     def _derivative(self, x: Array) -> Array:
         """Return the derivative (n - 1 or n - 2, k) of shares (n, k), as the integrator has it."""
-        if self._integrator == "implicit_euler":
+        if self._options.integrator == "implicit_euler":
             return np.asarray(np.diff(x, axis=0) / self._tick_s)
         return np.asarray((3.0 * x[2:] - 4.0 * x[1:-1] + x[:-2]) / (2.0 * self._tick_s))

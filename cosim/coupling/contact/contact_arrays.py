@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector
-from cosim.coupling.ticks import BodyLoads
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
 from cosim.rigid.distance.shapes import ShapeBounds
+from cosim.rigid.scene.bodies import Bodies
+from cosim.rigid.scene.native import Foresight
 from cosim.soft.contact.obstacle_contact import TouchedPlanes
 
 AHEAD_TICKS: Final = 2.0
@@ -22,6 +23,76 @@ weighed."""
 
 UNKNOWN: Final = 1e30
 """Of `ContactArrays.gives`: such bodies kernels leave to `LightBodies`."""
+
+
+class Leads(NamedTuple):
+    """How far bodies are ahead: the film meets them where they will be at the end of the next step.
+
+    Seen from the flange, so what it carries is met where it is.
+
+    Args:
+        spin: (bodies, 6), angular then linear [1/s, m/s], each at its tree's centre of mass; MuJoCo's.
+        tree: (bodies, 3) [m], these centres of all trees, and
+        root: (bodies,), where in them each body's is.
+        mass: (bodies, 3) [m], centres of mass; MuJoCo's.
+        flange: body that goes with it.
+        ahead: (bodies,), 1 for those that are met ahead.
+        foresight: by which they are.
+        lead: (bodies, 6), by what they are ahead: translation at the world's origin [m], then turn [rad].
+    """
+
+    spin: Matrix
+    tree: Matrix
+    root: Indices
+    mass: Matrix
+    flange: int
+    ahead: Indices
+    foresight: Foresight
+    lead: Matrix
+
+
+class BodyLoads(NamedTuple):
+    """What acts on the bodies that the film touches.
+
+    Args:
+        applied: (bodies, 6), MuJoCo's loads on them.
+        centers: (bodies, 3) [m], of their masses, where the film meets them.
+        loaded: (bodies,), 1 for those that bear a load of contact.
+        handed: (7,), film's load on all bodies about the world's origin, and its size [N].
+        leads: how far they are ahead.
+    """
+
+    applied: Matrix
+    centers: Matrix
+    loaded: Indices
+    handed: Vector
+    leads: Leads
+
+
+def leads_of(bodies: Bodies) -> Leads:
+    """Return how far the bodies of a scene are ahead: not at all."""
+    count = bodies.count
+    return Leads(
+        bodies.spins, bodies.tree_centers, bodies.roots, bodies.mass_centers, bodies.flange,
+        np.zeros(count, np.int64), bodies.foresight, np.zeros((count, 6)),
+    )  # fmt: skip
+
+
+@device_function
+def fill_speed(leads: Any, body: int, out: Vector) -> None:
+    """Fill out (6,) with a body's velocity at the world's origin, then its angular velocity."""
+    spin, place = leads.spin[body], leads.tree[leads.root[body]]
+    for r in range(3):
+        s, q = (r + 1) % 3, (r + 2) % 3
+        out[r] = spin[3 + r] - (spin[s] * place[q] - spin[q] * place[s])
+        out[3 + r] = spin[r]
+
+
+@device_function
+def led(lead: Vector, place: Vector, r: int) -> float:
+    """Return component r of a lead at a place."""
+    s, q = (r + 1) % 3, (r + 2) % 3
+    return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]
 
 
 class NearPoints(NamedTuple):

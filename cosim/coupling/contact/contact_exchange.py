@@ -27,6 +27,7 @@ from cosim.coupling.contact.contact_arrays import (
     REMEMBERED,
     TOUCHES,
     UNKNOWN,
+    BodyLoads,
     ContactArrays,
     ContactNumbers,
     EndRows,
@@ -37,6 +38,7 @@ from cosim.coupling.contact.contact_arrays import (
     ShapeRows,
     SurfaceRows,
     Ties,
+    leads_of,
 )
 from cosim.coupling.contact.contact_kernels import (
     contact_calls,
@@ -46,7 +48,6 @@ from cosim.coupling.contact.contact_kernels import (
     settle_touched,
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
-from cosim.coupling.ticks import BodyLoads, Leads
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
@@ -64,15 +65,6 @@ RENEW_ABOVE: Final = 1.2
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
-
-
-def leads_of(bodies: Bodies) -> Leads:
-    """Return how far the bodies of a scene are ahead: not at all."""
-    count = bodies.count
-    return Leads(
-        bodies.spins, bodies.tree_centers, bodies.roots, bodies.mass_centers, bodies.flange,
-        np.zeros(count, np.int64), bodies.foresight, np.zeros((count, 6)),
-    )  # fmt: skip
 
 
 @final

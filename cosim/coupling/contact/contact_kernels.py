@@ -38,12 +38,14 @@ from cosim.coupling.contact.contact_arrays import (
     REMEMBERED,
     TOUCHES,
     ContactArrays,
+    Leads,
     MemoryRows,
     NearPoints,
     Search,
     Ties,
+    fill_speed,
+    led,
 )
-from cosim.coupling.ticks import Leads, fill_speed, led
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near

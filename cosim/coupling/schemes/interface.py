@@ -18,12 +18,13 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, SixNumbers, Wrench, cross
-from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState, leads_of
+from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
+from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N, RigidSide, hand_over
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import BodyLoads, CarriedInertia, Servos
+from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import supplied_wrench

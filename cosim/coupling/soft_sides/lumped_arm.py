@@ -186,7 +186,7 @@ class SoftArm(SoftSide):
         self.body, self.state = body, SoftState.drawn(body, world_from_flange)
         self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
         self._system = SoftSystem(body)
-        self._statics, self._dynamics = statics, dynamics
+        self._statics, self.dynamics = statics, dynamics
         films = None if self_contact is None else SelfContact(body, self_contact)
         self.films = films if films is not None and films.faces.can_meet else None
         self._flange = world_from_flange
@@ -205,7 +205,7 @@ class SoftArm(SoftSide):
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
-        self._stepper = ImplicitStepper(newton, clamp, self._dynamics, self.films)
+        self._stepper = ImplicitStepper(newton, clamp, self.dynamics, self.films)
         self._tester: NewtonSolver | None = None
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
@@ -257,7 +257,7 @@ class SoftArm(SoftSide):
     @property
     def steps_alone(self) -> bool:
         """Whether a step is one step, whatever its error."""
-        return self._dynamics.substep_error_m is None
+        return self.dynamics.substep_error_m is None
 
     def go_to(self, state: SoftState, residual_N: float, before: Pose, drive: Drive) -> None:
         """Be where steps that were taken elsewhere have ended.
@@ -278,12 +278,12 @@ class SoftArm(SoftSide):
     @property
     def answer_weights(self) -> tuple[float, ...]:
         """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
-        return answer_weights(self._dynamics.integrator)
+        return answer_weights(self.dynamics.integrator)
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        _, span = difference_scheme(self._dynamics.integrator, self.state, step_s)
-        return inertia_weight(span, self._dynamics.air_drag_per_s)
+        _, span = difference_scheme(self.dynamics.integrator, self.state, step_s)
+        return inertia_weight(span, self.dynamics.air_drag_per_s)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
@@ -307,12 +307,12 @@ class SoftArm(SoftSide):
 
     def _march(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
-        bound, before = self._dynamics.substep_error_m, self.state
+        bound, before = self.dynamics.substep_error_m, self.state
         if bound is None:
             return step_or_halves(self._step, self._restart, begin, end, step_s, aim)
         if aim is not None and aim.start is not None:  # again: cut as it was the first time
             return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
-        order = 2 if self._dynamics.integrator == "bdf2" else 1
+        order = 2 if self.dynamics.integrator == "bdf2" else 1
         spent = 0
         while True:
             pieces = self._last_pieces = self._pieces
@@ -337,7 +337,7 @@ class SoftArm(SoftSide):
             flange = pose_within(self._flange_before, begin[0], end[0], fraction)
             here, last = (flange, begin[1].interpolated(end[1], fraction)), here
             spent += step_or_halves(self._step, self._restart, last, here, length, part)
-            worst = max(worst, step_error(self._dynamics.integrator, before, self.state, length))
+            worst = max(worst, step_error(self.dynamics.integrator, before, self.state, length))
         return spent, worst
 
     def _step(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:

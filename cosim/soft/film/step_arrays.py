@@ -240,7 +240,7 @@ class StepNumbers(NamedTuple):
         h: [s].
         span: s [s].
         factor: s / (1 + (alpha + beta) s) [s].
-        damping: alpha [1/s].
+        share: alpha s, of the flange's motion in that of a node.
         fraction: of the gain in velocity that moves the nodes in free flight.
         tolerance: [N].
         start_tolerance: [N].
@@ -256,7 +256,7 @@ class StepNumbers(NamedTuple):
     h: float
     span: float
     factor: float
-    damping: float
+    share: float
     fraction: float
     tolerance: float
     start_tolerance: float

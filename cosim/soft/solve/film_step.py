@@ -463,8 +463,8 @@ def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
     if steps:
         x, velocity, before, calls = motion.x, motion.velocity, motion.earlier_velocity, work.calls
         base, moved = motion.new_velocity, (x, velocity, motion.earlier_x, before)
-        rates = BedNumbers(numbers.two_steps, numbers.span, numbers.factor, numbers.damping)
-        if numbers.damping > 0.0:
+        rates = BedNumbers(numbers.two_steps, numbers.span, numbers.factor, numbers.share)
+        if numbers.share > 0.0:
             _follow_flange(calls[_FOLLOW], (side.held, motion.flange, x, motion.earlier_x, rates, work.along))
         _fill_bed(calls[_BED], (*moved, work.along, rates, base, side.bed.target))
         _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))

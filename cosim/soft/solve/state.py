@@ -158,13 +158,13 @@ class BedNumbers(NamedTuple):
         two_steps: whether the step looks back over two.
         span: s [s].
         factor: s / (1 + (alpha + beta) s) [s].
-        damping: alpha [1/s].
+        share: alpha s, of the flange's motion in that of a node.
     """
 
     two_steps: bool
     span: float
     factor: float
-    damping: float
+    share: float
 
 
 @device_function
@@ -240,12 +240,14 @@ class Damped(NamedTuple):
 
     Args:
         mass: (n,) [kg].
-        damping: alpha [1/s].
+        share: alpha s, and
+        span: s [s], of the step; see `BedNumbers`.
         along: (n, 3) [m/s], see `follow_flange`.
     """
 
     mass: Vector
-    damping: float
+    share: float
+    span: float
     along: Matrix
 
 
@@ -255,7 +257,7 @@ def add_damping(damped: Damped, x: Matrix, velocity: Matrix, flange: Matrix, wre
     for n in range(x.shape[0]):
         for r in range(3):
             i, k = (r + 1) % 3, (r + 2) % 3
-            scale = damped.mass[n] * damped.damping
+            scale = damped.mass[n] * damped.share / damped.span
             wrench[r] += scale * (velocity[n, r] - damped.along[n, r])
             wrench[3 + r] += scale * (
                 (x[n, i] - flange[0, i]) * (velocity[n, k] - damped.along[n, k])
@@ -604,7 +606,8 @@ class StepScheme:
         """Return the scheme of steps with a span, under some losses, of nodes (n,) [kg]."""
         losses = options.losses_per_s
         inertia = mass * inertia_weight(span, losses)
-        numbers = BedNumbers(two_steps, span, span / (1.0 + losses * span), options.damping_per_s)
+        share = options.damping_per_s * span
+        numbers = BedNumbers(two_steps, span, span / (1.0 + losses * span), share)
         return cls(numbers, inertia, float(inertia.sum()))
 
 

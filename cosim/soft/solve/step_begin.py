@@ -46,7 +46,6 @@ def fill_bed(
         base: filled.
         target: filled.
     """
-    share = numbers.damping * numbers.span
     for i in range(x.shape[0]):
         for r in range(3):
             place, speed = x[i, r], velocity[i, r]
@@ -54,7 +53,7 @@ def fill_bed(
                 place = (4.0 * place - earlier_x[i, r]) / 3.0
                 speed = (4.0 * speed - earlier_velocity[i, r]) / 3.0
             base[i, r] = place
-            target[i, r] = place + numbers.factor * (speed + share * along[i, r])
+            target[i, r] = place + numbers.factor * (speed + numbers.share * along[i, r])
 
 
 @kernel

@@ -113,7 +113,7 @@ class FilmSides:
         """
         options = self._options
         bed = scheme.bed
-        step = bed.two_steps, step_s, bed.span, bed.factor, bed.damping, options.gain
+        step = bed.two_steps, step_s, bed.span, bed.factor, bed.share, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
         inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
         films = pressed or loads.self_contact is not None
@@ -147,7 +147,7 @@ class FilmSides:
         """
         x, v, along = state.positions, state.velocities, self._solver.along
         earlier_x, earlier_v = state.earlier or (x, v)
-        if bed.damping > 0.0:
+        if bed.share > 0.0:
             follow_flange(self._clamp.held, flange_axes(flange), x, earlier_x, bed, along)
         fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
 
@@ -424,9 +424,9 @@ class ImplicitStepper:
     def wrench(self, end: SoftState, world_from_flange: Pose) -> Wrench:
         """Return what the body exerts on the flange, at its origin, world axes, at the end of a step."""
         system, damped = self.solver.system, None
-        if self.options.damping_per_s > 0.0:
-            along = self.solver.along
-            damped = Damped(system.body.node_mass, self.options.damping_per_s, along), end.velocities
+        if self._scheme is not None and self._scheme.bed.share > 0.0:
+            bed = self._scheme.bed  # of the step that has led there
+            damped = Damped(system.body.node_mass, bed.share, bed.span, self.solver.along), end.velocities
         return self.clamp.wrench(system.gradient, end.positions, world_from_flange, damped)
 
     def scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
