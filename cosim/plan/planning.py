@@ -294,9 +294,8 @@ def _holding(body: SoftBody, sides: SidesOf, phase: PhaseTable) -> Holding:
 def _end_command(command: SoftCommand, phase: PhaseTable, body: SoftBody, sides: SidesOf) -> SoftCommand:
     """Return what is asked for at the end of a phase; the same object where the phase changes nothing."""
     if phase.pressure_Pa is not None:
-        names = _chamber_names(body)
-        pressure = values_after(command.pressure_Pa, phase.pressure_Pa, names, "pressure_Pa")
-        command = replace(command, pressure_Pa=pressure)
+        before, names = command.pressure_Pa, _chamber_names(body)
+        command = replace(command, pressure_Pa=values_after(before, phase.pressure_Pa, names, "pressure_Pa"))
     if phase.cable_tension_N is not None:
         command = replace(command, cable_tension_N=tuple(phase.cable_tension_N))
     if phase.forces:
