@@ -18,6 +18,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
     Indices,
     Matrix,
+    RecordStore,
     Vector,
     address_of,
     allocating,
@@ -26,6 +27,7 @@ from cosim.base.kernels import (
     inlined,
     kernel,
     nothing_of,
+    record_at,
     small_matrix,
     zero_vector,
 )
@@ -91,6 +93,38 @@ def weight_and_mass(calls: Indices, weights: Weights, native: int) -> tuple[floa
     return _weight_of_some(calls[1], (calls, weights)), _with_sign(mass, -1.0), weights.x.shape[0] > 1
 
 
+class Held(NamedTuple):
+    """A record with another one in it, read where it lies."""
+
+    calls: Indices
+    weights: Weights
+    several: bool
+
+
+@kernel
+def weight_of_held(at: int) -> tuple[float, float, bool]:
+    """Return what `weight_of_some` does for a record at an address, and two of its numbers."""
+    held = record_at(at, Held)
+    some = _weight_of_some(held.calls[1], (held.calls, held.weights))
+    return some, held.weights.scale + held.weights.mass[1], held.several
+
+
+def check_records(calls: IntArray, weights: Weights) -> None:
+    """Check that kernels read records at their addresses, those that have changed as well."""
+    store = RecordStore(Held)
+    for scale, several in ((2.0, True), (3.0, False)):
+        given = weights._replace(scale=scale)
+        expected = weight_of_some(calls, given)
+        assert weight_of_held(store.address(Held(calls, given, several))) == (expected, scale + 1.0, several)
+    shorter = weights._replace(x=weights.x[:4].copy(), mass=weights.mass[:4].copy())
+    expected = weight_of_some(calls, shorter)
+    assert weight_of_held(store.address(Held(calls, shorter, True)))[0] == expected
+    with pytest.raises(TypeError, match="is none of"):
+        store.address(Held(calls, weights._replace(x=weights.x[:, ::2]), True))
+    with pytest.raises(TypeError, match="is none of"):
+        store.address(Held(calls.astype(np.float64), weights, True))
+
+
 def check() -> None:
     """Check the chain with the numba that is there."""
     x, mass = np.random.default_rng(1).normal(size=(5, 3)), np.arange(5.0)
@@ -104,6 +138,7 @@ def check() -> None:
     assert (gradient == expected).all()
     assert gradient[1:].any()
     assert called == [(7, 8)]
+    check_records(calls, Weights(x, mass, gravity, gradient, 2.0))
 
 
 def test_kernels_call_others_by_their_addresses() -> None:
