@@ -142,7 +142,7 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
         height = top + 0.0505 - 0.01 * min(1.0, tick / 100)
         planes = exchange.find(soft.state, 2e-3)
         soft.advance(Pose(np.eye(3), np.array([0.0, 0.0, height])), replace(loads, contact=planes), 2e-3)
-        report = exchange.settle(soft.state.positions)
+        report = exchange.settle(soft.state.positions, soft.state.positions)
         film = FilmTriangles(soft.state.positions, soft.body.triangles)
         found = nearest_film(corner, film, FilmReach(0.02, 0.02))
         worst, pressed = max(worst, -float(found.distance[0])), max(pressed, report.normal_force_N)
@@ -167,7 +167,7 @@ def test_far_from_everything_nothing_is_found_or_remembered() -> None:
     soft = SoftArm(ball(), Pose(np.eye(3), np.array([0.0, 0.0, 1.0])), NewtonOptions(), StepOptions())
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
     assert exchange.find(soft.state, 2e-3) is None
-    assert exchange.settle(soft.state.positions).count == 0
+    assert exchange.settle(soft.state.positions, soft.state.positions).count == 0
     assert len(exchange.memory.key) == 0
 
 
@@ -187,7 +187,7 @@ def test_what_the_film_can_get_to_in_a_tick_is_found_before_it_is_there() -> Non
     planes = exchange.find(soft.state, tick_s)
     below = Pose(np.eye(3), flange.translation - np.array([0.0, 0.0, 2.0 * speed * tick_s]))
     soft.advance(below, replace(Loads((5e3,), (), (0.0, 0.0, 0.0)), contact=planes), tick_s)
-    assert exchange.settle(soft.state.positions).count > 0
+    assert exchange.settle(soft.state.positions, soft.state.positions).count > 0
     assert soft.state.positions[:, 2].min() > 1.01 - 1e-3
 
 
