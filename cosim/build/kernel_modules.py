@@ -30,6 +30,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.contact import self_contact_candidates, self_contact_search  # overlap is looked for
 
         modules = self_contact_candidates, self_contact_search
+        if scenario.mode == "dynamic":
+            from cosim.telemetry import energy
+
+            modules += (energy,)
     if scenario.touches_itself:
         from cosim.soft.contact import self_contact_pairs
         from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide

@@ -340,7 +340,7 @@ def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
     if scenario.mode != "dynamic" or not lumped or options.substep_error_m is not None:
         return None
     gravity = np.array(scenario.gravity_m_s2)
-    return EnergyParts.of(body, elastic_energy(body), options, scenario.clock.tick_s, gravity)
+    return EnergyParts.of(body, partial(elastic_energy, body, []), options, scenario.clock.tick_s, gravity)
 
 
 def _decay(scenario: Scenario) -> Decay | None:

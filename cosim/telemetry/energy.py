@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 
 import numpy as np
@@ -244,17 +245,21 @@ class EnergyParts(Shown):
 
 
 def _lost(body: SoftBody) -> Callable[[Array], Array]:
-    def lost(positions: Array) -> Array:
-        ratios = (
-            np.ones(len(cable.segments)) if cable.remembers else cable.tension_ratio(positions)
-            for cable in body.cables
-        )
-        return np.asarray(1.0 - np.concatenate([np.zeros(0), *ratios]))
-
     if any(cable.friction_coefficient > 0.0 and not cable.remembers for cable in body.cables):
-        return lost
-    same = lost(body.positions)  # at every shape
-    return lambda _: same
+        return partial(_lost_at, body)
+    return partial(_always, _lost_at(body, body.positions))  # the same at every shape
+
+
+def _lost_at(body: SoftBody, positions: Array) -> Array:
+    ratios = (
+        np.ones(len(cable.segments)) if cable.remembers else cable.tension_ratio(positions)
+        for cable in body.cables
+    )
+    return np.asarray(1.0 - np.concatenate([np.zeros(0), *ratios]))
+
+
+def _always(share: Array, _positions: Array) -> Array:
+    return share
 
 
 @final

@@ -7,7 +7,7 @@ term by term.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any, Final, final
@@ -509,16 +509,10 @@ def _advancing(body: SoftBody) -> list[tuple[Element, slice]]:
     return [(element, own) for element, own in pairs if element.remembers_steps]
 
 
-def elastic_energy(body: SoftBody) -> Callable[[Array], float]:
-    """Return what gives the elastic energy [J] of a body at positions (n, 3) [m], without loads."""
-    made: list[SoftSystem] = []  # when it is first asked for
-
-    def at(positions: Array) -> float:
-        if not made:
-            made.append(SoftSystem(body))
-        system, x = made[0], np.array(positions, order="C")
-        loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
-        memory = system.fresh(body.first_memory())
-        return system.evaluate(x, loads, system.segment_share(x, loads), memory, hessian=False)
-
-    return at
+def elastic_energy(body: SoftBody, made: list[SoftSystem], positions: Array) -> float:
+    """Return the elastic energy [J] of a body at positions (n, 3) [m]; `made` keeps its system once it is made."""
+    if not made:
+        made.append(SoftSystem(body))
+    system, x = made[0], np.array(positions, order="C")
+    loads, memory = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0)), system.fresh(body.first_memory())
+    return system.evaluate(x, loads, system.segment_share(x, loads), memory, hessian=False)
