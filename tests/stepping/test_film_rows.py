@@ -21,7 +21,7 @@ SCENARIO = """
 schema = 2
 title = "Two units with printed frames on a UR5e, above a block"
 robot = "ur5e"
-soft_robot = { file = "hexagon_arm", stack = { units = 2 }, cable = [
+soft_robot = { file = "hexagon_arm", stack = { units = 2, mesh = "drawn" }, cable = [
   { name = "right", corner = 0, units = [1, 2], capstan_factor = 0.8 }] }
 fidelity = "lumped"
 clock = { tick_s = 0.002 }

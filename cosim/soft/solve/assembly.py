@@ -510,7 +510,7 @@ def _advancing(body: SoftBody) -> list[tuple[Element, slice]]:
 
 
 def elastic_energy(body: SoftBody, made: list[SoftSystem], positions: Array) -> float:
-    """Return the elastic energy [J] of a body at positions (n, 3) [m]; `made` keeps its system once it is made."""
+    """Return the elastic energy [J] of a body at positions (n, 3) [m]; its system is kept in `made`."""
     if not made:
         made.append(SoftSystem(body))
     system, x = made[0], np.array(positions, order="C")
