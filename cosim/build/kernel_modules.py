@@ -63,8 +63,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         modules += (shapes,)
         if scenario.mode == "dynamic":
             from cosim.coupling import film_ticks, half_ticks, section_ticks
+            from cosim.soft.elements import eyelets  # whose losses rows of ticks add up
 
-            rows = {"section": (section_ticks,), "rigid": ()}.get(scenario.fidelity, (film_ticks,))
+            rows = {"section": (section_ticks,), "rigid": ()}.get(scenario.fidelity, (film_ticks, eyelets))
             modules += (half_ticks, *rows)
     return modules
 

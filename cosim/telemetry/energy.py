@@ -304,7 +304,7 @@ class EnergyFigures:
 
         Ticks are summed in order: however many come at once, every bit of the balance is the same.
         """
-        x, volume = np.ascontiguousarray(batch.node_position), batch.chamber_volume_m3
+        x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
         columns = (
             volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
             batch.flange_rotation.reshape(-1, 9),
@@ -323,9 +323,9 @@ class EnergyFigures:
             return replace(self, elastic=parts.elastic(x[0]), last=row)
         motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
         sums[0], options = self.last.sums, parts.options
-        twist = np.ascontiguousarray(batch.flange_twist)
+        twist = np.require(batch.flange_twist, None, ["C", "W"])  # kernels take what can be written to
         pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks, parts.gravity.copy())
-        origin = np.ascontiguousarray(batch.flange_position)
+        origin = np.require(batch.flange_position, None, ["C", "W"])
         fill_motion(x, parts.mass.copy(), twist, origin, pace, motion, sums[1:])
         rates = parts.tick_s * _mean(sums)
         each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
