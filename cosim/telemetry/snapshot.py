@@ -216,7 +216,7 @@ class RunInfo(Shown):
         arm: what the plan asks of the arm; None without one.
         tip_paths: that the tip follows, by the index of their phase.
         decay: of natural modes; None in statics.
-        energy: what the energy balance of a lumped soft robot in time needs; None where there is none.
+        energy: masses, cables and steps for the energy balance; None for runs that have no balance.
     """
 
     scenario: str

@@ -233,7 +233,7 @@ _FOREIGN: Final = (
     "g_cm3", "hPa", "kPa", "MPa", "GPa", "mbar", "bar", "psi", "mm", "cm", "um", "mN", "kN", "ms", "us",
     "min", "deg", "degrees", "g",
 )  # fmt: skip
-"""Units of other programs: who writes one is told that of the key."""
+"""Units that other programs use. The message names the key's own unit."""
 _UNITS: Final = sorted((*_BY_UNIT, *_FOREIGN), key=len, reverse=True)
 
 

@@ -171,11 +171,6 @@ class ContactExchange:
         return 0.5 * self.law.smoothing_m + _REACH_M
 
     @property
-    def film_speed_m_s(self) -> float:
-        """Of the film's fastest node before the step."""
-        return float(self.arrays.speed[0])
-
-    @property
     def asks_for_weighing(self) -> bool:
         """Whether `LightBodies` has to weigh heavy ones after the last step."""
         return bool(self.arrays.counts[ASKS])

@@ -6,7 +6,7 @@ The flange of a compiled scene: where it is, how it moves, what acts on it and w
 
 Quasi-static rest of a servo-held arm: where it droops to under a constant load.
 
-The joints of a cell: they go where they are told, whatever pushes them, as drives without give do.
+The joints of a cell: they follow their commands whatever pushes them, like drives that do not give way.
 """
 
 from __future__ import annotations
