@@ -7,7 +7,9 @@ Measured on the reference arm (CPU time of the first run from an empty cache; re
 | public `njit(cache=True)` alone | 165 s | 1.41 |
 | without counting references as well | 128 s | 1.14 |
 | with calls by address as well | 86 s | 1.03 |
-| with device functions as intermediate code as well: all of this file | 41 s | 1.00 |
+| with device functions as intermediate code as well | 41 s | 1.00 |
+
+Since then kernels have grown; the first run takes 72 s, with large records read where they lie (`RecordAt`).
 
 Any numba other than `KNOWN` compiles in its public way instead; results are the same up to rounding.
 """
