@@ -117,6 +117,7 @@ def test_a_process_that_does_not_answer_is_ended_and_replaced() -> None:
     try:
         assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
         os.kill(workers.processes[0], signal.SIGSTOP)
+        os.waitpid(workers.processes[0], os.WUNTRACED)  # it may answer until it has stopped
         found = workers.call("__add__", {0: (1.0,), 1: (1.0,)})
         with pytest.raises(WorkerError, match="did not answer within 10 s and was ended, and with it runs 0"):
             raise found[0]
