@@ -235,7 +235,9 @@ class ArmCarrier(Carrier):
         )
         if not self._compensation:
             by_payload = np.zeros_like(by_payload)
-        return Servos(position, velocity, torque[row], by_payload[row])
+        # MuJoCo's speeds are ways over a tick, those of its middle; position and force are of its begin
+        speed = velocity + 0.5 * self._scene.tick_s * acceleration
+        return Servos(position, speed, torque[row], by_payload[row])
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         assert self._coupling is not None, "couple() comes before advance()"
