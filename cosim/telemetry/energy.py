@@ -374,7 +374,7 @@ class EnergyFigures:
 
 
 def resisted_power(body: SoftBody, tick_s: float) -> Callable[[Array, bool], float] | None:
-    """Return what finds the power lost in a body's materials, see `EnergyParts`; None where none has losses."""
+    """Return what finds the power lost in a body's materials, see `EnergyParts`; None without losses."""
     rates = StrainRates.of(body, SoftSystem(body).film)
     if rates is None:
         return None

@@ -114,8 +114,8 @@ class UnreadFilmShape:
 
 
 Decay: TypeAlias = Callable[[float, float], tuple[float, float]]
-"""Natural frequency [Hz], and twice the decay [1/s] by the mode's materials -> decay [1/s] that all losses ask
-for, and what ticks add to it."""
+"""Natural frequency [Hz], and twice the decay [1/s] by its materials -> decay [1/s] that all losses ask for,
+and what ticks add to it."""
 Film: TypeAlias = FilmShape | UnreadFilmShape
 """The film at the end of one tick."""
 

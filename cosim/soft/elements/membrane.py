@@ -200,7 +200,8 @@ def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Ve
             s[place + spare] = s[place + count - 1]
     for lane in range(-(-count // _STRIDE) * _STRIDE):  # as of the wrinkled state, and N1, which tells it
         plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
-        e1, e2, cosine, sine = principal(s[STRAIN + lane], s[STRAIN + LANES + lane], s[STRAIN + 2 * LANES + lane])
+        e11, e22, e12 = s[STRAIN + lane], s[STRAIN + LANES + lane], s[STRAIN + 2 * LANES + lane]
+        e1, e2, cosine, sine = principal(e11, e22, e12)
         r2, first = hide_across(e1, e2, stiffness, plate, hardening)
         n11, n22, n12 = turn_forces(first, -plate - r2, cosine, sine)
         s[_FOUND + lane], s[_FOUND + LANES + lane], s[_FOUND + 2 * LANES + lane] = n11, n22, n12
@@ -214,7 +215,8 @@ def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Ve
             strain = s[STRAIN + q], s[STRAIN + LANES + q], s[STRAIN + 2 * LANES + q]
             psi = wrinkling(strain, stiffness, plate, s[_HARDENING + q], n, no_tangent)
         s[ENERGY + lane] = area * psi
-        s[FORCE + lane], s[FORCE + LANES + lane], s[FORCE + 2 * LANES + lane] = area * n[0], area * n[1], area * n[2]
+        for r in range(3):
+            s[FORCE + r * LANES + lane] = area * n[r]
 
 
 @device_function

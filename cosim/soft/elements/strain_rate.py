@@ -7,9 +7,10 @@ with E' and s of the difference formula by which nodes have velocities: E' = E_n
 E' = (4 E_n - E_n-1) / 3, s = 2 h / 3 with BDF2. Its gradient is what the film's rate of strain asks for,
     force N = R (E - E'),   gradient_a = A F N g_a,   power lost = A (E - E') : R (E - E') / s >= 0.
 Green strain does not change in a rigid motion: none is resisted. D is taken at the shape from which the step
-begins, so that the potential is a sum of squares: loss is never negative, and Newton's method meets a
-positive semidefinite tangent; that of "edge_strain", which need not be, gives way to the plain one. A wrinkled film resists with what its tangent has: almost nothing across its
-wrinkles, where strain is hidden by bending, so no tension comes of unfolding.
+begins, so that the potential is a sum of squares: loss is never negative. The tangents of convex laws are
+positive semidefinite; in place of that of "edge_strain", which need not be, stands the plain one. A wrinkled
+film resists with what its tangent has: almost nothing across its wrinkles, where strain is hidden by bending,
+so no tension comes of unfolding.
 Source: Kelvin-Voigt material in any text on viscoelasticity, e.g. Lakes, Viscoelastic Materials, chapter 2.
 """
 

@@ -177,7 +177,7 @@ class StepRates(NamedTuple):
     """How materials resist rates of strain in a step, see `strain_rates`.
 
     Args:
-        calls: (4,) addresses of kernels: that fill it as a step begins, that add what it resists with, and those
+        calls: (4,) addresses of kernels: that fill it as a step begins, that add what it resists with, and
             that add and fill its triangles.
         film_time: (films,) [s], tau of each film.
         hinge_time: (h,) [s], tau of each hinge.

@@ -58,18 +58,25 @@ def add_rates(film: FilmArrays, slots: FilmSlots, rates: StepRates, part: int, p
             own, pairs = rates.triangles[a[1] : b[1]], slots.triangles[a[0] : b[0]]
             given = point.x, film_rows(film, k), own, pairs, point.gradient, point.blocks
             energy += _add_triangle_rates(rates.calls[_TRIANGLES], given)
-    first, last, begin = film.parts[part, HINGES], film.parts[part + 1, HINGES], film.angles[0]
+    first, last = film.parts[part, HINGES], film.parts[part + 1, HINGES]
+    begin, end = film.angles[0] + first, film.angles[0] + last
     springs = HingeRows(
         film.hinges[first:last], rates.hinge_stiffness[first:last], rates.hinge_angle[first:last], 0.0
     )
-    angles = Remembered(point.memory[begin + first : begin + last], point.tracked[begin + first : begin + last])
+    angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
     turning = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
     return energy + _add_hinges(film.calls[_HINGES], turning)
 
 
 @kernel
 def fill_rates(
-    film: FilmArrays, x: Matrix, earlier_x: Matrix, memory: Vector, two_steps: bool, span: float, rates: StepRates
+    film: FilmArrays,
+    x: Matrix,
+    earlier_x: Matrix,
+    memory: Vector,
+    two_steps: bool,
+    span: float,
+    rates: StepRates,
 ) -> None:
     """Fill what a step resists rates with.
 
@@ -139,8 +146,8 @@ class StrainRates:
             memory: (values,), of the elements where it begins.
             span: s [s].
         """
-        two_steps = earlier_x is not None
-        fill_rates(self._film, x, x if earlier_x is None else earlier_x, memory, two_steps, span, self._arrays)
+        two_steps, before = (False, x) if earlier_x is None else (True, earlier_x)
+        fill_rates(self._film, x, before, memory, two_steps, span, self._arrays)
 
     def begin(self, x: Array, earlier_x: Array | None, span: float) -> None:
         """Let a step begin whose elements' memory is not known; see `fill`."""

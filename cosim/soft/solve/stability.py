@@ -269,7 +269,7 @@ _RATE_PROBE_m = 1e-6
 
 
 def material_losses(system: SoftSystem, positions: Array, shapes: Array) -> tuple[float, ...]:
-    """Return the rate c [1/s] of each mode of which its materials' losses let it decay at half: v.D v / v.M v.
+    """Return v.D v / v.M v [1/s] of each mode: its materials' losses let it decay at half of that.
 
     D is the matrix of resistance to rates of strain at the shape, M that of masses.
 
