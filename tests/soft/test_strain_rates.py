@@ -140,14 +140,13 @@ def test_a_cycle_loses_what_the_loss_factor_says(loss_factor: float) -> None:
 def test_hinges_lose_as_the_films_beside_them_do() -> None:
     body = hexagon_arm(1)
     (film,) = body.membranes
-    half = len(film.triangles) // 2
     parts = [
         replace(
             film, triangles=film.triangles[rows], shape_gradients=film.shape_gradients[rows],
             areas=film.areas[rows], wrinkle_panel_m=film.wrinkle_panel_m[rows],
             film=replace(film.film, loss_factor=loss_factor),
         )
-        for rows, loss_factor in ((slice(None, half), 0.1), (slice(half, None), 0.3))
+        for rows, loss_factor in ((slice(0, None, 2), 0.1), (slice(1, None, 2), 0.3))
     ]  # fmt: skip
     times = hinge_times(body.with_other(Membranes, *parts), body.hinges.nodes)
     found = np.unique(times.round(12) * 2.0 * np.pi)
