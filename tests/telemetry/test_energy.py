@@ -102,7 +102,11 @@ def test_the_balance_counts_what_materials_lose(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("changes", "switch"),
-    [({"fidelity": "rigid"}, "fidelity"), ({"mode": "quasistatic"}, "mode"), ({}, "soft_robot.film.loss_factor")],
+    [
+        ({"fidelity": "rigid"}, "fidelity"),
+        ({"mode": "quasistatic"}, "mode"),
+        ({}, "soft_robot.film.loss_factor"),
+    ],
 )
 def test_a_run_says_whether_it_knows_losses_of_materials(
     tmp_path: Path, changes: dict[str, Any], switch: str
