@@ -253,7 +253,8 @@ def _losses(scenario: Scenario, body: SoftBody) -> tuple[Decision, ...]:
         return (Decision(what, False, "statics know no rates of strain", "mode"),)
     if scenario.fidelity in ("rigid", "section"):
         return (Decision(what, False, f"fidelity '{scenario.fidelity}' has none", "fidelity"),)
-    return (Decision(what, True, f"its loss factor is {largest:g}", switch),)
+    frames = "" if stiffener_report(body) == "none" else "; frames have none"
+    return (Decision(what, True, f"its loss factor is {largest:g}{frames}", switch),)
 
 
 def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
