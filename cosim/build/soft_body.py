@@ -319,7 +319,10 @@ def build_film(table: FilmTable) -> Film:
     """Return a film."""
     f = table
     kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
-    return Film(f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m)
+    return Film(
+        f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
+        f.loss_frequency_Hz,
+    )  # fmt: skip
 
 
 def build_soft_body(

@@ -233,6 +233,7 @@ def decisions(
         _self_contact(scenario, body),
         _cables(scenario, body, plan),
         _hinges(scenario, body),
+        *_losses(scenario, body),
     )
 
 
@@ -240,6 +241,20 @@ def _elasticity(scenario: Scenario) -> Decision:
     if scenario.fidelity == "rigid":
         return Decision("elasticity", False, "the shape of the start is kept", "fidelity")
     return Decision("elasticity", True, f"fidelity is {scenario.fidelity}", "fidelity")
+
+
+def _losses(scenario: Scenario, body: SoftBody) -> tuple[Decision, ...]:
+    """Return what becomes of the losses of materials; nothing is said where none has a loss factor."""
+    largest = max((each.film.loss_factor for each in body.membranes), default=0.0)
+    if not largest:
+        return ()
+    what, switch = "losses of the film's material", _of_robot(scenario, "film.loss_factor")
+    if scenario.mode == "quasistatic":
+        return (Decision(what, False, "statics know no rates of strain", "mode"),)
+    if scenario.fidelity in ("rigid", "section"):
+        return (Decision(what, False, f"fidelity '{scenario.fidelity}' has none", "fidelity"),)
+    frames = "" if stiffener_report(body) == "none" else "; frames have none"
+    return (Decision(what, True, f"its loss factor is {largest:g}{frames}", switch),)
 
 
 def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:

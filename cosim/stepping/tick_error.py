@@ -25,6 +25,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.body import SoftBody
+from cosim.soft.solve.stability import material_losses
 from cosim.soft.solve.state import Equilibrium, StepOptions
 
 _POWERS: Final = 8  # of the height: of long stacks more see no more of the modes
@@ -50,11 +51,13 @@ class Modes:
         rest: (n, 3) [m], the nodes there.
         frequency: (k,) [rad/s], circular.
         shape: (k, n, 3), with a mass of 1 kg.
+        losses: (k,) [1/s], of materials; see `material_losses`.
     """
 
     rest: Array
     frequency: Array
     shape: Array
+    losses: Array
 
     @classmethod
     def of(cls, side: SoftArm, rest: Equilibrium) -> Modes | None:
@@ -77,7 +80,9 @@ class Modes:
         flexibility = basis * mass @ of_inertia.T
         values, parts = np.linalg.eigh((flexibility + flexibility.T) / 2.0)
         shapes = (parts.T @ basis).reshape(-1, body.nodes, 3)
-        return cls(state.positions, 1.0 / np.sqrt(values[values > 0.0]), shapes[values > 0.0])
+        shapes = shapes[values > 0.0]
+        losses = np.array(material_losses(solver.system, state.positions, shapes))
+        return cls(state.positions, 1.0 / np.sqrt(values[values > 0.0]), shapes, losses)
 
 
 @final
@@ -117,12 +122,13 @@ class Swings:
         """
         moved = np.stack(self._moved[:ticks]) - self._along @ modes.rest
         share = np.tensordot(moved, self._along @ modes.shape, ((1, 2), (1, 2)))
-        away = [self._apart(share, slower * modes.frequency) for slower in _SLOWER]
+        away = [self._apart(share, slower * modes.frequency, modes.losses) for slower in _SLOWER]
         return np.asarray(np.max(away, axis=0)[:, None, None] * modes.shape)
 
-    def _apart(self, x: Array, frequency: Array) -> Array:
+    def _apart(self, x: Array, frequency: Array, losses: Array) -> Array:
         """Return how far swings (ticks, k) are off at the end, as amplitudes, at frequencies (k,)."""
-        h, damping = self._tick_s, np.minimum(self._options.damping_per_s / 2.0, _DAMPED * frequency)
+        h, declared = self._tick_s, (self._options.damping_per_s + losses) / 2.0
+        damping = np.minimum(declared, _DAMPED * frequency)
         speed = self._derivative(np.concatenate([np.repeat(x[:1], 4, axis=0), x]))
         force = self._derivative(speed)[-len(x) :] + 2.0 * damping * speed[-len(x) :] + frequency**2 * x
         turning = np.sqrt(frequency**2 - damping**2)

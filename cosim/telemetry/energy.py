@@ -22,14 +22,18 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.soft.body.body import SoftBody
+from cosim.soft.film.strain_rates import StrainRates
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import StepOptions
 
-KINETIC, DONE, RELATIVE, MOVING, FALLING, COLUMNS = range(6)
+KINETIC, DONE, RELATIVE, MOVING, FALLING, RESISTED, COLUMNS = range(7)
 WORKS: Final = (
     "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
-    "air_drag_J",
+    "air_drag_J", "material_damping_J",
 )  # fmt: skip
 _PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
+
+_LOST: Final = ("eyelets_J", "damping_J", "air_drag_J", "material_damping_J")
 
 
 class _Pace(NamedTuple):
@@ -54,9 +58,9 @@ def fill_motion(
         origin: (k, 3) [m], of the flange.
         pace: of the ticks.
         motion: (5, n, 3), positions one and two ticks before, velocities the same, accelerations one before.
-        out: (k, COLUMNS), filled: kinetic energy [J], work that all forces have done in the tick [J], sums of
-            mass times the square of velocities relative to the flange, and of velocities [W s], work of the
-            weight in the tick [J].
+        out: (k, COLUMNS), filled but for the last: kinetic energy [J], work that all forces have done in the
+            tick [J], sums of mass times the square of velocities relative to the flange, and of velocities
+            [W s], work of the weight in the tick [J], power lost in materials [W].
     """
     for t in range(x.shape[0]):
         both = pace.two_steps and pace.taken + t > 0
@@ -202,6 +206,8 @@ class EnergyParts(Shown):
         lost: positions (n, 3) [m] -> share (s,) of the tension at its base end that each segment has not got,
             where that does not depend on how the cable slides.
         elastic: positions (n, 3) [m] -> elastic energy [J].
+        resisted: positions (3, n, 3) [m] two ticks before a tick's end, one before, and there, and whether
+            its step looks back over both -> power lost in materials [W]; None where none has losses.
         options: of the steps.
         tick_s: their length.
         gravity: (3,) [m/s^2].
@@ -212,6 +218,7 @@ class EnergyParts(Shown):
     cable: IntArray
     lost: Callable[[Array], Array]
     elastic: Callable[[Array], float]
+    resisted: Callable[[Array, bool], float] | None
     options: StepOptions
     tick_s: float
     gravity: Array
@@ -234,6 +241,7 @@ class EnergyParts(Shown):
             np.repeat(np.arange(len(cables)), [len(own) for own in segments]),
             _lost(body),
             elastic,
+            resisted_power(body, tick_s),
             options,
             tick_s,
             gravity,
@@ -275,7 +283,7 @@ class EnergyRow:
     """
 
     motion: Annotated[Array, (5, "nodes", 3)]
-    sums: Annotated[Array, (5,)]
+    sums: Annotated[Array, (6,)]
     length: Annotated[Array, ("*",)]
     seen: Annotated[Array, ("*",)]
 
@@ -326,6 +334,11 @@ class EnergyFigures:
         twist = np.require(batch.flange_twist, None, ["C", "W"])  # kernels take what can be written to
         pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks, parts.gravity.copy())
         origin = np.require(batch.flange_position, None, ["C", "W"])
+        if parts.resisted is not None:
+            known = np.concatenate([motion[1::-1], x])
+            both = options.integrator == "bdf2"
+            for t in range(len(x)):
+                sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and self.ticks + t > 0)
         fill_motion(x, parts.mass.copy(), twist, origin, pace, motion, sums[1:])
         rates = parts.tick_s * _mean(sums)
         each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
@@ -336,6 +349,7 @@ class EnergyFigures:
                 batch.self_contact_work_J,
                 options.damping_per_s * rates[:, RELATIVE],
                 options.air_drag_per_s * rates[:, MOVING],
+                rates[:, RESISTED],
             ],
             axis=1,
         )
@@ -352,11 +366,25 @@ class EnergyFigures:
         kinetic, elastic = float(self.last.sums[KINETIC]), parts.elastic(self.last.motion[0]) - self.elastic
         numerical = self.done - kinetic
         put_in = sum(works[name] for name in _PUT_IN)
-        losses = works["eyelets_J"] + works["damping_J"] + works["air_drag_J"]
+        losses = sum(works[name] for name in _LOST)
         rest = put_in - losses - elastic - kinetic - numerical
         return works | {
             "elastic_J": elastic, "kinetic_J": kinetic, "numerical_J": numerical, "rest_J": rest,
         }  # fmt: skip
+
+
+def resisted_power(body: SoftBody, tick_s: float) -> Callable[[Array, bool], float] | None:
+    """Return what finds the power lost in a body's materials, see `EnergyParts`; None without losses."""
+    rates = StrainRates.of(body, SoftSystem(body).film)
+    if rates is None:
+        return None
+
+    def power_W(x: Array, two_steps: bool) -> float:
+        span = 2.0 * tick_s / 3.0 if two_steps else tick_s
+        rates.begin(x[1].copy(), x[0].copy() if two_steps else None, span)
+        return 2.0 * rates.potential(x[2].copy()) / span
+
+    return power_W
 
 
 def _mean(rows: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import zip_longest
 from typing import Annotated, Any, Final, final
 
 import numpy as np
@@ -430,12 +431,15 @@ def footing_figures(
     return {
         "stability": footing.stability([(row["extent"], row["snap"]) for row in branchings]),
         **{name: getattr(footing, name) for name in _OF_FOOTING[1:]},
-        "modes": [_mode(frequency, decay) for frequency in footing.frequencies_Hz],
+        "modes": [
+            _mode(frequency, decay, own)
+            for frequency, own in zip_longest(footing.frequencies_Hz, footing.losses_per_s, fillvalue=0.0)
+        ],
     }
 
 
-def _mode(frequency_Hz: float, decay: Decay | None) -> dict[str, Any]:
-    declared, numerical = (None, None) if decay is None else decay(frequency_Hz)
+def _mode(frequency_Hz: float, decay: Decay | None, own_per_s: float) -> dict[str, Any]:
+    declared, numerical = (None, None) if decay is None else decay(frequency_Hz, own_per_s)
     return {
         "frequency_Hz": frequency_Hz, "declared_decay_per_s": declared, "numerical_decay_per_s": numerical,
     }  # fmt: skip

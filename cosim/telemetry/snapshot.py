@@ -113,8 +113,9 @@ class UnreadFilmShape:
         return FilmShape, tuple(vars(self.read()).values())
 
 
-Decay: TypeAlias = Callable[[float], tuple[float, float]]
-"""Natural frequency [Hz] -> decay [1/s] that losses ask for, and what ticks add to it."""
+Decay: TypeAlias = Callable[[float, float], tuple[float, float]]
+"""Natural frequency [Hz], and twice the decay [1/s] by its materials -> decay [1/s] that all losses ask for,
+and what ticks add to it."""
 Film: TypeAlias = FilmShape | UnreadFilmShape
 """The film at the end of one tick."""
 

@@ -130,13 +130,34 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
         assert np.abs(ticks[-1].body_contact_force[-1]).max() > 0.1
 
 
-@pytest.mark.parametrize("most", [38, 70, 83])
-def test_a_run_that_is_restored_goes_on_as_it_would_have(path: Path, most: int) -> None:
-    run: Any = build_simulation(scenario(path))
+LOSSY: dict[str, Any] = {"soft_robot__film__loss_factor": 0.05, "solver__integrator": "bdf2"}
+
+
+def test_rows_know_losses_of_materials(path: Path) -> None:
+    wanted = scenario(path, **LOSSY)
+    rows, together = kernels_take(build_simulation(wanted))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        ticks, alone = kernels_take(build_simulation(wanted))
+    plain, plain_together = kernels_take(build_simulation(scenario(path, solver__integrator="bdf2")))
+    assert not alone
+    assert len(together) > 0.9 * len(plain_together)
+    assert_close(rows, ticks, 0.0)
+    apart = [
+        np.abs(one.tip_position - other.tip_position).max() for one, other in zip(rows, plain, strict=True)
+    ]
+    assert max(apart) > 1e-5
+
+
+@pytest.mark.parametrize(("most", "changes"), [(38, {}), (70, {}), (83, {}), (70, LOSSY)])
+def test_a_run_that_is_restored_goes_on_as_it_would_have(
+    path: Path, most: int, changes: dict[str, Any]
+) -> None:
+    run: Any = build_simulation(scenario(path, **changes))
     list(run.batches(most=most))
     saved = run.save_state()
     first = [snapshot for batch in run.batches(7) for snapshot in batch]
-    again: Any = build_simulation(scenario(path))
+    again: Any = build_simulation(scenario(path, **changes))
     again.restore_state(saved)
     assert_close([snapshot for batch in again.batches(64) for snapshot in batch], first, 0.0)
 

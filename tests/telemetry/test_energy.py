@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import cosim
 
 SCENARIO = """
@@ -78,6 +80,43 @@ def test_what_touches_and_eyelets_that_know_their_way_are_no_part_of_the_rest(tm
     assert abs(energy["contacts_J"]) > 0.03 * put_in
     assert energy["eyelets_J"] > 0.0  # against the way that the cable slides
     assert abs(energy["rest_J"]) < 0.01 * put_in
+
+
+LOSSY: dict[str, Any] = {"solver__integrator": "bdf2", "soft_robot__film__loss_factor": 0.05}
+
+
+def test_the_balance_counts_what_materials_lose(tmp_path: Path) -> None:
+    plain = last_phase(tmp_path, **(LOSSY | {"soft_robot__film__loss_factor": 0.0}))
+    found = last_phase(tmp_path, **LOSSY)
+    energy = found["energy"]
+    put_in = sum(abs(energy[name]) for name in PUT_IN)
+    assert plain["energy"]["material_damping_J"] == 0.0
+    assert energy["material_damping_J"] > 0.05 * put_in
+    assert abs(energy["rest_J"]) < 0.01 * put_in
+    # every mode is told what its materials take, more of those that swing faster
+    decays = [row["declared_decay_per_s"] for row in found["modes"]]
+    assert [row["declared_decay_per_s"] for row in plain["modes"]] == pytest.approx([3.5] * 4)
+    assert min(decays) > 2.0 * 3.5
+    assert decays[3] > 2.0 * decays[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "switch"),
+    [
+        ({"fidelity": "rigid"}, "fidelity"),
+        ({"mode": "quasistatic"}, "mode"),
+        ({}, "soft_robot.film.loss_factor"),
+    ],
+)
+def test_a_run_says_whether_it_knows_losses_of_materials(
+    tmp_path: Path, changes: dict[str, Any], switch: str
+) -> None:
+    file = tmp_path / "jerk.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    overrides: dict[str, Any] = {"soft_robot.film.loss_factor": 0.05, **changes}
+    rows = cosim.Simulation(file, overrides=overrides).stage.modelled
+    (row,) = [row for row in rows if row.what == "losses of the film's material"]
+    assert (row.included, row.switch) == (not changes, switch)
 
 
 def test_statics_and_other_models_have_no_balance(tmp_path: Path) -> None:

@@ -107,7 +107,8 @@ class SolverTable:
             all but the slowest swings by itself and takes most of a bounce.
         damping_per_s: losses of the soft robot itself, force = -damping_per_s * m * (v - u). u is the
             velocity with which a node would move along with the flange, which bears the opposite force.
-            Every swing decays at half this rate; rigid motion is free of it.
+            Every swing decays at half this rate; rigid motion is free of it. Losses of the film's material:
+            film.loss_factor of the soft robot's file.
         air_drag_per_s: drag of air at rest, force = -air_drag_per_s * m * v, also where the soft robot
             moves along with the arm: at 0.25 m/s and 2 per s by 0.5 N for each kilogram.
         substep_error_m: the soft side's step is cut into up to 16 pieces where its error in a tick is larger;

@@ -156,6 +156,9 @@ class FilmTable:
             for it.
         wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
             sides of each unit's outer ring to those of its hole.
+        loss_factor: tan delta of the sheet, as data sheets give it: in the dynamic mode it resists rates of
+            stretching and bending, and rigid motion not at all.
+        loss_frequency_Hz: at which that holds; a Kelvin-Voigt material's grows in proportion to frequency.
     """
 
     young_modulus_Pa: Positive
@@ -164,6 +167,8 @@ class FilmTable:
     density_kg_m3: NonNegative = 0.0
     law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
     wrinkle_panel_m: Positive | None = None
+    loss_factor: NonNegative = 0.0
+    loss_frequency_Hz: Positive = 1.0
 
     @rule
     def _wrinkles_in_panels(self) -> Told:

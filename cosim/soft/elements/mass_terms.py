@@ -92,9 +92,11 @@ class Inertia:
         target: (n, 3) [m], where free flight would take each node.
         step_s: length of the step; infinite for a bed that is no step in time.
         closely: whether the step is solved below the tolerance of an ordinary one.
+        rates: address of the step's `StepRates`; 0 where no material resists rates of strain.
     """
 
     coefficient: Array
     target: Array
     step_s: float = math.inf
     closely: bool = False
+    rates: int = 0

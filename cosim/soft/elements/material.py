@@ -38,6 +38,8 @@ class Film:
         compressive_fraction: of the plain law's compressive stiffness that a "tension_field" keeps, 0 to 1.
         wrinkle_panel_m: width of the panels that a "wrinkling" film wrinkles in, such as from the seam to the
             hole; None: that of the mesh, which must know it.
+        loss_factor: tan delta of the material; 0 for none.
+        loss_frequency_Hz: at which it holds.
 
     Raises:
         InputError: a constant out of its bounds, an unknown law, or a fraction that does not fit it.
@@ -49,15 +51,19 @@ class Film:
     law: FilmLaw = "plain"
     compressive_fraction: float = 0.0
     wrinkle_panel_m: float | None = None
+    loss_factor: float = 0.0
+    loss_frequency_Hz: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("young_modulus_Pa", "thickness_m"):
+        for name in ("young_modulus_Pa", "thickness_m", "loss_frequency_Hz"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} is {getattr(self, name)}; it must be positive and finite")
         if not -1.0 < self.poisson_ratio < 1.0:
             raise InputError(
                 f"poisson_ratio is {self.poisson_ratio}; it must lie between -1 and 1 (exclusive)"
             )
+        if not 0.0 <= self.loss_factor < math.inf:
+            raise InputError(f"loss_factor is {self.loss_factor}; it must be 0 or more, and finite")
         if self.law not in _LAWS:
             raise InputError(f"film law {self.law!r} is unknown; there are {', '.join(_LAWS)}")
         if not 0.0 <= self.compressive_fraction <= 1.0:
@@ -74,6 +80,11 @@ class Film:
     def law_code(self) -> int:
         """The law as the kernels know it."""
         return _LAWS[self.law]
+
+    @property
+    def loss_time_s(self) -> float:
+        """tau [s] of a Kelvin-Voigt material with that loss factor at that frequency: tan delta / omega."""
+        return self.loss_factor / (2.0 * math.pi * self.loss_frequency_Hz)
 
     @property
     def membrane_stiffness(self) -> Array:

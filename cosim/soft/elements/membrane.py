@@ -117,9 +117,9 @@ class MembraneRows(NamedTuple):
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge`.
 LANES = 64
-_D1, _D2, _ENERGY, _E, _N = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
+_D1, _D2, ENERGY, STRAIN, FORCE = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
 _WHICH, _PLATE, _HARDENING, _FIRST, _FOUND = (LANES * place for place in (13, 14, 15, 16, 17))
-_SIZE = 21 * LANES
+SIZE = 21 * LANES
 _STRIDE = 8  # lanes of the widest registers: what wrinkles is filled up to full ones
 
 
@@ -138,7 +138,7 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
 
 
 @device_function
-def _stretch(x: Matrix, film: MembraneRows, first: int, lanes: int, drawn: Vector, s: Vector) -> None:
+def stretch(x: Matrix, film: MembraneRows, first: int, lanes: int, drawn: Vector, s: Vector) -> None:
     """Fill F^T and strains, and forces A N and energies of the plain law, of a group of triangles.
 
     Lanes to spare repeat the first of them. Nodes are of a type that needs no test for places counted from
@@ -168,12 +168,12 @@ def _stretch(x: Matrix, film: MembraneRows, first: int, lanes: int, drawn: Vecto
         n11 = area * (c00 * e11 + c01 * e22 + c02 * e12)
         n22 = area * (c10 * e11 + c11 * e22 + c12 * e12)
         n12 = area * (c20 * e11 + c21 * e22 + c22 * e12)
-        s[_ENERGY + lane] = 0.5 * (e11 * n11 + e22 * n22 + e12 * n12)
+        s[ENERGY + lane] = 0.5 * (e11 * n11 + e22 * n22 + e12 * n12)
         s[_D1 + lane], s[_D2 + lane] = f0, k0
         s[_D1 + LANES + lane], s[_D2 + LANES + lane] = f1, k1
         s[_D1 + 2 * LANES + lane], s[_D2 + 2 * LANES + lane] = f2, k2
-        s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane] = e11, e22, e12
-        s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane] = n11, n22, n12
+        s[STRAIN + lane], s[STRAIN + LANES + lane], s[STRAIN + 2 * LANES + lane] = e11, e22, e12
+        s[FORCE + lane], s[FORCE + LANES + lane], s[FORCE + 2 * LANES + lane] = n11, n22, n12
 
 
 @device_function
@@ -187,20 +187,21 @@ def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Ve
     count = 0
     for lane in range(lanes):
         area = drawn[4 * LANES + lane]
-        n11, n22, n12 = s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane]
+        n11, n22, n12 = s[FORCE + lane], s[FORCE + LANES + lane], s[FORCE + 2 * LANES + lane]
         above, half = 0.5 * (n11 + n22) + area * forces[lane, 0], 0.5 * (n11 - n22)
         if above >= 0.0 and above * above >= half * half + n12 * n12:
             continue
         s[_WHICH + count], s[_PLATE + count], s[_HARDENING + count] = lane, forces[lane, 0], forces[lane, 1]
         for r in range(3):
-            s[_E + r * LANES + count] = s[_E + r * LANES + lane]
+            s[STRAIN + r * LANES + count] = s[STRAIN + r * LANES + lane]
         count += 1
     for spare in range(count, -(-count // _STRIDE) * _STRIDE):
-        for place in (_PLATE, _HARDENING, _E, _E + LANES, _E + 2 * LANES):
+        for place in (_PLATE, _HARDENING, STRAIN, STRAIN + LANES, STRAIN + 2 * LANES):
             s[place + spare] = s[place + count - 1]
     for lane in range(-(-count // _STRIDE) * _STRIDE):  # as of the wrinkled state, and N1, which tells it
         plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
-        e1, e2, cosine, sine = principal(s[_E + lane], s[_E + LANES + lane], s[_E + 2 * LANES + lane])
+        e11, e22, e12 = s[STRAIN + lane], s[STRAIN + LANES + lane], s[STRAIN + 2 * LANES + lane]
+        e1, e2, cosine, sine = principal(e11, e22, e12)
         r2, first = hide_across(e1, e2, stiffness, plate, hardening)
         n11, n22, n12 = turn_forces(first, -plate - r2, cosine, sine)
         s[_FOUND + lane], s[_FOUND + LANES + lane], s[_FOUND + 2 * LANES + lane] = n11, n22, n12
@@ -211,14 +212,15 @@ def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Ve
         area, psi, plate = drawn[4 * LANES + lane], s[_FOUND + 3 * LANES + q], s[_PLATE + q]
         n[0], n[1], n[2] = s[_FOUND + q], s[_FOUND + LANES + q], s[_FOUND + 2 * LANES + q]
         if s[_FIRST + q] < -plate:  # slack
-            strain = s[_E + q], s[_E + LANES + q], s[_E + 2 * LANES + q]
+            strain = s[STRAIN + q], s[STRAIN + LANES + q], s[STRAIN + 2 * LANES + q]
             psi = wrinkling(strain, stiffness, plate, s[_HARDENING + q], n, no_tangent)
-        s[_ENERGY + lane] = area * psi
-        s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane] = area * n[0], area * n[1], area * n[2]
+        s[ENERGY + lane] = area * psi
+        for r in range(3):
+            s[FORCE + r * LANES + lane] = area * n[r]
 
 
 @device_function
-def _scatter(
+def scatter(
     drawn: Vector, triangles: IndexTable, first: int, lanes: int, s: Vector, gradient: Matrix
 ) -> float:
     """Replace F^T by the gradients of nodes 1 and 2, and add a group to gradient; return its energy."""
@@ -227,7 +229,7 @@ def _scatter(
         bx, by = drawn[2 * LANES + lane], drawn[3 * LANES + lane]
         f0, f1, f2 = s[_D1 + lane], s[_D1 + LANES + lane], s[_D1 + 2 * LANES + lane]
         k0, k1, k2 = s[_D2 + lane], s[_D2 + LANES + lane], s[_D2 + 2 * LANES + lane]
-        n11, n22, n12 = s[_N + lane], s[_N + LANES + lane], s[_N + 2 * LANES + lane]
+        n11, n22, n12 = s[FORCE + lane], s[FORCE + LANES + lane], s[FORCE + 2 * LANES + lane]
         p1, q1 = n11 * ax + n12 * ay, n12 * ax + n22 * ay
         p2, q2 = n11 * bx + n12 * by, n12 * bx + n22 * by
         s[_D1 + lane], s[_D2 + lane] = f0 * p1 + k0 * q1, f0 * p2 + k0 * q2
@@ -239,7 +241,7 @@ def _scatter(
             break
         e = first + lane
         i, j, k = np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
-        energy += s[_ENERGY + lane]
+        energy += s[ENERGY + lane]
         for r in range(3):
             one, two = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]
             gradient[j, r] += one
@@ -249,7 +251,7 @@ def _scatter(
 
 
 @device_function
-def _film_law(
+def film_law(
     film: MembraneRows, e: int, strain: tuple[float, float, float], n: Vector, tangent: Matrix
 ) -> float:
     """Fill n (3,) and tangent (3, 3), derivatives of the energy density [J/m^2] of triangle e; return that.
@@ -269,7 +271,7 @@ def _film_law(
 
 
 @device_function
-def _add_hessian(
+def add_hessian(
     f: Matrix, tangent: Matrix, n: Vector, film: tuple[Matrix, float], slots: Indices, blocks: Blocks
 ) -> None:
     """Add a triangle's Hessian; the gradients g_a sum to zero, so the blocks of node 0 follow from others."""
@@ -304,13 +306,13 @@ def add_membranes(
     """
     triangles, energy = film.triangles, 0.0
     if film.law in (PLAIN, WRINKLING) and slots.shape[0] == 0:
-        s = small_vector(_SIZE)
+        s = small_vector(SIZE)
         for first in range(0, triangles.shape[0], LANES):
             lanes, group = min(LANES, triangles.shape[0] - first), film.drawn[first // LANES]
-            _stretch(x, film, first, lanes, group, s)
+            stretch(x, film, first, lanes, group, s)
             if film.forces.shape[0] > 0:
                 _wrinkle(group, film.forces[first : first + lanes], lanes, film.stiffness, s)
-            energy += _scatter(group, triangles, first, lanes, s, gradient)
+            energy += scatter(group, triangles, first, lanes, s, gradient)
         return energy
     f, fn, n, tangent = small_matrix(2, 3), small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
     for r in range(3):
@@ -318,7 +320,7 @@ def add_membranes(
             tangent[r, c] = film.stiffness[r, c]
     for e in range(triangles.shape[0]):
         g, area = film.gradients[e], film.areas[e]
-        energy += area * _film_law(film, e, deformation(x, triangles[e], g, f), n, tangent)
+        energy += area * film_law(film, e, deformation(x, triangles[e], g, f), n, tangent)
         for k in range(3):
             fn[0, k] = area * (f[0, k] * n[0] + f[1, k] * n[2])
             fn[1, k] = area * (f[0, k] * n[2] + f[1, k] * n[1])
@@ -330,7 +332,7 @@ def add_membranes(
             gradient[i2, k] += r2
             gradient[i0, k] -= r1 + r2
         if slots.shape[0] > 0:
-            _add_hessian(f, tangent, n, (g, area), slots[e], blocks)
+            add_hessian(f, tangent, n, (g, area), slots[e], blocks)
     return energy
 
 
@@ -341,7 +343,7 @@ def principal_forces(x: Matrix, film: MembraneRows) -> Matrix:
     f, n, tangent = small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
     for e in range(film.triangles.shape[0]):
         strain = deformation(x, film.triangles[e], film.gradients[e], f)
-        _film_law(film, e, strain, n, tangent)
+        film_law(film, e, strain, n, tangent)
         half = 0.5 * (n[0] - n[1])
         mean, radius = 0.5 * (n[0] + n[1]), np.sqrt(half * half + n[2] * n[2])
         principal[e, 0], principal[e, 1] = mean + radius, mean - radius

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Blocks, Matrix, address_of, device_function, kernel
+from cosim.base.kernels import Blocks, Matrix, address_of, device_function, kernel, record_at
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import PlainLoads, Touching
@@ -25,7 +25,7 @@ from cosim.soft.elements.eyelets import hold_eyelets, pull_eyelets
 from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
-from cosim.soft.elements.membrane import MembraneRows, add_membranes
+from cosim.soft.elements.membrane import add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
 from cosim.soft.film.step_arrays import (
     BEAMS,
@@ -40,7 +40,9 @@ from cosim.soft.film.step_arrays import (
     FilmPoint,
     FilmSlots,
     StepBed,
+    StepRates,
 )
+from cosim.soft.film.strain_rates import add_rates, film_rows
 
 onset = device_function(onset_of_tension)
 absolute_pressure = device_function(gas.absolute_pressure)
@@ -58,8 +60,8 @@ _CALLED = (
     _add_membranes, _add_hinges, _add_segments, _add_pressure, _add_cap, _add_cap_force, _add_gravity,
     _add_inertia, _pull_eyelets, _hold_eyelets,
 ) = map(caller, _CALLED)  # fmt: skip
-_add_beam_rings, _add_frame_rings, _add_contacts, _add_pairs = map(
-    caller, (add_beam_rings, add_frames, add_contacts, add_pairs)
+_add_beam_rings, _add_frame_rings, _add_contacts, _add_pairs, _add_rates = map(
+    caller, (add_beam_rings, add_frames, add_contacts, add_pairs, add_rates)
 )
 
 
@@ -128,6 +130,9 @@ def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int
     if moves:
         inertia = x[begin:end], bed.coefficient[begin:end], bed.target[begin:end], slots.diagonal[begin:end]
         energy += _add_inertia(film.calls[_INERTIA], (*inertia, own, blocks))
+    if bed.rates != 0:
+        rates = record_at(bed.rates, StepRates)
+        energy += _add_rates(rates.calls[1], (film, slots, rates, part, point))
     if acting.touching.call != 0:
         energy += _add_pairs(acting.touching.call, (x, acting.touching.pairs, gradient))
     return energy
@@ -138,13 +143,8 @@ def _add_films(film: Any, slots: Any, part: int, point: Any) -> float:
     """Add a part's triangles and hinges; return their energy [J]."""
     energy, triangles, fold = 0.0, slots.triangles, film.fold_barrier[0]
     for k in range(film.parts[part, FILMS], film.parts[part + 1, FILMS]):
-        a, b = film.films[k], film.films[k + 1]
-        rows = MembraneRows(
-            film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
-            film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k],
-            film.forces[a[2] : b[2]],
-        )  # fmt: skip
-        added = point.x, rows, triangles[a[0] : b[0]], point.gradient, point.blocks
+        pairs = triangles[film.films[k, 0] : film.films[k + 1, 0]]
+        added = point.x, film_rows(film, k), pairs, point.gradient, point.blocks
         energy += _add_membranes(film.calls[_MEMBRANES], added)
     first, last = film.parts[part, HINGES], film.parts[part + 1, HINGES]
     begin, end = film.angles[0] + first, film.angles[0] + last

@@ -164,11 +164,34 @@ class StepBed(NamedTuple):
         coefficient: (n,) [N/m].
         target: (n, 3) [m].
         closely: whether the step is solved closely, see `Inertia`.
+        rates: address of the step's `StepRates`, see `RecordStore`; 0 where no material resists rates.
     """
 
     coefficient: Vector
     target: Matrix
     closely: bool
+    rates: int
+
+
+class StepRates(NamedTuple):
+    """How materials resist rates of strain in a step, see `strain_rates`.
+
+    Args:
+        calls: (4,) addresses of kernels: that fill it as a step begins, that add what it resists with, and
+            that add and fill its triangles.
+        film_time: (films,) [s], tau of each film.
+        hinge_time: (h,) [s], tau of each hinge.
+        triangles: (groups, 9 LANES), strain that rates count from and resistance [N/m] of each triangle.
+        hinge_stiffness: (h,) [N m/rad], tau k / s.
+        hinge_angle: (h,) [rad], angle that rates count from.
+    """
+
+    calls: Indices
+    film_time: Vector
+    hinge_time: Vector
+    triangles: Matrix
+    hinge_stiffness: Vector
+    hinge_angle: Vector
 
 
 class FilmLoads(NamedTuple):

@@ -42,7 +42,7 @@ from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apar
 
 _NO_SLOTS = np.zeros(0, np.int64)
 _NO_MEMORY = np.zeros(0)
-_NO_BED = StepBed(np.zeros(0), np.zeros((0, 3)), False)
+_NO_BED = StepBed(np.zeros(0), np.zeros((0, 3)), False, 0)
 
 
 @final
@@ -480,7 +480,8 @@ def _firsts(parts: Sequence[Any]) -> IntArray:
 def _bed_of(inertia: Inertia | None) -> StepBed:
     if inertia is None:
         return _NO_BED
-    return StepBed(inertia.coefficient, inertia.target, inertia.closely or inertia.step_s == math.inf)
+    closely = inertia.closely or inertia.step_s == math.inf
+    return StepBed(inertia.coefficient, inertia.target, closely, inertia.rates)
 
 
 def _bound_elements(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:

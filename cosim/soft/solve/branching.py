@@ -82,6 +82,7 @@ class Footing:
         rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to from there, looked for where
             rounding has decided on a side; None: not looked for, or none was found.
         frequencies_Hz: natural frequencies, lowest first, up to `MODES`; without losses.
+        losses_per_s: of each, the rate of which its materials' losses let it decay at half.
     """
 
     lowest_frequency_Hz: float | None
@@ -92,6 +93,7 @@ class Footing:
     unstable: Branching | None = None
     rests_at_m: tuple[float, float, float] | None = None
     frequencies_Hz: tuple[float, ...] = ()
+    losses_per_s: tuple[float, ...] = ()
 
     def stability(self, passed: Sequence[tuple[float, bool]]) -> str:
         """Return it in words: which figures of the state are no matter of its loads alone.

@@ -79,9 +79,11 @@ from cosim.soft.film.step_arrays import (
     StepMotion,
     StepNumbers,
     StepPlace,
+    StepRates,
     StepWork,
     move,
 )
+from cosim.soft.film.strain_rates import fill_rates
 from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is_kept, renew, solve_kept
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
@@ -133,6 +135,7 @@ _BED, _FLIGHT, _PLACE, _RESIDUAL, _KEEP, _OPEN, _HOLD, _TERMS, _FREEZE, _FOLLOW 
     _film_terms, _freeze_losses, _follow_flange,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_pair_blocks = caller(add_pair_blocks)
+_fill_rates = caller(fill_rates)
 
 
 def step_calls() -> IntArray:
@@ -467,6 +470,10 @@ def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
         if numbers.share > 0.0:
             _follow_flange(calls[_FOLLOW], (side.held, motion.flange, x, motion.earlier_x, rates, work.along))
         _fill_bed(calls[_BED], (*moved, work.along, rates, base, side.bed.target))
+        if side.bed.rates != 0:
+            resist, begun = record_at(side.bed.rates, StepRates), (x, motion.earlier_x, motion.memory)
+            two, span = numbers.two_steps, numbers.span
+            _fill_rates(resist.calls[0], (side.film, *begun, two, span, resist))
         _fill_flight(calls[_FLIGHT], (x, velocity, before, numbers.h, numbers.fraction, motion.new_x))
         _place_flight(calls[_PLACE], (side.held, motion.flange, motion.new_x))
         copy(motion.memory, motion.new_memory)

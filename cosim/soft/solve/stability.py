@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Final, Protocol, final
 
@@ -22,6 +22,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import ShiftSearch
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
@@ -43,12 +44,14 @@ class Softest:
         mode: (n, 3), v; its largest component is 1.
         place: node that moves most, and its ring.
         values: (k,), the lowest eigenvalues, this one first.
+        shapes: (k, n, 3), their v.
     """
 
     value: float
     mode: Array
     place: str
     values: tuple[float, ...] = ()
+    shapes: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -106,11 +109,12 @@ def softest(
     room = min(_VECTORS + 2 * (count - 1), x.size)
     found, vectors = eigsh(operator, k=count, which="LA", v0=start, tol=_TOLERANCE, ncv=room)
     solver.keep(None)
-    values = sorted((1.0 / found - shift).tolist())
-    mode = vectors[:, int(np.argmax(found))].reshape(-1, 3) / root
-    mode /= mode.ravel()[np.argmax(np.abs(mode))]
+    order = np.argsort(-found)
+    values = (1.0 / found[order] - shift).tolist()
+    shapes = vectors.T[order].reshape(len(order), -1, 3) / root
+    mode = shapes[0] / shapes[0].ravel()[np.argmax(np.abs(shapes[0]))]
     place = place_of_largest(solver.system.body, x, mode, solver.free)
-    return Softest(values[0], mode, place, tuple(values))
+    return Softest(values[0], mode, place, tuple(values), shapes)
 
 
 _PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
@@ -255,7 +259,35 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     moved = tip_motion(system.body.tip, answers)
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
     modes = () if weight is None else natural_frequencies(lowest.values)
-    return Footing(modes[0] if modes else None, moved, margin, snaps, held, frequencies_Hz=modes)
+    losses = () if weight is None else material_losses(system, x, lowest.shapes)
+    return Footing(
+        modes[0] if modes else None, moved, margin, snaps, held, frequencies_Hz=modes, losses_per_s=losses
+    )
+
+
+_RATE_PROBE_m = 1e-6
+
+
+def material_losses(system: SoftSystem, positions: Array, shapes: Array) -> tuple[float, ...]:
+    """Return v.D v / v.M v [1/s] of each mode: its materials' losses let it decay at half of that.
+
+    D is the matrix of resistance to rates of strain at the shape, M that of masses.
+
+    Args:
+        system: of the body.
+        positions: (n, 3) [m].
+        shapes: (k, n, 3), v.
+    """
+    rates, mass = StrainRates.of(system.body, system.film), system.body.node_mass
+    if rates is None:
+        return (0.0,) * len(shapes)
+    rates.begin(positions, None, 1.0)
+    found = []
+    for shape in shapes:
+        step = _RATE_PROBE_m / float(np.abs(shape).max())
+        both = (rates.potential(np.ascontiguousarray(positions + way * step * shape)) for way in (1.0, -1.0))
+        found.append(sum(both) / step**2 / float(mass @ (shape**2).sum(axis=1)))
+    return tuple(found)
 
 
 def natural_frequencies(values: Sequence[float]) -> tuple[float, ...]:

@@ -563,7 +563,7 @@ def inertia_weight(span: float, losses_per_s: float) -> float:
 
 
 def mode_decay(
-    integrator: Integrator, step_s: float, losses_per_s: float, frequency_Hz: float
+    integrator: Integrator, step_s: float, losses_per_s: float, frequency_Hz: float, own_per_s: float = 0.0
 ) -> tuple[float, float]:
     """Return the decay [1/s] of a natural mode that its losses ask for, and what steps add to it.
 
@@ -575,8 +575,9 @@ def mode_decay(
         step_s: h [s].
         losses_per_s: c, see `StepOptions`.
         frequency_Hz: w / 2 pi, without losses.
+        own_per_s: of the mode's materials, comes to c; see `Footing`.
     """
-    half = 0.5 * losses_per_s
+    half = 0.5 * (losses_per_s + own_per_s)
     eigenvalue = -half + cmath.sqrt(half**2 - (2.0 * math.pi * frequency_Hz) ** 2)
     away = eigenvalue * step_s
     if integrator == "bdf2":

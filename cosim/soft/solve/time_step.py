@@ -29,6 +29,7 @@ from cosim.soft.film.step_arrays import (
     StepMotion,
     StepPlace,
 )
+from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
@@ -75,6 +76,8 @@ class FilmSides:
     def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
         self._solver, self._clamp, self._options, self._apart = solver, clamp, options, apart
         self.target = np.empty_like(solver.system.gradient)
+        self._rates = StrainRates.of(solver.system.body, solver.system.film)
+        self.rates = 0 if self._rates is None else self._rates.address  # of what a step resists rates with
         self._plain = Loads((), (0.0,) * len(solver.system.body.cables))
 
     @cached_property
@@ -115,7 +118,7 @@ class FilmSides:
         bed = scheme.bed
         step = bed.two_steps, step_s, bed.span, bed.factor, bed.share, options.gain
         numbers = self._solver.numbers(options.whole, loads, step)
-        inertia = Inertia(scheme.inertia, self.target, step_s, options.closely)
+        inertia = Inertia(scheme.inertia, self.target, step_s, options.closely, self.rates)
         films = pressed or loads.self_contact is not None
         coupled = films or any(loads.gas) or any(loads.cable_length_m)
         apart = self._apart and numbers.complete and numbers.potential and not coupled
@@ -150,6 +153,13 @@ class FilmSides:
         if bed.share > 0.0:
             follow_flange(self._clamp.held, flange_axes(flange), x, earlier_x, bed, along)
         fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
+        self.fill_rates(state, bed)
+
+    def fill_rates(self, state: SoftState, bed: BedNumbers) -> None:
+        """Fill what a step from a state resists rates of strain with; see `StrainRates.fill`."""
+        if self._rates is not None:
+            earlier = None if state.earlier is None or not bed.two_steps else state.earlier[0]
+            self._rates.fill(state.positions, earlier, state.memory, bed.span)
 
     def take_over(self, side: FilmSide, scheme: StepScheme) -> None:
         """Take in how the kernel has left the factorisation after steps of a scheme."""
@@ -397,7 +407,9 @@ class ImplicitStepper:
             step_s: h [s].
         """
         scheme = self.scheme_of(state, step_s)  # where the bed is at rest has no part in the tangent
-        inertia = Inertia(scheme.inertia, state.positions, step_s, self.options.closely)
+        rates = self.quick.sides.rates
+        self.quick.sides.fill_rates(state, scheme.bed)
+        inertia = Inertia(scheme.inertia, state.positions, step_s, self.options.closely, rates)
         loads = self._with_films(state, loads, step_s)
         return self.solver.factorise(
             state.positions, state.memory, loads, inertia, world_from_flange.rotation
@@ -445,7 +457,7 @@ class ImplicitStepper:
         base, target = np.empty_like(state.positions), np.empty_like(state.positions)
         self.quick.sides.fill_bed(state, flange, scheme.bed, base, target)
         closely = self.options.closely or (aim is not None and aim.tolerance_N < self.options.tolerance_N)
-        return Inertia(scheme.inertia, target, step_s, closely), base
+        return Inertia(scheme.inertia, target, step_s, closely, self.quick.sides.rates), base
 
     def _flight(self, state: SoftState, world_from_flange: Pose, step_s: float) -> tuple[Array, bool]:
         """Return where the nodes (n, 3) [m] get in free flight, and whether the flange jumps with them."""
