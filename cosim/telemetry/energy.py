@@ -24,7 +24,7 @@ from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, devi
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 
-KINETIC, DONE, RELATIVE, MOVING, FALLING, COLUMNS = range(6)
+KINETIC, DONE, DAMPED, DRAGGED, FALLING, COLUMNS = range(6)
 WORKS: Final = (
     "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
     "air_drag_J",
@@ -53,15 +53,16 @@ def fill_motion(
         twist: (k, 6), of the flange, linear and angular, world axes.
         origin: (k, 3) [m], of the flange.
         pace: of the ticks.
-        motion: (5, n, 3), positions one and two ticks before, velocities the same, accelerations one before.
-        out: (k, COLUMNS), filled: kinetic energy [J], work that all forces have done in the tick [J], sums of
-            mass times the square of velocities relative to the flange, and of velocities [W s], work of the
-            weight in the tick [J].
+        motion: (6, n, 3), positions one and two ticks before, velocities the same, accelerations and
+            velocities of points that move along with the flange one before.
+        out: (k, COLUMNS), filled: kinetic energy [J], work that all forces have done in the tick [J], work
+            against the velocities relative to the flange, and against the velocities, as forces of 1 N s/m
+            for each kilogram do it [J s], work of the weight in the tick [J].
     """
     for t in range(x.shape[0]):
         both = pace.two_steps and pace.taken + t > 0
         span = 2.0 * pace.h / 3.0 if both else pace.h
-        kinetic = done = relative = moving = falling = 0.0
+        kinetic = done = damped = dragged = falling = 0.0
         for i in range(x.shape[1]):
             for r in range(3):
                 j, k = (r + 1) % 3, (r + 2) % 3
@@ -73,14 +74,18 @@ def fill_motion(
                 a = (v - speed) / span
                 u = twist[t, r] + twist[t, 3 + j] * (x[t, i, k] - origin[t, k])
                 u -= twist[t, 3 + k] * (x[t, i, j] - origin[t, j])
+                went, along = x[t, i, r] - motion[0, i, r], motion[5, i, r]
                 kinetic += 0.5 * mass[i] * v * v
-                done += 0.5 * mass[i] * (a + motion[4, i, r]) * (x[t, i, r] - motion[0, i, r])
-                relative += mass[i] * (v - u) * (v - u)
-                moving += mass[i] * v * v
-                falling += mass[i] * pace.gravity[r] * (x[t, i, r] - motion[0, i, r])
+                done += 0.5 * mass[i] * (a + motion[4, i, r]) * went
+                # by the mean of forces at both ends, as all others: in a hit velocities jump from tick to tick
+                mean = 0.5 * (v + motion[2, i, r])
+                damped += mass[i] * (mean - 0.5 * (u + along)) * (went - 0.5 * pace.h * (u + along))
+                dragged += mass[i] * mean * went
+                falling += mass[i] * pace.gravity[r] * went
                 motion[1, i, r], motion[0, i, r] = motion[0, i, r], x[t, i, r]
                 motion[3, i, r], motion[2, i, r], motion[4, i, r] = motion[2, i, r], v, a
-        out[t, 0], out[t, 1], out[t, 2], out[t, 3], out[t, 4] = kinetic, done, relative, moving, falling
+                motion[5, i, r] = u
+        out[t, 0], out[t, 1], out[t, 2], out[t, 3], out[t, 4] = kinetic, done, damped, dragged, falling
 
 
 class _Routes(NamedTuple):
@@ -274,7 +279,7 @@ class EnergyRow:
         seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, place and axes of the flange.
     """
 
-    motion: Annotated[Array, (5, "nodes", 3)]
+    motion: Annotated[Array, (6, "nodes", 3)]
     sums: Annotated[Array, (5,)]
     length: Annotated[Array, ("*",)]
     seen: Annotated[Array, ("*",)]
@@ -317,7 +322,7 @@ class EnergyFigures:
         each = np.zeros((len(x), len(WORKS)))
         fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
         if self.last is None:
-            motion = np.zeros((5, *x.shape[1:]))
+            motion = np.zeros((6, *x.shape[1:]))
             motion[:2] = x[0]
             row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
             return replace(self, elastic=parts.elastic(x[0]), last=row)
@@ -327,15 +332,14 @@ class EnergyFigures:
         pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks, parts.gravity.copy())
         origin = np.require(batch.flange_position, None, ["C", "W"])
         fill_motion(x, parts.mass.copy(), twist, origin, pace, motion, sums[1:])
-        rates = parts.tick_s * _mean(sums)
         each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
         each[:, WORKS.index("gravity_J") :] = np.stack(
             [
                 sums[1:, FALLING],
                 batch.contact_work_J,
                 batch.self_contact_work_J,
-                options.damping_per_s * rates[:, RELATIVE],
-                options.air_drag_per_s * rates[:, MOVING],
+                options.damping_per_s * sums[1:, DAMPED],
+                options.air_drag_per_s * sums[1:, DRAGGED],
             ],
             axis=1,
         )

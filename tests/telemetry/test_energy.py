@@ -72,8 +72,8 @@ def test_what_touches_and_eyelets_that_know_their_way_are_no_part_of_the_rest(tm
     text = SCENARIO.replace("[0.02, 0.0, 0.0]", "[0.005, 0.0, -0.01]")
     text = text.replace("capstan_factor = 0.8", 'capstan_factor = 0.8, losses = "directed"')
     text += BLOCK.format(x, y, z - 0.02 - 0.004)  # its top is 4 mm below the tip, which comes down by 10 mm
-    # of a hit that lasts few ticks the mean of forces at their ends is right to first order: 1.6 % at 2 ms
-    energy = balance(tmp_path, text, solver__integrator="bdf2", clock__tick_s=0.001)
+    # 1.5 % where damping has velocities for displacements: in a hit they jump from tick to tick
+    energy = balance(tmp_path, text, solver__integrator="bdf2", clock__tick_s=0.002)
     put_in = sum(abs(energy[name]) for name in PUT_IN)
     assert abs(energy["contacts_J"]) > 0.03 * put_in
     assert energy["eyelets_J"] > 0.0  # against the way that the cable slides
