@@ -23,13 +23,11 @@ from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
+from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS, WORKS
 
 KINETIC, DONE, DAMPED, DRAGGED, FALLING, COLUMNS = range(6)
-WORKS: Final = (
-    "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
-    "air_drag_J",
-)  # fmt: skip
-_PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
+_ELASTIC_S: Final = 0.1
+"""Simulated time between those: the energy of the film costs a fifth of a tick."""
 
 
 class _Pace(NamedTuple):
@@ -77,7 +75,7 @@ def fill_motion(
                 went, along = x[t, i, r] - motion[0, i, r], motion[5, i, r]
                 kinetic += 0.5 * mass[i] * v * v
                 done += 0.5 * mass[i] * (a + motion[4, i, r]) * went
-                # by the mean of forces at both ends, as all others: in a hit velocities jump from tick to tick
+                # by the mean of both ends, as all other forces: in a hit velocities jump from tick to tick
                 mean = 0.5 * (v + motion[2, i, r])
                 damped += mass[i] * (mean - 0.5 * (u + along)) * (went - 0.5 * pace.h * (u + along))
                 dragged += mass[i] * mean * went
@@ -304,10 +302,11 @@ class EnergyFigures:
     ticks: int = 0
     last: EnergyRow | None = None
 
-    def after(self, batch: SeenTicks, parts: EnergyParts) -> EnergyFigures:
-        """Return the balance with some ticks more; the state before the first one is by itself.
+    def after(self, batch: SeenTicks, parts: EnergyParts) -> tuple[EnergyFigures, Array]:
+        """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
-        Ticks are summed in order: however many come at once, every bit of the balance is the same.
+        The state before the first tick is by itself. Ticks are summed in order: however many come at once,
+        every bit of the balance is the same. Elastic energy and rest are not numbers but every 0.1 s.
         """
         x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
         columns = (
@@ -325,7 +324,7 @@ class EnergyFigures:
             motion = np.zeros((6, *x.shape[1:]))
             motion[:2] = x[0]
             row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
-            return replace(self, elastic=parts.elastic(x[0]), last=row)
+            return replace(self, elastic=parts.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
         motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
         sums[0], options = self.last.sums, parts.options
         twist = np.require(batch.flange_twist, None, ["C", "W"])  # kernels take what can be written to
@@ -344,23 +343,38 @@ class EnergyFigures:
             axis=1,
         )
         row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy())
-        works = tuple(np.cumsum(np.vstack([self.works, each]), axis=0)[-1].tolist())
-        done = float(np.cumsum([self.done, *sums[1:, DONE]])[-1])
-        return EnergyFigures(works, done, self.elastic, self.ticks + len(x), row)
+        works = np.cumsum(np.vstack([self.works, each]), axis=0)[1:]
+        done = np.cumsum([self.done, *sums[1:, DONE]])[1:]
+        after = EnergyFigures(
+            tuple(works[-1].tolist()), float(done[-1]), self.elastic, self.ticks + len(x), row
+        )
+        return after, _balance(works, self._elastic(x, parts), sums[1:, KINETIC], done)
 
     def figures(self, parts: EnergyParts) -> dict[str, float]:
         """Return the balance since the start for the summary."""
         if self.last is None:
             return {}
-        works = dict(zip(WORKS, self.works, strict=True))
-        kinetic, elastic = float(self.last.sums[KINETIC]), parts.elastic(self.last.motion[0]) - self.elastic
-        numerical = self.done - kinetic
-        put_in = sum(works[name] for name in _PUT_IN)
-        losses = works["eyelets_J"] + works["damping_J"] + works["air_drag_J"]
-        rest = put_in - losses - elastic - kinetic - numerical
-        return works | {
-            "elastic_J": elastic, "kinetic_J": kinetic, "numerical_J": numerical, "rest_J": rest,
-        }  # fmt: skip
+        elastic = np.array([parts.elastic(self.last.motion[0]) - self.elastic])
+        found = _balance(
+            np.array([self.works]), elastic, self.last.sums[KINETIC, None], np.array([self.done])
+        )
+        return dict(zip(TERMS, found[0].tolist(), strict=True))
+
+    def _elastic(self, x: Array, parts: EnergyParts) -> Array:
+        """Return the elastic energy since the start (k,) [J] in the next ticks at x (k, n, 3) [m]."""
+        every = max(1, round(_ELASTIC_S / parts.tick_s))
+        found = np.full(len(x), np.nan)
+        for row in range(every - 1 - self.ticks % every, len(x), every):
+            found[row] = parts.elastic(x[row]) - self.elastic
+        return found
+
+
+def _balance(works: Array, elastic: Array, kinetic: Array, done: Array) -> Array:
+    """Return works (k, works) and what follows from them (k, terms) [J]."""
+    numerical = done - kinetic
+    signed = np.array([float(name in PUT_IN) - float(name in LOST) for name in WORKS])
+    rest = works @ signed - elastic - kinetic - numerical
+    return np.column_stack((works, elastic, kinetic, numerical, rest))
 
 
 def _mean(rows: Array) -> Array:
