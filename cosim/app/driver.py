@@ -214,16 +214,16 @@ def _run(
     summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
     if earlier is not None:
         summary.restore_state(earlier.summary)
-    observers: list[Observe] = [summary.observe, recorder.record]
+    observers: list[Observe] = [recorder.record]
     keeper = None
     if files is not None:
         every_s = options.checkpoint_every_s
         keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
-        observers = [summary.observe, keeper.observe, recorder.record, keeper.write_when_due]
+        observers = [keeper.observe, recorder.record, keeper.write_when_due]
     finder = None if options.error is False else simulation.errors
     observers += [] if finder is None else [finder.observe]
     observers += [watcher.observe for watcher in options.watchers]
-    ending = drive(batches, observers, options.stop, recorder.flush)
+    ending = drive(map(summary.observe, batches), observers, options.stop, recorder.flush)
     wall_s = origin.wall_s + time.perf_counter() - loop_started
     if keeper is not None:
         keeper.end(ending.status, ending.error)
@@ -289,8 +289,7 @@ def recorded(scenario: Scenario, stage: RunInfo) -> Iterator[Observe]:
         summary = SummaryBuilder(stage, 0.0, __version__)
 
         def observe(batch: TickBatch) -> None:
-            summary.observe(batch)
-            recorder.record(batch)
+            recorder.record(summary.observe(batch))
 
         try:
             yield observe

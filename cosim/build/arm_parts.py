@@ -20,7 +20,7 @@ from cosim.base.triangle_mesh import read_mesh
 from cosim.build.arms import cell_of, motion_of, placed_arm
 from cosim.build.soft_model import SoftModel
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
-from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.scenario import ContactTable, Scenario
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.toml.reading import Faults, blamed_on
 from cosim.coupling.soft_sides.soft_side import MassProperties
@@ -35,6 +35,7 @@ from cosim.plan.plan import Plan
 from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject
+from cosim.rigid.build.pair_friction import PairFriction
 from cosim.rigid.scene.scene import RigidScene
 
 STATES: Final = 100
@@ -126,6 +127,12 @@ def rigid_object(entry: ObjectTable) -> SceneObject:
         )
 
 
+def pair_friction(contact: ContactTable) -> PairFriction:
+    """Return how coefficients of friction make that of a pair."""
+    pairs = tuple((*pair.between, pair.friction) for pair in contact.pairs)
+    return PairFriction(contact.pair_friction, contact.film_friction, pairs)
+
+
 def _spin_friction(entry: ObjectTable) -> tuple[float, float] | None:
     torsional, rolling = entry.torsional_friction_m, entry.rolling_friction_m
     return None if torsional is None and rolling is None else (torsional or 0.0, rolling or 0.0)
@@ -214,6 +221,7 @@ class ArmParts:
             wires=scenario.wires,
             cell=cell,
             mounted=() if palm is None else (palm_object(palm),),
+            friction=pair_friction(scenario.contact),
         )
         self._geometry_name = self._name(_geometry(description))
         try:

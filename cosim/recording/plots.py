@@ -16,6 +16,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
+from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -172,6 +173,7 @@ def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
         "Robot": _robot_plots(stage),
         "Devices": device_plots(stage),
         "Interface": _interface_plots(),
+        "Energy": [] if stage.energy is None else _energy_plots(),
         "Run": _run_plots(stage, joints),
     }
     return tuple(
@@ -207,6 +209,32 @@ def _interface_plots() -> list[Plot]:
         Plot("power_error", lost, ("power error",), lambda b: b.power_error_W, [PINK], legend=False),
         Plot("stability", ratio, ("mass ratio",), lambda b: b.stability_ratio, [ORANGE], legend=False),
     ]
+
+
+def _energy_plots() -> list[Plot]:
+    held = {"kinetic_J": SKY, "elastic_J": GREEN, "rest_J": PINK}
+    kinetic, *sparse = (
+        Plot(f"energy/held/{name}", "", (_called(name),), partial(_energies, (name,)), [colour])
+        for name, colour in held.items()
+    )
+    return [
+        _energy_plot("put_in", "Energy put in [J]", PUT_IN),
+        _energy_plot("lost", "Energy lost [J]", LOST),
+        replace(kinetic, entity="energy/held", title="Energy held, and rest of the balance [J]"),
+        *sparse,  # known at some ticks only
+    ]
+
+
+def _energy_plot(entity: str, title: str, terms: tuple[str, ...]) -> Plot:
+    return Plot(f"energy/{entity}", title, tuple(map(_called, terms)), partial(_energies, terms))
+
+
+def _called(term: str) -> str:
+    return term.removesuffix("_J").replace("_", " ")
+
+
+def _energies(terms: tuple[str, ...], batch: TickBatch) -> Array:
+    return batch.energy_J[:, [TERMS.index(term) for term in terms]]
 
 
 def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:

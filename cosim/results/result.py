@@ -24,6 +24,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.names import texts_of
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import InputError
+from cosim.telemetry.energy_terms import TERMS
 from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import SummaryBuilder, phase_cells, reason_of
@@ -90,6 +91,7 @@ def _names(axis: str, size: int, stage: RunInfo) -> Iterator[str]:
     known = {
         "joints": stage.joint_names, "bodies": stage.body_names, "chambers": stage.chamber_names,
         "cables": stage.cable_names, "3": _XYZ, "4": _WXYZ,
+        "energies": [term.removesuffix("_J") for term in TERMS],
     }.get(axis, ())  # fmt: skip
     yield from known if len(known) == size else map(str, range(size))
 
@@ -263,6 +265,9 @@ class RunResult(RigidColumns):
         self_contact_force_N: (rows,), sum of their normal forces.
         self_contact_depth_m: (rows,), of the deepest point behind another film.
         tick_wall_s: (rows,), wall time.
+        energy_J: (rows, energies), balance of energy since the start: put in by gas, cables, flange,
+            gravity, contacts, lost at eyelets, by damping and the integrator, held; elastic energy and rest
+            every 0.1 s, else not numbers. (rows, 0) where the run has no balance.
         frame_tick: (frames,), tick at which the film's nodes were kept.
         frame_time_s: (frames,), when the film's nodes were kept.
         node_position: (frames, nodes, 3) [m], of the film, world.
@@ -297,6 +302,7 @@ class RunResult(RigidColumns):
     self_contact_force_N: Array
     self_contact_depth_m: Array
     tick_wall_s: Array
+    energy_J: Array
     frame_tick: IntArray
     frame_time_s: Array
     node_position: Array
@@ -450,7 +456,6 @@ def result_of(
     arrays.open(stage)
     began = time.perf_counter()
     for batch in batches:
-        arrays.observe(batch)
-        summary.observe(batch)
+        arrays.observe(summary.observe(batch))
     figures = summary.finish("failed", reason_of(error), time.perf_counter() - began)
     return arrays.result(figures, None)

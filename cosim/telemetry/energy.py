@@ -25,15 +25,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import StepOptions
+from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS, WORKS
 
-KINETIC, DONE, RELATIVE, MOVING, FALLING, RESISTED, COLUMNS = range(7)
-WORKS: Final = (
-    "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
-    "air_drag_J", "material_damping_J",
-)  # fmt: skip
-_PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
-
-_LOST: Final = ("eyelets_J", "damping_J", "air_drag_J", "material_damping_J")
+KINETIC, DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(7)
+_ELASTIC_S: Final = 0.1
+"""Simulated time between those: the energy of the film costs a fifth of a tick."""
 
 
 class _Pace(NamedTuple):
@@ -57,15 +53,17 @@ def fill_motion(
         twist: (k, 6), of the flange, linear and angular, world axes.
         origin: (k, 3) [m], of the flange.
         pace: of the ticks.
-        motion: (5, n, 3), positions one and two ticks before, velocities the same, accelerations one before.
+        motion: (6, n, 3), positions one and two ticks before, velocities the same, accelerations and
+            velocities of points that move along with the flange one before.
         out: (k, COLUMNS), filled but for the last: kinetic energy [J], work that all forces have done in the
-            tick [J], sums of mass times the square of velocities relative to the flange, and of velocities
-            [W s], work of the weight in the tick [J], power lost in materials [W].
+            tick [J], work against the velocities relative to the flange, and against the velocities, as
+            forces of 1 N s/m for each kilogram do it [J s], work of the weight in the tick [J], power lost in
+            materials [W].
     """
     for t in range(x.shape[0]):
         both = pace.two_steps and pace.taken + t > 0
         span = 2.0 * pace.h / 3.0 if both else pace.h
-        kinetic = done = relative = moving = falling = 0.0
+        kinetic = done = damped = dragged = falling = 0.0
         for i in range(x.shape[1]):
             for r in range(3):
                 j, k = (r + 1) % 3, (r + 2) % 3
@@ -77,14 +75,18 @@ def fill_motion(
                 a = (v - speed) / span
                 u = twist[t, r] + twist[t, 3 + j] * (x[t, i, k] - origin[t, k])
                 u -= twist[t, 3 + k] * (x[t, i, j] - origin[t, j])
+                went, along = x[t, i, r] - motion[0, i, r], motion[5, i, r]
                 kinetic += 0.5 * mass[i] * v * v
-                done += 0.5 * mass[i] * (a + motion[4, i, r]) * (x[t, i, r] - motion[0, i, r])
-                relative += mass[i] * (v - u) * (v - u)
-                moving += mass[i] * v * v
-                falling += mass[i] * pace.gravity[r] * (x[t, i, r] - motion[0, i, r])
+                done += 0.5 * mass[i] * (a + motion[4, i, r]) * went
+                # by the mean of both ends, as all other forces: in a hit velocities jump from tick to tick
+                mean = 0.5 * (v + motion[2, i, r])
+                damped += mass[i] * (mean - 0.5 * (u + along)) * (went - 0.5 * pace.h * (u + along))
+                dragged += mass[i] * mean * went
+                falling += mass[i] * pace.gravity[r] * went
                 motion[1, i, r], motion[0, i, r] = motion[0, i, r], x[t, i, r]
                 motion[3, i, r], motion[2, i, r], motion[4, i, r] = motion[2, i, r], v, a
-        out[t, 0], out[t, 1], out[t, 2], out[t, 3], out[t, 4] = kinetic, done, relative, moving, falling
+                motion[5, i, r] = u
+        out[t, 0], out[t, 1], out[t, 2], out[t, 3], out[t, 4] = kinetic, done, damped, dragged, falling
 
 
 class _Routes(NamedTuple):
@@ -282,7 +284,7 @@ class EnergyRow:
         seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, place and axes of the flange.
     """
 
-    motion: Annotated[Array, (5, "nodes", 3)]
+    motion: Annotated[Array, (6, "nodes", 3)]
     sums: Annotated[Array, (6,)]
     length: Annotated[Array, ("*",)]
     seen: Annotated[Array, ("*",)]
@@ -307,10 +309,11 @@ class EnergyFigures:
     ticks: int = 0
     last: EnergyRow | None = None
 
-    def after(self, batch: SeenTicks, parts: EnergyParts) -> EnergyFigures:
-        """Return the balance with some ticks more; the state before the first one is by itself.
+    def after(self, batch: SeenTicks, parts: EnergyParts) -> tuple[EnergyFigures, Array]:
+        """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
-        Ticks are summed in order: however many come at once, every bit of the balance is the same.
+        The state before the first tick is by itself. Ticks are summed in order: however many come at once,
+        every bit of the balance is the same. Elastic energy and rest are not numbers but every 0.1 s.
         """
         x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
         columns = (
@@ -325,10 +328,10 @@ class EnergyFigures:
         each = np.zeros((len(x), len(WORKS)))
         fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
         if self.last is None:
-            motion = np.zeros((5, *x.shape[1:]))
+            motion = np.zeros((6, *x.shape[1:]))
             motion[:2] = x[0]
             row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
-            return replace(self, elastic=parts.elastic(x[0]), last=row)
+            return replace(self, elastic=parts.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
         motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
         sums[0], options = self.last.sums, parts.options
         twist = np.require(batch.flange_twist, None, ["C", "W"])  # kernels take what can be written to
@@ -340,37 +343,51 @@ class EnergyFigures:
             for t in range(len(x)):
                 sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and self.ticks + t > 0)
         fill_motion(x, parts.mass.copy(), twist, origin, pace, motion, sums[1:])
-        rates = parts.tick_s * _mean(sums)
         each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
         each[:, WORKS.index("gravity_J") :] = np.stack(
             [
                 sums[1:, FALLING],
                 batch.contact_work_J,
                 batch.self_contact_work_J,
-                options.damping_per_s * rates[:, RELATIVE],
-                options.air_drag_per_s * rates[:, MOVING],
-                rates[:, RESISTED],
+                options.damping_per_s * sums[1:, DAMPED],
+                options.air_drag_per_s * sums[1:, DRAGGED],
+                parts.tick_s * _mean(sums)[:, RESISTED],
             ],
             axis=1,
         )
         row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy())
-        works = tuple(np.cumsum(np.vstack([self.works, each]), axis=0)[-1].tolist())
-        done = float(np.cumsum([self.done, *sums[1:, DONE]])[-1])
-        return EnergyFigures(works, done, self.elastic, self.ticks + len(x), row)
+        works = np.cumsum(np.vstack([self.works, each]), axis=0)[1:]
+        done = np.cumsum([self.done, *sums[1:, DONE]])[1:]
+        after = EnergyFigures(
+            tuple(works[-1].tolist()), float(done[-1]), self.elastic, self.ticks + len(x), row
+        )
+        return after, _balance(works, self._elastic(x, parts), sums[1:, KINETIC], done)
 
     def figures(self, parts: EnergyParts) -> dict[str, float]:
         """Return the balance since the start for the summary."""
         if self.last is None:
             return {}
-        works = dict(zip(WORKS, self.works, strict=True))
-        kinetic, elastic = float(self.last.sums[KINETIC]), parts.elastic(self.last.motion[0]) - self.elastic
-        numerical = self.done - kinetic
-        put_in = sum(works[name] for name in _PUT_IN)
-        losses = sum(works[name] for name in _LOST)
-        rest = put_in - losses - elastic - kinetic - numerical
-        return works | {
-            "elastic_J": elastic, "kinetic_J": kinetic, "numerical_J": numerical, "rest_J": rest,
-        }  # fmt: skip
+        elastic = np.array([parts.elastic(self.last.motion[0]) - self.elastic])
+        found = _balance(
+            np.array([self.works]), elastic, self.last.sums[KINETIC, None], np.array([self.done])
+        )
+        return dict(zip(TERMS, found[0].tolist(), strict=True))
+
+    def _elastic(self, x: Array, parts: EnergyParts) -> Array:
+        """Return the elastic energy since the start (k,) [J] in the next ticks at x (k, n, 3) [m]."""
+        every = max(1, round(_ELASTIC_S / parts.tick_s))
+        found = np.full(len(x), np.nan)
+        for row in range(every - 1 - self.ticks % every, len(x), every):
+            found[row] = parts.elastic(x[row]) - self.elastic
+        return found
+
+
+def _balance(works: Array, elastic: Array, kinetic: Array, done: Array) -> Array:
+    """Return works (k, works) and what follows from them (k, terms) [J]."""
+    numerical = done - kinetic
+    signed = np.array([float(name in PUT_IN) - float(name in LOST) for name in WORKS])
+    rest = works @ signed - elastic - kinetic - numerical
+    return np.column_stack((works, elastic, kinetic, numerical, rest))
 
 
 def resisted_power(body: SoftBody, tick_s: float) -> Callable[[Array, bool], float] | None:

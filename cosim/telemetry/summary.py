@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, final
 
 import numpy as np
@@ -156,8 +156,8 @@ class SummaryBuilder:
         self._overlaps: list[dict[str, Any]] = []
         self._devices = figures.DeviceFigures()
 
-    def observe(self, batch: TickBatch) -> None:
-        """Take in ticks of one phase; they come in order, tick 0 first."""
+    def observe(self, batch: TickBatch) -> TickBatch:
+        """Take in ticks of one phase, in order, tick 0 first; return them with their energy balance."""
         if self._last is not None and batch.phase[0] != self._last.phase:
             self._close_phase(complete=True)
         self._last = batch.snapshot(-1)
@@ -171,13 +171,15 @@ class SummaryBuilder:
         for row, overlaps in batch.overlaps.items():
             self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
         if self._energy is not None and self._stage.energy is not None:
-            self._energy = self._energy.after(batch, self._stage.energy)
+            self._energy, each = self._energy.after(batch, self._stage.energy)
+            batch = replace(batch, energy_J=each)
         path = self._stage.tip_paths.get(int(batch.phase[0]))
         if path is not None:
             self._tip_path = self._tip_path.after(batch, path)
         if self._stage.arm is not None:
             dynamic = self._stage.mode == "dynamic"
             self._arm = self._arm.after(batch, self._stage.arm.limits, dynamic=dynamic)
+        return batch
 
     def save_state(self) -> SummaryState:
         """Return the figures so far; there is a snapshot."""

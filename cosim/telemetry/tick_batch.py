@@ -86,6 +86,8 @@ class TickBatch(RigidColumns):
         wrench: (n, 6), force [N] and torque [N m] on the flange, at its origin, world axes.
         rigid_power_W: (n,), as all that follow down to `slides`; each is described in `LedgerEntry`.
         tick_wall_s: (n,), wall time.
+        energy_J: (n, terms), `TERMS` of the balance; (n, 0) before the summary has taken the ticks in, and of
+            runs without a balance.
         devices: n; None where a scenario has none.
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.
@@ -125,6 +127,7 @@ class TickBatch(RigidColumns):
     momentum_error: Array
     slides: IntArray
     tick_wall_s: Array
+    energy_J: Array
     devices: Sequence[ActuationReport | None]
     link_contacts: Mapping[int, tuple[LinkContact, ...]]
     branchings: Mapping[int, tuple[Branching, ...]]
@@ -161,6 +164,7 @@ class TickBatch(RigidColumns):
             has_tip_target=np.array([target is not None for target in targets]),
             wrench=np.hstack([rows("ledger.wrench.force"), rows("ledger.wrench.torque")]),
             tick_wall_s=column("tick_wall_s", np.float64),
+            energy_J=np.zeros((len(snapshots), 0)),
             devices=[snapshot.devices for snapshot in snapshots],
             **{name: by_row(name) for name in _BY_ROW},
             **{name: rows(name) for name in _STACKED},
@@ -188,6 +192,7 @@ class TickBatch(RigidColumns):
             flange_twist=ticks.twist[:n],
             chamber_pressure_Pa=taken.pressure_Pa[:n],
             wrench=taken.wrench,
+            energy_J=np.zeros((n, 0)),
             **taken.ledger(),
             **rest,
         )

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import cosim
-from cosim.base.frames import Array
 from cosim.build.arm_parts import rigid_object
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
@@ -83,40 +81,6 @@ def test_keys_of_a_scenario_reach_the_scene() -> None:
 def test_what_no_body_has_is_refused(keys: dict[str, Any], words: str) -> None:
     with pytest.raises(cosim.ScenarioError, match=words):
         loaded(**keys)
-
-
-MU = 0.5
-
-
-def slid(slope: float, direction: float, after: int, ticks: int, *, palm: bool) -> float:
-    """Return the distance [m] by which a cube goes in some ticks of 4 ms after some others on a slope."""
-    along = slope * 9.81 * np.array([np.cos(direction), np.sin(direction)])
-    cube = SceneObject("cube", "box", (0.02, 0.02, 0.02), (1.0, 0.0, 0.02), mass_kg=0.2, friction=MU)
-    carried = (SceneObject("palm", "box", (0.02, 0.02, 0.02), (0.0, 0.0, 0.1)),) if palm else ()
-    floor = SceneObject("table", "box", (2.0, 2.0, 0.1), (1.0, 0.0, -0.1), friction=MU)
-    made = SceneDescription(ARM, objects=(floor, cube), mounted=carried, floor_height_m=None, tick_s=4e-3)
-    scene = RigidScene(replace(made, gravity=(*along.tolist(), -9.81)))
-
-    def place(count: int) -> Array:
-        for _ in range(count):
-            scene.finish_step()
-            scene.begin_step()
-        return scene.body_poses()[0][scene.body_names.index("cube"), :2]
-
-    return float(np.linalg.norm(-place(after) + place(ticks)))
-
-
-@pytest.mark.parametrize("palm", [False, True])
-@pytest.mark.parametrize("eighth", range(8))
-def test_friction_holds_up_to_its_limit_in_any_direction_with_or_without_a_palm(
-    eighth: int, palm: bool
-) -> None:
-    direction = 0.25 * np.pi * eighth
-    assert slid(0.9 * MU, direction, 375, 125, palm=palm) < 0.5 * 1e-6  # 1e-3 mm/s
-    # beyond the limit it slides: x = (slope - mu) g t^2 / 2 from t1 to t2
-    gone, first, last = slid(1.5 * MU, direction, 125, 50, palm=palm), 0.5, 0.7
-    realised = 1.5 * MU - 2.0 * gone / (9.81 * (last**2 - first**2))
-    assert realised == pytest.approx(MU, rel=0.02)
 
 
 @pytest.mark.parametrize("tick_s", [4e-3, 2e-3])

@@ -192,7 +192,7 @@ class ObjectTable(_Shaped):
         inertia_kg_m2: about the centre of mass, along the object's axes; omitted = that of its solids. Needs
             mass_kg.
         center_of_mass_m: in the object's frame, together with inertia_kg_m2.
-        friction: coefficient of sliding; of two solids that touch the larger counts.
+        friction: coefficient of sliding; contact.pair_friction says what two of them make.
         torsional_friction_m: of turning on the spot, torque by normal force; of the two that touch the larger
             counts. Film has none of its own.
         rolling_friction_m: of rolling, the same.

@@ -148,6 +148,30 @@ class PlanTable:
 
 @final
 @dataclass(frozen=True)
+class FrictionPairTable:
+    """Friction between two things, measured for this pair.
+
+    Args:
+        between: two of: an object, a wire, "floor", "palm", "film" (the soft robot).
+        friction: coefficient of sliding, whatever the rule makes of theirs.
+    """
+
+    between: tuple[str, str]
+    friction: NonNegative
+
+    @rule
+    def _names_what_is_there(self, scenario: Scenario) -> Told:
+        palm = () if scenario.soft_robot.palm is None else ("palm",)
+        around = [each.name for each in scenario.objects] + [wire.name for wire in scenario.wires]
+        names = ("film", "floor", *palm, *around)
+        for name in [name for name in self.between if name not in names][:1]:
+            yield "between", unknown_name_message("body", name, names)
+        if self.between == ("film", "film"):
+            yield "between", "of film on film, set contact.self_friction"
+
+
+@final
+@dataclass(frozen=True)
 class ContactTable:
     """Contact of the soft robot with the scene and with itself; in the quasistatic mode without friction.
 
@@ -161,6 +185,10 @@ class ContactTable:
             where they come to press, true in every step, false lets them pass through one another.
             Of a section model, and with `model.published`, "auto" is false.
         self_friction: coefficient of sliding between films; without meaning in the quasistatic mode.
+        film_friction: coefficient of sliding of the film on all else; omitted: that of what it touches.
+        pair_friction: what the coefficients of two that touch make, rigid bodies and film alike: the
+            "largest", the "smallest", their "mean", or the "root" of their product.
+        pairs: `[[contact.pair]]` in the file.
     """
 
     enabled: bool = True
@@ -170,6 +198,9 @@ class ContactTable:
     stick_m: Positive = 1e-4
     self_contact: Literal["auto", True, False] = "auto"
     self_friction: NonNegative = 0.5
+    film_friction: NonNegative | None = None
+    pair_friction: Literal["largest", "smallest", "mean", "root"] = "largest"
+    pairs: tuple[FrictionPairTable, ...] = field(default=(), metadata={"alias": "pair"})
 
 
 @final

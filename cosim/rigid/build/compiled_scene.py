@@ -290,13 +290,17 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
         object_bodies.add_object(spec, item, objects, description.tick_s)
     for carried, item in product(description.mounted, description.objects):
         if item.mass_kg > 0.0:
-            object_bodies.add_corner_contacts(spec, spec.body(carried.name), spec.body(item.name))
+            object_bodies.add_corner_contacts(
+                spec, spec.body(carried.name), spec.body(item.name), description.friction
+            )
     for wire in description.wires:
         object_bodies.add_wire(spec, wire, objects, description.tick_s)
     if cell is not None:
         still = [item.name for item in description.objects if item.mass_kg == 0.0]
         ground = [FLOOR] if spec.body(FLOOR) is not None else []
         attach_cell(spec, cell, [*still, *ground])
+    mounted, wires = ([item.name for item in items] for items in (description.mounted, description.wires))
+    description.friction.add_contacts(spec, mounted, wires)
     model = spec.compile()
     for wire in description.wires:
         object_bodies.relax_wire(model, wire)

@@ -23,6 +23,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.config.schema.objects import WireTable
 from cosim.errors import InputError
+from cosim.rigid.build.pair_friction import PairFriction
 
 
 @dataclass(frozen=True)
@@ -291,6 +292,7 @@ class SceneDescription:
         cell: what else stands around the arm; a plane of it is the floor.
         armature: rotor inertia seen at each joint [kg m^2]; those of the arm's file unless given.
         gains: of the servos; those of the arm's file, or from its torque limits, unless given.
+        friction: of pairs of bodies, and of the film on them.
     """
 
     arm: ArmFile
@@ -304,6 +306,7 @@ class SceneDescription:
     cell: Cell | None = None
     armature: float | None = None
     gains: ServoGains | None = None
+    friction: PairFriction = PairFriction()
 
     def objects_by_parent(self) -> tuple[SceneObject, ...]:
         """Return the objects in an order in which each comes after the one that it hangs on.

@@ -22,6 +22,7 @@ from cosim.base.frames import Array, IntArray, Pose, quaternion_from_rotation
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.config.schema.objects import WireTable
 from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, wire_poses
+from cosim.rigid.build.pair_friction import PairFriction
 
 OBJECT_CONTACT = (2, 3)  # floor and objects meet everything
 SHAPES: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh")
@@ -255,14 +256,18 @@ _DIRECTIONS: Final = 256  # in which corners of a mesh are looked for
 _GOLDEN: Final = np.pi * (3.0 - np.sqrt(5.0))
 
 
-def add_corner_contacts(spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: mujoco.MjsBody) -> None:
+def add_corner_contacts(
+    spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: mujoco.MjsBody, friction: PairFriction
+) -> None:
     """Let the corners of a body touch another one, as the other one's geoms are touched.
 
     Args:
         spec: holds both.
         carried: on the flange; its geoms have names, and priority over those of objects.
         touching: an object that can move; its geoms have names.
+        friction: of pairs.
     """
+    names = carried.name, touching.name
     for geom in list(touching.geoms):
         body_from_geom = Pose.from_quaternion(np.array(geom.quat), np.array(geom.pos))
         for k, place in enumerate(body_from_geom.apply(_corners(spec, geom))):
@@ -271,13 +276,14 @@ def add_corner_contacts(spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: 
             corner = touching.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=0)
             corner.size, corner.pos, corner.mass = [_POINT_M, 0.0, 0.0], place, 0.0
             for other in carried.geoms:
-                _add_pair(spec, other, name)
+                sliding = friction.between(names, (other.friction[0], geom.friction[0]))
+                _add_pair(spec, other, name, sliding)
 
 
-def _add_pair(spec: mujoco.MjSpec, carried: mujoco.MjsGeom, corner: str) -> None:
-    """Let a corner touch a geom; the contact is as the geom has it."""
+def _add_pair(spec: mujoco.MjSpec, carried: mujoco.MjsGeom, corner: str, sliding: float) -> None:
+    """Let a corner touch a geom; the contact is as the geom has it, but for the coefficient of sliding."""
     pair = spec.add_pair(geomname1=carried.name, geomname2=corner)
-    sliding, turning, rolling = carried.friction
+    _, turning, rolling = carried.friction
     pair.friction = [sliding, sliding, turning, rolling, rolling]
     pair.condim, pair.solref, pair.solimp = carried.condim, carried.solref, carried.solimp
 

@@ -43,15 +43,22 @@ class ContactQuery:
         model: compiled scene.
         data: its state; poses are read from it.
         geoms: indices of the geoms that can be touched.
+        friction: (g,), coefficient of what touches each of them; theirs unless given.
 
     Raises:
         InputError: a mesh without volume.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int] | IntArray) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        geoms: Sequence[int] | IntArray,
+        friction: Array | None = None,
+    ) -> None:
         self.geoms: IntArray = np.asarray(geoms, dtype=np.int64)
         self.body: IntArray = np.asarray(model.geom_bodyid[self.geoms], dtype=np.int64)
-        self.friction: Array = np.array(model.geom_friction[self.geoms, 0])
+        self.friction: Array = np.array(model.geom_friction[self.geoms, 0] if friction is None else friction)
         self._data = data
         self.shapes = shapes_of(model, self.geoms)
         self.features: FeaturePoints = feature_points(self.shapes)

@@ -25,6 +25,7 @@ from cosim.errors import InputError
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.mjcf_files import raise_instability
+from cosim.rigid.build.pair_friction import body_names
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, droop, effort_limit
 from cosim.rigid.scene.bodies import Bodies, mobility, touchable_geoms
@@ -181,8 +182,12 @@ class RigidScene:
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), the arm itself left out."""
-        geoms = touchable_geoms(self._model, self._layout.mount, fixed_only=fixed_only)
-        return ContactQuery(self._model, self._data, geoms)
+        model, made = self._model, self.description
+        geoms = touchable_geoms(model, self._layout.mount, fixed_only=fixed_only)
+        names = body_names(model, geoms, [wire.name for wire in made.wires])
+        return ContactQuery(
+            model, self._data, geoms, made.friction.on_film(names, model.geom_friction[geoms, 0])
+        )
 
     def set_joint_state(self, position: Array, velocity: Array | None = None) -> None:
         """Put the arm at an angle and a speed; everything readable follows.

@@ -510,10 +510,11 @@ def _advancing(body: SoftBody) -> list[tuple[Element, slice]]:
     return [(element, own) for element, own in pairs if element.remembers_steps]
 
 
-def elastic_energy(body: SoftBody, made: list[SoftSystem], positions: Array) -> float:
+def elastic_energy(body: SoftBody, made: list[tuple[SoftSystem, Array]], positions: Array) -> float:
     """Return the elastic energy [J] of a body at positions (n, 3) [m]; its system is kept in `made`."""
     if not made:
-        made.append(SoftSystem(body))
-    system, x = made[0], np.array(positions, order="C")
-    loads, memory = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0)), system.fresh(body.first_memory())
+        system = SoftSystem(body)
+        made.append((system, system.fresh(body.first_memory())))
+    (system, memory), x = made[0], np.array(positions, order="C")
+    loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
     return system.evaluate(x, loads, system.segment_share(x, loads), memory, hessian=False)
