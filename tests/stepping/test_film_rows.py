@@ -113,8 +113,8 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
     if not inside:
         none = property(lambda solver: lambda film: solver._no_tangents)
         monkeypatch.setattr(NewtonSolver, "_tangents", none)
-    # a step that the kernel has tried before it is left, as the plate gives way otherwise, may have made a new
-    # tangent: by BDF2 the step that Python takes then ends elsewhere, by 2e-14 m
+    # a step that the kernel has tried before it is left, as the plate gives way otherwise, may have made
+    # another tangent: by BDF2 the step that Python takes then ends elsewhere, by 2e-14 m
     wanted = scenario(path, **({"solver__integrator": "implicit_euler"} if loose else {}))
     rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:
