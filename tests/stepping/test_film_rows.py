@@ -113,7 +113,9 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
     if not inside:
         none = property(lambda solver: lambda film: solver._no_tangents)
         monkeypatch.setattr(NewtonSolver, "_tangents", none)
-    wanted = scenario(path)
+    # a step that the kernel has tried before it is left, as the plate gives way otherwise, may have made
+    # another tangent: by BDF2 the step that Python takes then ends elsewhere, by 2e-14 m
+    wanted = scenario(path, **({"solver__integrator": "implicit_euler"} if loose else {}))
     rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick

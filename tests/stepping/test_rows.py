@@ -161,7 +161,9 @@ def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int, integ
 
 def test_a_soft_step_that_is_left_is_finished(path: Path) -> None:
     """A jump of the pressure in long ticks: free flight leaves the range of the model."""
-    wanted = scenario(path, clock__tick_s=0.005, phase__turn__ramp="step", phase__turn__pressure_Pa=40e3)
+    jump = {"phase__turn__ramp": "step", "phase__turn__pressure_Pa": 40e3}
+    # by BDF2, which takes next to nothing of the swing, it leaves the range for good
+    wanted = scenario(path, clock__tick_s=0.005, solver__integrator="implicit_euler", **jump)
     rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
     left = set(range(1, len(rows))) - set(taken_together(build_simulation(wanted)))
     assert 1 < len(left) < len(rows) - 1

@@ -1,4 +1,4 @@
-"""Motion of an arm and its soft robot is of second order in the tick, and ticks take little energy."""
+"""Arm and soft robot in motion are of second order in the tick, and ticks take next to no energy."""
 
 from __future__ import annotations
 
@@ -43,10 +43,9 @@ def test_tip_and_flange_are_of_second_order(tmp_path: Path, scheme: str) -> None
     path.write_text(MOVED, encoding="utf-8")
     ticks = (0.004, 0.002, 0.00025)
     runs = [moved(path, tick_s, scheme) for tick_s in ticks]
-    for which in range(2):
-        coarse, fine = (
-            float(np.sqrt(((run[which] - runs[-1][which]) ** 2).sum(axis=1).mean())) for run in runs[:2]
-        )
+    for which, finest in enumerate(runs[-1]):
+        away = [run[which] - finest for run in runs[:2]]
+        coarse, fine = (float(np.sqrt((each**2).sum(axis=1).mean())) for each in away)
         # of second order, the finest run's own error makes 4.05 of a ratio of 4
         assert np.log2(coarse / fine) > 1.75
         # servos that were asked for the speed of a tick's begin left 0.4 mm

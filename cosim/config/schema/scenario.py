@@ -103,8 +103,8 @@ class SolverTable:
         dynamic_tolerance_N: the same in a tick of the dynamic mode.
         dynamic_newton_iterations: new tangents per tick in the dynamic mode, besides iterations with a
             kept one; a tick that is left far from balance takes more.
-        integrator: of the dynamic mode: "bdf2", of second order, or "implicit_euler", of first order, which damps
-            all but the slowest swings by itself and takes most of a bounce.
+        integrator: of the dynamic mode: "bdf2", of second order, or "implicit_euler", of first order, which
+            damps all but the slowest swings by itself and takes most of a bounce.
         damping_per_s: losses of the soft robot itself, force = -damping_per_s * m * (v - u). u is the
             velocity with which a node would move along with the flange, which bears the opposite force.
             Every swing decays at half this rate; rigid motion is free of it. Losses of the film's material:
