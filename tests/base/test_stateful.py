@@ -44,6 +44,7 @@ SAVED_OTHERWISE = {
     "SoftHalves": "room for the ticks in progress",
     "ShiftSearch": "where a search begins; what it finds does not depend on it",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
+    "StrainRates": "what a step begins with, filled anew for every step",
     "TensionSweep": "lives for one tip target of the plan",
     "TickReferences": "worked out anew from the phase",
     "_Contents": "lives while a file is read",

@@ -172,6 +172,20 @@ def stepper(arm: Held, integrator: Integrator, **changes: Any) -> ImplicitSteppe
     return ImplicitStepper(arm.newton, arm.clamp, StepOptions(integrator, **given))
 
 
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_steady_motion_feels_weight_alone(integrator: Integrator) -> None:
+    arm, h, speed = held(lossy(hexagon_arm(2), 0.2)), 0.002, 0.25
+    begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
+    move = stepper(arm, integrator)
+    state = replace(begin.state, velocities=np.tile(speed * X, (arm.body.nodes, 1)))
+    for k in range(1, 31):
+        flange = Pose(HANGING.rotation, HANGING.translation + speed * k * h * X)
+        state, _ = move.step(state, flange, begin.loads, h)
+    assert move.wrench(state, flange).force == pytest.approx(begin.wrench.force, abs=1e-6)
+    still = begin.state.positions + (flange.translation - HANGING.translation)
+    assert state.positions == pytest.approx(still, abs=1e-8)
+
+
 def test_order_of_convergence() -> None:
     arm = held(lossy(hexagon_arm(2)))
     start = hung(arm, pressure_Pa=(PRESSURE_Pa,)).state

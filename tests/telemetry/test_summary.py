@@ -94,7 +94,7 @@ def test_the_markdown_has_a_row_per_phase(summary: dict[str, Any]) -> None:
 def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callable[..., Any]) -> None:
     def warnings(frequency_Hz: float, numerical: float) -> list[str]:
         simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
-        stage = replace(simulation.stage, decay=lambda _: (1.0, numerical))
+        stage = replace(simulation.stage, decay=lambda _, own: (1.0 + own, numerical))
         builder = SummaryBuilder(stage, 0.0, "0")
         for snapshot in simulation.steps():
             stands = Footing(frequency_Hz, 0.0, 1.0, frequencies_Hz=(frequency_Hz,))
