@@ -23,7 +23,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.finer_mesh import FinerMesh
+from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_paths import wanted_tip
@@ -84,6 +84,16 @@ class Pair:
     rest: Equilibrium
     finer: Equilibrium
     clamp: Clamp
+
+
+def at_rest(side: SoftArm, state: SoftArmState) -> Equilibrium:
+    """Return where a body that has stopped at a state of its run comes to rest.
+
+    Raises:
+        ConvergenceError: no equilibrium was found near it.
+    """
+    soft = SoftState.at_rest(state.soft.positions, state.soft.memory)
+    return side.rest_near(soft, state.flange, state.loads, ITERATIONS_MAX)
 
 
 def shape_figures(side: SoftArm, shape: Array, flange: tuple[Array, Array]) -> dict[str, Any]:
@@ -243,16 +253,28 @@ class ErrorFinder:
                 if not self.ends[place - 1].why_not:
                     along = self._pair(place - 1, mesh)
             side.restore_state(end.state)
-            soft = SoftState.at_rest(end.state.soft.positions, end.state.soft.memory)
-            rest = side.solve(soft, end.state.flange, end.state.loads)
+            rest = at_rest(side, end.state)
             try:
                 finer = mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
             except ConvergenceError:
-                if along is None:
-                    raise
-                finer = mesh.at_rest(clamp, rest)
+                finer = mesh.followed(clamp, rest, self._earlier(place, mesh))
             self._pairs[place] = Pair(rest, finer, clamp)
         return self._pairs[place]
+
+    def _earlier(self, place: int, mesh: FinerMesh) -> Equilibrium | None:
+        """Return a state of the refined mesh before a phase's end; None: it is hung up anew.
+
+        Raises:
+            ConvergenceError: there is none that is held in the same way.
+        """
+        here, before = self.ends[place], self.ends[place - 1] if place else None
+        if before is not None and not before.why_not and before.state.clamp.holds_as(here.state.clamp):
+            with suppress(ConvergenceError):
+                pair = self._pair(place - 1, mesh)
+                return None if pair is None else pair.finer
+        if here.state.clamp.holds_as(Clamp.of_base(self.side.body)):
+            return None
+        raise ConvergenceError("what is held was not held before", math.inf, 0)
 
     def _compared(self, place: int, mesh: FinerMesh) -> tuple[dict[str, Any], str]:
         """Return the parts of the bars; or why there are none.
@@ -273,14 +295,14 @@ class ErrorFinder:
             return {}, "a state at rest near it is unstable"
         if away["tip_m"] > _ELSEWHERE * here["length_m"]:
             return {}, "the refined mesh is on another branch"
-        away |= self._of_tension(end, pair, mesh)
+        away |= self._of_tension(end, pair, mesh, away["tip_m"])
         return {
             "of_mesh": mesh_bars(away, frame_kind(side.body)),
             "of_tick": {} if self._swings is None else self._of_tick(end, pair.rest, self._swings),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
 
-    def _of_tension(self, end: PhaseEnd, pair: Pair, mesh: FinerMesh) -> dict[str, float]:
+    def _of_tension(self, end: PhaseEnd, pair: Pair, mesh: FinerMesh, tip_m: float) -> dict[str, float]:
         """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
         target = self._parts.plan.phases[end.phase].phase.tip_target
         if target is None or target.reach_with != "cables":
@@ -288,7 +310,8 @@ class ErrorFinder:
         wanted, sides = wanted_tip(target), ((self.side, pair.rest), (mesh.side, pair.finer))
         with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
             pulled = [each.find_tensions(at, wanted).loads for each, at in sides]
-            return {"cable_tension_N": tension_difference(*pulled)}
+            slope = self.side.tension_slope(pair.rest, wanted)
+            return {"cable_tension_N": tension_apart(tension_difference(*pulled), slope * tip_m)}
         return {}
 
     def _of_solver(self, side: SoftArm, rest: Equilibrium) -> float:
@@ -324,6 +347,18 @@ def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:
     least, factors = _OF_TIP * away["tip_m"], FACTORS[kind]
     floors = {"sag_m": least, "length_m": least}
     return {key: factors[key] * max(value, floors.get(key, 0.0)) for key, value in away.items()}
+
+
+def tension_apart(found_N: float, of_tip_N: float) -> float:
+    """Return how far the tensions for a target are taken to be apart on two meshes [N].
+
+    Near the free height two meshes may agree by chance, though their tips do not.
+
+    Args:
+        found_N: difference of what was found on both.
+        of_tip_N: what makes good for the difference of the tips under equal tensions, slope times difference.
+    """
+    return max(found_N, _OF_TIP * of_tip_N)
 
 
 def frame_kind(body: SoftBody) -> str:
