@@ -203,19 +203,20 @@ def states(case: Case) -> Iterator[dict[str, Any]]:
     bars = run.find(0, lambda text: None, everywhere=True).phases
     spent_s = time.process_time() - began
     shapes = [end.state.soft.positions for end in run.ends]
-    finer = shapes
+    finer, beyond = shapes, [""] * len(shapes)
     if scenario.mode == "dynamic":
         quarter = stepped(loaded(case, **{"clock.tick_s": scenario.clock.tick_s / 4.0}))
         finer = [end.state.soft.positions for end in quarter.ends]
+        beyond = [end.why_not for end in quarter.ends]
     meshes = Meshes.of(scenario, run.side)
-    for end, shape, closer in zip(run.ends, shapes, finer, strict=True):
+    for end, shape, closer, why_not in zip(run.ends, shapes, finer, beyond, strict=True):
         row: dict[str, Any] = {
             "case": case.number, "phase": end.phase, "mode": scenario.mode,
             "frame": frame_kind(run.side.body), "overrides": case.overrides, "spent_s": spent_s,
-            "bars": bars[end.phase],
+            "bars": bars[end.phase], "beyond": why_not,
             "swing": {key: value / TICK_FACTOR for key, value in bars[end.phase].get("of_tick", {}).items()},
         }  # fmt: skip
-        if bars[end.phase]["reason"] is None:
+        if bars[end.phase]["reason"] is None and not why_not:
             with suppress(CosimError):  # without a truth nothing is compared
                 found = meshes.at_rest(end)
                 row |= _true(found, end, shape, closer)
@@ -326,9 +327,15 @@ def table(draws: dict[str, list[dict[str, Any]]]) -> str:
     ]
     lines.append("| tip_m, by ticks alone | " + " | ".join(ticks) + " |")
     for draw, rows in draws.items():
-        none = Counter(row["bars"]["reason"] or "no truth" for row in rows if "truth" not in row)
+        none = Counter(_why_not(row) for row in rows if "truth" not in row)
         lines += ["", f"{draw}: {len(rows)} states; not compared: {dict(none)}"]
     return "\n".join(lines)
+
+
+def _why_not(row: dict[str, Any]) -> str:
+    """Return why a state is not compared; where the run has seen nothing, what its quarter ticks see."""
+    beyond = row.get("beyond")
+    return row["bars"]["reason"] or (f"quarter of the tick: {beyond}" if beyond else "no truth")
 
 
 def _with_bar(row: dict[str, Any], key: str) -> tuple[float, float] | None:

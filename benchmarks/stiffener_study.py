@@ -1,6 +1,7 @@
 """How far stacks of units extend with printed stiffeners of given sections, mesh by mesh.
 
-    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [--tilt | --frames | --shipped] [SECTION ...]
+    python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [--tilt | --frames] [SECTION ...]
+    python benchmarks/stiffener_study.py --shipped
 
 A section is width x height in mm, such as 2x4, of 2 GPa, or of a plastic, such as TPU6x4; "none" is bare
 film. Specimens as in the mesh study (open ends, kept upright), film with the wrinkling law. At the end of
@@ -139,6 +140,7 @@ def frame(section: str) -> list[str]:
 def stored_m(robot: SoftRobotTable) -> float:
     """Return the length of a stack laid flat [m]: of each unit its frame and two films."""
     assert robot.stack is not None
+    assert robot.stiffener.height_m is not None
     return robot.stack.units * (robot.stiffener.height_m + 2.0 * robot.film.thickness_m)
 
 

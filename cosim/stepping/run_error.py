@@ -30,7 +30,7 @@ from cosim.plan.tip_paths import wanted_tip
 from cosim.soft.beams.beam_rings import BeamRings, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import WHOLE
+from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.stepping.parts import Parts
 from cosim.stepping.tick_error import Modes, Swings, tip_pulls
@@ -48,6 +48,8 @@ TICK_FACTOR: Final = 1.9
 """By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
 _OF_TIP: Final = 0.3
 """Share of the tip's difference that sag and length are off by at least: theirs may vanish by chance."""
+_LEAP: Final = 0.05
+"""Of the length: a snap by less does not take the bars of its phase away."""
 _ELSEWHERE: Final = 0.6
 """Of the length: farther away, the refined mesh is on another branch."""
 
@@ -167,8 +169,10 @@ class ErrorFinder:
     def observe(self, batch: TickBatch) -> None:
         """Take in ticks; they come in order, and the run is where the last of them has led."""
         phase, side = int(batch.phase[-1]), self._parts.soft
-        if any(each.extent >= WHOLE for passed in batch.branchings.values() for each in passed):
-            self._branched[phase] = "the soft robot branches in it"
+        if isinstance(side, SoftArm) and batch.branchings:
+            length_m = float(side.shape_reader().figures([side.state.positions]).center_line_m[0])
+            if any(_leaps(each, length_m) for passed in batch.branchings.values() for each in passed):
+                self._branched[phase] = "the soft robot branches in it"
         if self._swings is not None:
             self._swings.observe(batch.film.node_position())
         if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm):
@@ -335,6 +339,14 @@ class ErrorFinder:
             differences(now, shape_figures(side, shape + by, frame)) for by in swings.apart(modes, end.ticks)
         ]
         return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
+
+
+def _leaps(passed: Branching, length_m: float) -> bool:
+    """Return whether more than a wrinkle moves: the body branches, or snaps farther than a bar could tell."""
+    before, after = passed.other_tip_m, passed.tip_m
+    if passed.extent < WHOLE or not passed.snap or before is None or after is None:
+        return passed.extent >= WHOLE
+    return math.dist(before, after) >= _LEAP * length_m
 
 
 def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:

@@ -1,7 +1,8 @@
 """The same soft body on a mesh whose triangles are divided into four, at rest under the same loads.
 
 Its solution starts from the shape on the run's mesh: nodes where those are, new ones halfway along their
-edges. Where Newton's method finds none from there, a damped body slides on to where it comes to rest. The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
+edges. Where Newton's method finds none from there, a damped body slides on to where it comes to rest.
+The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
 middle one; see `cosim.soft.geometry.refinement`.
 """
 
@@ -83,7 +84,7 @@ class FinerMesh:
             before: on the run's mesh and on the refined one, whose difference is taken along; None: none is.
 
         Raises:
-            ConvergenceError: no equilibrium was found near it, nor does a damped body slide to one from there.
+            ConvergenceError: no equilibrium was found near it, nor does a damped body slide to one.
         """
         side, shape, flange = self.side, rest.state.positions, rest.world_from_flange
         self.hold(clamp)
@@ -96,11 +97,11 @@ class FinerMesh:
         return self._spent(lambda: side.rest_near(start, flange, loads, ITERATIONS_MAX))
 
     def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium | None) -> Equilibrium:
-        """Return the equilibrium that one of the refined mesh is followed to, to the flange and loads of another.
+        """Return the equilibrium that one of the refined mesh is followed to.
 
         Args:
             clamp: of the refined mesh.
-            rest: on the run's mesh.
+            rest: on the run's mesh, with the flange and loads at the end.
             earlier: on the refined mesh, held in the same way; None: hung up without pressure and tension.
 
         Raises:

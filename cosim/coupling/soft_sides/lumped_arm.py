@@ -409,12 +409,15 @@ class SoftArm(SoftSide):
     def rests_at(
         self, shape: Array, world_from_flange: Pose, loads: Loads
     ) -> tuple[float, float, float] | None:
-        """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known."""
+        """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known.
+
+        Where it slides to an unstable one, as a straight shape does, it is one of those beside that.
+        """
 
         def slid(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> Equilibrium | None:
             follower = EquilibriumSolver(newton, self.clamp, self._statics, self.films)
             try:
-                return follower.slide(state, world_from_flange, loads)
+                return follower.leave(None, follower.slide(state, world_from_flange, loads))
             except ConvergenceError:
                 return None
 

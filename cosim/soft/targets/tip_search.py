@@ -531,7 +531,7 @@ def find_tensions(
 def tension_slope(solver: EquilibriumSolver | Follower, here: Equilibrium, target: TipTarget) -> float:
     """Return the largest change of a cable's tension that makes good for a tip that is off, J+ [N/m].
 
-    J+ is the pseudoinverse of d(tip)/d(tensions), of what the target asks for, cables that are slack left out.
+    J+ is the pseudoinverse of d(tip)/d(tensions), of what the target asks for, slack cables left out.
 
     Args:
         solver: of the body.
