@@ -182,7 +182,7 @@ class ErrorFinder:
         if batch.slides[-1]:
             why_not = "the soft robot snaps at its end"
         elif batch.contacts[-1]:
-            why_not = "the soft robot touches something"
+            why_not = "the soft robot touches something, which the refined mesh knows nothing of"
         elif footing is not None and (stands := footing.stability(())) != "stable":
             why_not = f"the soft robot ends {stands}"
         self.ends.append(PhaseEnd(phase, state, self._swings.ticks if self._swings else 0, why_not))
