@@ -34,7 +34,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.finer_mesh import FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.errors import ConvergenceError, CosimError, UnreachableError
+from cosim.errors import CosimError, UnreachableError
 from cosim.soft.solve.state import Equilibrium
 from cosim.soft.targets.tip_target import TipTarget
 from cosim.stepping.run_error import (
@@ -184,15 +184,9 @@ class Meshes:
 
     def near(self, rest: Equilibrium) -> Found:
         """Return a state at rest of the run's mesh with those near it on the others."""
-        found, at = [(self.run, rest)], rest
-        for mesh in (self.once, self.twice):
-            clamp = mesh.clamp(found[-1][0].clamp)
-            try:
-                at = mesh.at_rest(clamp, at)
-            except ConvergenceError:
-                at = mesh.followed(clamp, at, None)
-            found.append((mesh.side, at))
-        return found
+        finer = self.once.at_rest(self.once.clamp(self.run.clamp), rest)
+        finest = self.twice.at_rest(self.twice.clamp(self.once.side.clamp), finer)
+        return [(self.run, rest), (self.once.side, finer), (self.twice.side, finest)]
 
 
 def states(case: Case) -> Iterator[dict[str, Any]]:

@@ -261,24 +261,20 @@ class ErrorFinder:
             try:
                 finer = mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
             except ConvergenceError:
-                finer = mesh.followed(clamp, rest, self._earlier(place, mesh))
+                earlier = self._earlier(place, mesh)
+                if earlier is None:
+                    raise
+                finer = mesh.followed(clamp, rest, earlier)
             self._pairs[place] = Pair(rest, finer, clamp)
         return self._pairs[place]
 
     def _earlier(self, place: int, mesh: FinerMesh) -> Equilibrium | None:
-        """Return a state of the refined mesh before a phase's end; None: it is hung up anew.
-
-        Raises:
-            ConvergenceError: there is none that is held in the same way.
-        """
-        here, before = self.ends[place], self.ends[place - 1] if place else None
-        if before is not None and not before.why_not and before.state.clamp.holds_as(here.state.clamp):
-            with suppress(ConvergenceError):
-                pair = self._pair(place - 1, mesh)
-                return None if pair is None else pair.finer
-        if here.state.clamp.holds_as(Clamp.of_base(self.side.body)):
+        """Return the state at rest of the refined mesh one phase earlier, if it was held in the same way."""
+        if not place or self.ends[place - 1].why_not:
             return None
-        raise ConvergenceError("what is held was not held before", math.inf, 0)
+        clamps = [self.ends[k].state.clamp for k in (place - 1, place)]
+        pair = self._pair(place - 1, mesh) if clamps[0].holds_as(clamps[1]) else None
+        return None if pair is None else pair.finer
 
     def _compared(self, place: int, mesh: FinerMesh) -> tuple[dict[str, Any], str]:
         """Return the parts of the bars; or why there are none.

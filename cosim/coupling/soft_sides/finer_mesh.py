@@ -22,7 +22,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _SAME_PLACE_M = 1e-9
-ITERATIONS_MAX = 400
+ITERATIONS_MAX = 600
 """Of each try to find a state at rest, on either mesh."""
 _WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed
 
@@ -96,13 +96,13 @@ class FinerMesh:
         start, loads = self._start(wanted, flange), self._loads(rest)
         return self._spent(lambda: side.rest_near(start, flange, loads, ITERATIONS_MAX))
 
-    def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium | None) -> Equilibrium:
+    def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium) -> Equilibrium:
         """Return the equilibrium that one of the refined mesh is followed to.
 
         Args:
             clamp: of the refined mesh.
             rest: on the run's mesh, with the flange and loads at the end.
-            earlier: on the refined mesh, held in the same way; None: hung up without pressure and tension.
+            earlier: on the refined mesh, held in the same way.
 
         Raises:
             ConvergenceError: none was found.
@@ -110,8 +110,6 @@ class FinerMesh:
         self.hold(clamp)
         side, flange, loads = self.side, rest.world_from_flange, self._loads(rest)
         with side.effort.within(ITERATIONS_MAX):
-            if earlier is None:
-                return self._spent(lambda: side.start(flange, loads))
             return self._spent(lambda: side.follow(earlier, flange, loads))
 
     def _loads(self, rest: Equilibrium) -> Loads:
