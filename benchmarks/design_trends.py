@@ -6,7 +6,7 @@ lift: mean tension with which the cables bring the tip of `ur5e_hexagon_arm` to 
 of 0.11 and 0.15 mm; statics of the plan alone. higher: the same to 0.62 m. grip: force of one gripper finger,
 weightless, that curls around a fixed roll without friction, at 30 and 40 kPa, mean while its cables go from
 1 to 2 N; its units may pass through one another. thicker: the same at 30 kPa, in films of
-0.11 and 0.15 mm. touching: as grip, but units touch.
+0.11 and 0.15 mm. touching, touching_thicker: as both, but units touch, as they do unless told otherwise.
 Meshes: "drawn" is the paper's model on its mesh, "default" the robot as its file states it, "refined" and
 "twice" the same on triangles cut once and twice. A way without an equilibrium is named below its row.
 """
@@ -94,6 +94,8 @@ class Trend:
     besides: Changes = field(default_factory=dict)
 
 
+THROUGH, TOUCHING = ({"contact.self_contact": touches} for touches in (False, True))
+AT_30_KPA = {"phase.inflate.pressure_Pa": 30e3}
 FILMS, PRESSURES = (0.11e-3, 0.15e-3), (30e3, 40e3)
 TRENDS = {
     "lift": Trend(lift_tension, "soft_robot.film.thickness_m", FILMS),
@@ -101,11 +103,10 @@ TRENDS = {
         lift_tension, "soft_robot.film.thickness_m", FILMS,
         {"phase.lift.tip_target": {"height_m": 0.62, "reach_with": "cables"}},
     ),
-    "grip": Trend(grip_force, "phase.inflate.pressure_Pa", PRESSURES),
-    "thicker": Trend(grip_force, "soft_robot.film.thickness_m", FILMS, {"phase.inflate.pressure_Pa": 30e3}),
-    "touching": Trend(
-        grip_force, "phase.inflate.pressure_Pa", PRESSURES, {"contact.self_contact": True}
-    ),
+    "grip": Trend(grip_force, "phase.inflate.pressure_Pa", PRESSURES, THROUGH),
+    "thicker": Trend(grip_force, "soft_robot.film.thickness_m", FILMS, AT_30_KPA | THROUGH),
+    "touching": Trend(grip_force, "phase.inflate.pressure_Pa", PRESSURES, TOUCHING),
+    "touching_thicker": Trend(grip_force, "soft_robot.film.thickness_m", FILMS, AT_30_KPA | TOUCHING),
 }  # fmt: skip
 
 

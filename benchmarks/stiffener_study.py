@@ -1,6 +1,7 @@
 """How far stacks of units extend with printed stiffeners of given sections, mesh by mesh.
 
     python benchmarks/stiffener_study.py [--json FILE] [--levels 2] [--tilt | --frames] [SECTION ...]
+    python benchmarks/stiffener_study.py --shipped
 
 A section is width x height in mm, such as 2x4, of 2 GPa, or of a plastic, such as TPU6x4; "none" is bare
 film. Specimens as in the mesh study (open ends, kept upright), film with the wrinkling law. At the end of
@@ -8,7 +9,8 @@ each row: the largest strain of the stiffeners' fibres. With --tilt instead: the
 which the upper ring of one square unit is turned at its place. With --frames instead: lengths over stored
 ones, refined (three squares at 10 kPa, the hexagonal arm in its scenario at 30 kPa); largest strain over that
 at which the plastic yields, drawn / refined (squares at 40 kPa, the arm up to its turn); branchings of the
-arm, drawn / refined; height of its turned tip, refined [mm].
+arm, drawn / refined; height of its turned tip, refined [mm]. With --shipped instead: lengths over stored ones
+of `square_core` (10 kPa, open ends) and `ur5e_hexagon_arm` (30 kPa) as they come, frames and meshes included.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ import numpy as np
 from benchmarks.measure.stability import negative_pivots
 from cosim import run
 from cosim.base.frames import Pose, rotation_from_vector
+from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.writing import to_table
 from cosim.errors import ConvergenceError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection, stiffener_strain
@@ -133,6 +137,32 @@ def frame(section: str) -> list[str]:
     ]  # fmt: skip
 
 
+def stored_m(robot: SoftRobotTable) -> float:
+    """Return the length of a stack laid flat [m]: of each unit its frame and two films."""
+    assert robot.stack is not None
+    assert robot.stiffener.height_m is not None
+    return robot.stack.units * (robot.stiffener.height_m + 2.0 * robot.film.thickness_m)
+
+
+def shipped() -> list[tuple[str, float]]:
+    """Return lengths over stored ones of the square core and the hexagonal arm as they come."""
+    core = load_scenario("three_unit_inflation", {"model.published": False})
+    assert isinstance(core.soft_robot, SoftRobotTable)
+    sample = OpenSpecimen(build_soft_body(core.soft_robot, core.model))
+    for pressure in STEPS_KPA[: STEPS_KPA.index(10.0) + 1]:
+        sample.load_to(1e3 * pressure)
+    drawn_m = np.linalg.norm(sample.body.tip_position(sample.body.positions))
+    scenario = load_scenario("ur5e_hexagon_arm")
+    assert isinstance(scenario.soft_robot, SoftRobotTable)
+    phases = [{**phase, "increments": 30} for phase in to_table(scenario)["phase"][:2]]
+    arm = run("ur5e_hexagon_arm", overrides={"mode": "quasistatic", "phase": phases})
+    arm_m = scenario.start.flange.position_m[2] - float(arm.tip_position[-1, 2])
+    return [
+        ("square_core, 10 kPa", float(drawn_m + sample.extension_m) / stored_m(core.soft_robot)),
+        ("ur5e_hexagon_arm, 30 kPa", arm_m / stored_m(scenario.soft_robot)),
+    ]
+
+
 def tilt_stiffness(level: int, section: str) -> list[float]:
     """Return the moment over the angle [N m/rad] at 10 and 30 kPa."""
     sample, found = OpenSpecimen(specimen(squares(1), level, section)), []
@@ -178,9 +208,14 @@ def main() -> None:
     parser.add_argument("--levels", type=int, default=2, help="how many meshes, the drawn one first")
     parser.add_argument("--tilt", action="store_true")
     parser.add_argument("--frames", action="store_true")
+    parser.add_argument("--shipped", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     compile_kernels(print)
+    if options.shipped:
+        for name, ratio in shipped():
+            print(f"| {name} | {ratio:.2f} |", flush=True)
+        return
     rows: list[dict[str, Any]] = []
     sections = options.sections or (FRAMES if options.frames else SECTIONS)
     for section in sections if options.frames else ():

@@ -133,7 +133,7 @@ def contact_law(scenario: Scenario) -> ContactLaw:
     return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
-_SHORT, _SHORT_SEARCH = 40, 200  # iterations from a shape nearby: what needs more is not near
+_SHORT, _SHORT_SEARCH = 40, 600  # iterations from a shape nearby: what needs more is not near
 _MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
 
 

@@ -266,10 +266,10 @@ class DynamicSimulation(SteppedRun):
         return {} if found is None else {row: found}
 
     def _rests(self, ends: dict[int, Footing], taken: TicksTaken, asked: _Asked) -> dict[int, Footing]:
-        """Return how firmly it stands with where it comes to rest, if it has left an unstable state."""
+        """Return how firmly it stands with where it comes to rest, if nothing has decided on its side."""
         found = dict(ends)
         for row, footing in ends.items():
-            if footing.unstable is None and self._undecided_in == asked.phase:
+            if self._undecided_in == asked.phase:
                 flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
                 rests = self._parts.soft.rests_at(taken.shapes[row], flange, asked.loads[row])
                 found[row] = replace(footing, rests_at_m=rests)

@@ -23,14 +23,14 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.finer_mesh import FinerMesh
+from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_paths import wanted_tip
 from cosim.soft.beams.beam_rings import BeamRings, stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import WHOLE
+from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.stepping.parts import Parts
 from cosim.stepping.tick_error import Modes, Swings, tip_pulls
@@ -48,6 +48,8 @@ TICK_FACTOR: Final = 1.9
 """By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
 _OF_TIP: Final = 0.3
 """Share of the tip's difference that sag and length are off by at least: theirs may vanish by chance."""
+_LEAP: Final = 0.05
+"""Of the length: a snap by less does not take the bars of its phase away."""
 _ELSEWHERE: Final = 0.6
 """Of the length: farther away, the refined mesh is on another branch."""
 
@@ -84,6 +86,16 @@ class Pair:
     rest: Equilibrium
     finer: Equilibrium
     clamp: Clamp
+
+
+def at_rest(side: SoftArm, state: SoftArmState) -> Equilibrium:
+    """Return where a body that has stopped at a state of its run comes to rest.
+
+    Raises:
+        ConvergenceError: no equilibrium was found near it.
+    """
+    soft = SoftState.at_rest(state.soft.positions, state.soft.memory)
+    return side.rest_near(soft, state.flange, state.loads, ITERATIONS_MAX)
 
 
 def shape_figures(side: SoftArm, shape: Array, flange: tuple[Array, Array]) -> dict[str, Any]:
@@ -157,8 +169,10 @@ class ErrorFinder:
     def observe(self, batch: TickBatch) -> None:
         """Take in ticks; they come in order, and the run is where the last of them has led."""
         phase, side = int(batch.phase[-1]), self._parts.soft
-        if any(each.extent >= WHOLE for passed in batch.branchings.values() for each in passed):
-            self._branched[phase] = "the soft robot branches in it"
+        if isinstance(side, SoftArm) and batch.branchings:
+            length_m = float(side.shape_reader().figures([side.state.positions]).center_line_m[0])
+            if any(_leaps(each, length_m) for passed in batch.branchings.values() for each in passed):
+                self._branched[phase] = "the soft robot branches in it"
         if self._swings is not None:
             self._swings.observe(batch.film.node_position())
         if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm):
@@ -168,7 +182,7 @@ class ErrorFinder:
         if batch.slides[-1]:
             why_not = "the soft robot snaps at its end"
         elif batch.contacts[-1]:
-            why_not = "the soft robot touches something"
+            why_not = "the soft robot touches something, which the refined mesh knows nothing of"
         elif footing is not None and (stands := footing.stability(())) != "stable":
             why_not = f"the soft robot ends {stands}"
         self.ends.append(PhaseEnd(phase, state, self._swings.ticks if self._swings else 0, why_not))
@@ -243,16 +257,24 @@ class ErrorFinder:
                 if not self.ends[place - 1].why_not:
                     along = self._pair(place - 1, mesh)
             side.restore_state(end.state)
-            soft = SoftState.at_rest(end.state.soft.positions, end.state.soft.memory)
-            rest = side.solve(soft, end.state.flange, end.state.loads)
+            rest = at_rest(side, end.state)
             try:
                 finer = mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
             except ConvergenceError:
-                if along is None:
+                earlier = self._earlier(place, mesh)
+                if earlier is None:
                     raise
-                finer = mesh.at_rest(clamp, rest)
+                finer = mesh.followed(clamp, rest, earlier)
             self._pairs[place] = Pair(rest, finer, clamp)
         return self._pairs[place]
+
+    def _earlier(self, place: int, mesh: FinerMesh) -> Equilibrium | None:
+        """Return the state at rest of the refined mesh one phase earlier, if it was held in the same way."""
+        if not place or self.ends[place - 1].why_not:
+            return None
+        clamps = [self.ends[k].state.clamp for k in (place - 1, place)]
+        pair = self._pair(place - 1, mesh) if clamps[0].holds_as(clamps[1]) else None
+        return None if pair is None else pair.finer
 
     def _compared(self, place: int, mesh: FinerMesh) -> tuple[dict[str, Any], str]:
         """Return the parts of the bars; or why there are none.
@@ -273,14 +295,14 @@ class ErrorFinder:
             return {}, "a state at rest near it is unstable"
         if away["tip_m"] > _ELSEWHERE * here["length_m"]:
             return {}, "the refined mesh is on another branch"
-        away |= self._of_tension(end, pair, mesh)
+        away |= self._of_tension(end, pair, mesh, away["tip_m"])
         return {
             "of_mesh": mesh_bars(away, frame_kind(side.body)),
             "of_tick": {} if self._swings is None else self._of_tick(end, pair.rest, self._swings),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
 
-    def _of_tension(self, end: PhaseEnd, pair: Pair, mesh: FinerMesh) -> dict[str, float]:
+    def _of_tension(self, end: PhaseEnd, pair: Pair, mesh: FinerMesh, tip_m: float) -> dict[str, float]:
         """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
         target = self._parts.plan.phases[end.phase].phase.tip_target
         if target is None or target.reach_with != "cables":
@@ -288,7 +310,8 @@ class ErrorFinder:
         wanted, sides = wanted_tip(target), ((self.side, pair.rest), (mesh.side, pair.finer))
         with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
             pulled = [each.find_tensions(at, wanted).loads for each, at in sides]
-            return {"cable_tension_N": tension_difference(*pulled)}
+            slope = self.side.tension_slope(pair.rest, wanted)
+            return {"cable_tension_N": tension_apart(tension_difference(*pulled), slope * tip_m)}
         return {}
 
     def _of_solver(self, side: SoftArm, rest: Equilibrium) -> float:
@@ -314,6 +337,14 @@ class ErrorFinder:
         return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
 
 
+def _leaps(passed: Branching, length_m: float) -> bool:
+    """Return whether more than a wrinkle moves: the body branches, or snaps farther than a bar could tell."""
+    before, after = passed.other_tip_m, passed.tip_m
+    if passed.extent < WHOLE or not passed.snap or before is None or after is None:
+        return passed.extent >= WHOLE
+    return math.dist(before, after) >= _LEAP * length_m
+
+
 def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:
     """Return the bars of figures that are so far apart on a mesh and on that refined once.
 
@@ -324,6 +355,18 @@ def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:
     least, factors = _OF_TIP * away["tip_m"], FACTORS[kind]
     floors = {"sag_m": least, "length_m": least}
     return {key: factors[key] * max(value, floors.get(key, 0.0)) for key, value in away.items()}
+
+
+def tension_apart(found_N: float, of_tip_N: float) -> float:
+    """Return how far the tensions for a target are taken to be apart on two meshes [N].
+
+    Near the free height two meshes may agree by chance, though their tips do not.
+
+    Args:
+        found_N: difference of what was found on both.
+        of_tip_N: what makes good for the difference of the tips under equal tensions, slope times difference.
+    """
+    return max(found_N, _OF_TIP * of_tip_N)
 
 
 def frame_kind(body: SoftBody) -> str:

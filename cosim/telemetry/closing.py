@@ -20,6 +20,8 @@ _ERRORS: Final = {
     "peak_strain": ("strain of frames", "%", 1e2),
 }
 """Of each figure that has a bar: name, unit, and how many of it are one in SI."""
+_NAMED: Final = 3
+"""Phases that a line names, the rest are counted."""
 _WIDTH: Final = len("stability: ")
 
 
@@ -96,8 +98,11 @@ def error_line(summary: dict[str, Any]) -> str:
         if known:
             worst = max(known, key=lambda phase: known[phase])
             texts.append(f"{name} {known[worst]:.2g} {unit} ('{worst}')")
-    without = [f"none in '{phase}': {row['reason']}" for phase, row in rows if row["reason"]]
-    more = [f"{len(without)} phases without: see reason in the summary"] if len(without) > 1 else without
+    without = dict[str, list[str]]()
+    for phase, row in rows:
+        if row["reason"]:
+            without.setdefault(row["reason"], []).append(f"'{phase}'")
+    more = [f"none in {_some(phases)}: {why}" for why, phases in without.items()]
     reason = summary["error"]["reason"]
     left = [reason if texts else f"not worked out: {reason}"] if reason else []
     return "; ".join([*([", ".join(texts)] if texts else []), *more, *left])
@@ -121,6 +126,12 @@ def files_line(summary: dict[str, Any], directory: Path, recordings: Sequence[Pa
         f"{directory}: {', '.join(names)}{look}; {summary['status']}, {summary['simulated_s']:.2f} s in "
         f"{summary['wall_s']:.2f} s (x{factor:.2f} real time)"
     )
+
+
+def _some(names: Sequence[str]) -> str:
+    """Return the first names, and how many more there are."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _counted(count: int, what: str) -> str:

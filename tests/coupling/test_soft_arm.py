@@ -57,6 +57,20 @@ def test_at_rest_the_reply_is_the_weight() -> None:
     assert power_W(arm) == pytest.approx(0.0, abs=1e-8)
 
 
+def test_what_newtons_method_does_not_reach_a_body_slides_to() -> None:
+    arm, loads = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=(PRESSURE_Pa,))
+    arm = SoftArm(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
+    with pytest.raises(ConvergenceError):
+        arm.solve(arm.state, HANGING, loads)
+    found = arm.rest_near(arm.state, HANGING, loads, 500)
+    assert found.residual_N < 1e-6
+    assert found.negative_pivots == 0
+    assert found.iterations > 8
+    with pytest.raises(ConvergenceError, match="bound of 30 "):
+        arm.rest_near(arm.state, HANGING, loads, 30)
+    assert arm.effort.most == NewtonOptions().search_iterations_max
+
+
 def test_reaction_changes_momentum_and_angular_momentum() -> None:
     # Newton and Euler for the whole body: what the flange supplies, plus weight, is d(momentum)/dt
     arm = hanging_arm()

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cosim.base.frames import Pose, rotation_from_vector
+from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.soft.body.places import TipFrame
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets.tip_search import find_flange_pose, find_tensions
+from cosim.soft.targets.tip_search import find_flange_pose, find_tensions, tension_slope
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget, shortest_turn
+from tests.derivatives import differences
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
 UNITS = 5
@@ -109,6 +112,21 @@ def test_tensions_for_a_height_and_for_a_point(arm: Held, begin: Equilibrium) ->
         assert min(found.equilibrium.loads.cable_tension_N) >= 0.0
         assert found.iterations <= MOST_ITERATIONS
     assert found.equilibrium.loads.cable_tension_N == pytest.approx((2.5, 2.0), abs=0.02)
+
+
+def test_by_how_much_tensions_make_good_for_a_height(arm: Held, begin: Equilibrium) -> None:
+    here = elsewhere(arm, begin, 1.2, -np.pi / 2)
+
+    def height(tension: Array) -> float:
+        loads = replace(here.loads, cable_tension_N=tuple(tension.tolist()))
+        there = arm.equilibrium.follow(here, here.world_from_flange, loads)
+        return float(arm.body.tip_position(there.state.positions)[2])
+
+    rise = differences(height, np.array(here.loads.cable_tension_N), 1e-2)
+    target = TipTarget(height=height(np.array(here.loads.cable_tension_N)))
+    # of all changes that lift the tip by a metre the smallest
+    expected = np.abs(rise).max() / (rise @ rise)
+    assert tension_slope(arm.equilibrium, here, target) == pytest.approx(expected, rel=1e-3)
 
 
 def test_what_no_tension_reaches_is_named_with_the_closest(arm: Held, begin: Equilibrium) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import Footing
+from cosim.telemetry.closing import error_line
 from cosim.telemetry.summary import SummaryBuilder, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -109,3 +110,14 @@ def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callab
     (told,) = warnings(2.0, 4.7)
     assert "bdf2" in told
     assert "2 Hz" in told
+
+
+def test_why_phases_have_no_bar_is_said_for_each_reason() -> None:
+    none = dict.fromkeys(("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain"))
+    touches = none | {"reason": "it touches something"}
+    errors = [none | {"tip_m": 1e-3, "reason": None}, *[touches] * 4, none | {"reason": "it branches in it"}]
+    phases = [{"name": name, "error": error} for name, error in zip("abcdef", errors, strict=True)]
+    assert error_line({"phases": phases, "error": {"reason": None}}) == (
+        "tip 1 mm ('a'); none in 'b', 'c', 'd' and 1 more: it touches something; "
+        "none in 'f': it branches in it"
+    )

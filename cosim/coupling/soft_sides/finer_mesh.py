@@ -1,12 +1,14 @@
 """The same soft body on a mesh whose triangles are divided into four, at rest under the same loads.
 
 Its solution starts from the shape on the run's mesh: nodes where those are, new ones halfway along their
-edges. The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
+edges. Where Newton's method finds none from there, a damped body slides on to where it comes to rest.
+The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
 middle one; see `cosim.soft.geometry.refinement`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import final
 
@@ -20,6 +22,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _SAME_PLACE_M = 1e-9
+ITERATIONS_MAX = 600
+"""Of each try to find a state at rest, on either mesh."""
 _WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed
 
 
@@ -80,7 +84,7 @@ class FinerMesh:
             before: on the run's mesh and on the refined one, whose difference is taken along; None: none is.
 
         Raises:
-            ConvergenceError: no equilibrium was found near it.
+            ConvergenceError: no equilibrium was found near it, nor does a damped body slide to one.
         """
         side, shape, flange = self.side, rest.state.positions, rest.world_from_flange
         self.hold(clamp)
@@ -89,16 +93,40 @@ class FinerMesh:
             coarse, finer = before
             turn = flange.rotation @ finer.world_from_flange.rotation.T
             wanted += (finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)) @ turn.T
-        start, loads = self._start(wanted, flange), replace(rest.loads, self_contact=None)
-        if loads.nodal_force is not None:
-            loads = replace(loads, nodal_force=self._spread(loads.nodal_force))
+        start, loads = self._start(wanted, flange), self._loads(rest)
+        return self._spent(lambda: side.rest_near(start, flange, loads, ITERATIONS_MAX))
+
+    def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium) -> Equilibrium:
+        """Return the equilibrium that one of the refined mesh is followed to.
+
+        Args:
+            clamp: of the refined mesh.
+            rest: on the run's mesh, with the flange and loads at the end.
+            earlier: on the refined mesh, held in the same way.
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        self.hold(clamp)
+        side, flange, loads = self.side, rest.world_from_flange, self._loads(rest)
+        with side.effort.within(ITERATIONS_MAX):
+            return self._spent(lambda: side.follow(earlier, flange, loads))
+
+    def _loads(self, rest: Equilibrium) -> Loads:
+        """Return the loads of an equilibrium of the run's mesh, as the refined one bears them."""
+        loads = replace(rest.loads, self_contact=None)
+        force = loads.nodal_force
+        return loads if force is None else replace(loads, nodal_force=self._spread(force))
+
+    def _spent(self, search: Callable[[], Equilibrium]) -> Equilibrium:
+        """Return what a search finds, where the body is then; its iterations are counted."""
         try:
-            found = side.solve(start, flange, loads)
+            found = search()
         except ConvergenceError as error:
             self.iterations += error.iterations
             raise
         self.iterations += found.iterations
-        side.settle(found)
+        self.side.settle(found)
         return found
 
     def _start(self, wanted: Array, world_from_flange: Pose) -> SoftState:

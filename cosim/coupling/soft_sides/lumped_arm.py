@@ -371,6 +371,29 @@ class SoftArm(SoftSide):
         with self.effort.search("an equilibrium"):
             return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
 
+    def rest_near(
+        self, state: SoftState, world_from_flange: Pose, loads: Loads, iterations_max: int
+    ) -> Equilibrium:
+        """Find the equilibrium near a state; where Newton's method finds none, that to which it slides.
+
+        Args:
+            state: where it starts.
+            world_from_flange: pose of the flange.
+            loads: that act.
+            iterations_max: of each of both; then it is given up.
+
+        Raises:
+            ConvergenceError: it comes to rest nowhere.
+        """
+        with self.effort.within(iterations_max):
+            try:
+                return self.solve(state, world_from_flange, loads)
+            except ConvergenceError as error:
+                spent = error.iterations
+            with self.effort.search("where it comes to rest"):
+                found = self.equilibrium_solver.slide(state, world_from_flange, loads)
+        return replace(found, iterations=spent + found.iterations)
+
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium beside one that is not; one that is stable as it is."""
         return self.equilibrium_solver.leave(begin, found)
@@ -386,12 +409,15 @@ class SoftArm(SoftSide):
     def rests_at(
         self, shape: Array, world_from_flange: Pose, loads: Loads
     ) -> tuple[float, float, float] | None:
-        """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known."""
+        """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known.
+
+        Where it slides to an unstable one, as a straight shape does, it is one of those beside that.
+        """
 
         def slid(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> Equilibrium | None:
             follower = EquilibriumSolver(newton, self.clamp, self._statics, self.films)
             try:
-                return follower.slide(state, world_from_flange, loads)
+                return follower.leave(None, follower.slide(state, world_from_flange, loads))
             except ConvergenceError:
                 return None
 
@@ -441,6 +467,10 @@ class SoftArm(SoftSide):
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
         with self.effort.search("cable tensions for a tip target"):
             return tip_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
+
+    def tension_slope(self, here: Equilibrium, target: TipTarget) -> float:
+        """Return by how much tensions change as the tip is off a target [N/m], see `tip_search`."""
+        return tip_search.tension_slope(self.equilibrium_solver, here, target)
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None

@@ -148,6 +148,19 @@ class SearchEffort:
             self._within.pop()
 
     @contextmanager
+    def within(self, most: int) -> Iterator[None]:
+        """Let searches within take fewer iterations.
+
+        Args:
+            most: that each of them may take.
+        """
+        before, self.most = self.most, min(self.most, most)
+        try:
+            yield
+        finally:
+            self.most = before
+
+    @contextmanager
     def search_apart(self, what: str) -> Iterator[None]:
         """Begin a search with a bound of its own, also within one whose result is there already.
 

@@ -120,7 +120,7 @@ def softest(
 _PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
 _ALIKE = 0.2  # how far two sides are apart from it
 _SADDLES_MAX = 3  # one after the other, until a stable one is found
-_FAR = 0.05  # root mean square of the nodes' motion, of the body's size
+_FAR = 0.02  # root mean square of the nodes' motion, of the body's size
 _WITHIN, _LEAST = 0.005, 0.05  # of the loads; of what was asked for, at least
 _STILL = 1e-4  # a flange that hardly moves or turns [m, rad]
 SNAPS: Final = "nothing near is in balance beyond"

@@ -528,6 +528,29 @@ def find_tensions(
     raise UnreachableError(_refusal(ended, target, sweeps, options.tension_max_N), ended.nearest)
 
 
+def tension_slope(solver: EquilibriumSolver | Follower, here: Equilibrium, target: TipTarget) -> float:
+    """Return the largest change of a cable's tension that makes good for a tip that is off, J+ [N/m].
+
+    J+ is the pseudoinverse of d(tip)/d(tensions), of what the target asks for, slack cables left out.
+
+    Args:
+        solver: of the body.
+        here: on the target.
+        target: of the tip.
+
+    Raises:
+        ConvergenceError: it is not stable there.
+    """
+    sensitivity = follower_of(solver).sensitivity(here)
+    rows, _ = target.error(sensitivity.tip)
+    pulled = np.array(here.loads.cable_tension_N) > 0.0
+    if not pulled.any():
+        return 0.0
+    places = rows[rows[:, :3].any(axis=1)]
+    back = np.linalg.pinv(places @ sensitivity.to_tension()[:, pulled])
+    return float(np.linalg.norm(back, axis=1).max(initial=0.0))
+
+
 def _stable(follower: Follower, here: Equilibrium) -> bool:
     try:
         follower.sensitivity(here)
