@@ -285,7 +285,10 @@ class NewtonSolver:
             finite, asked = math.isfinite(solution.residual), parts[asking, ASKS]
             if not len(asking) or (solution.tangents >= place.tangents_max and (asked == TANGENT).any()):
                 return Outcome.ITERATION_LIMIT if finite else Outcome.NOT_FINITE
-            attempts = [self._answer(solution, side, k) for k in asking.tolist()]
+            if (parts[asking, ASKS] == TANGENT).any() and self._owns_factor_now():
+                attempts = [0]  # the kernel makes it
+            else:
+                attempts = [self._answer(solution, side, k) for k in asking.tolist()]
             most = max(map(abs, attempts))
             solution.shifts += max(most - 1, 0)
             solution.shifted += most > 1
@@ -306,6 +309,14 @@ class NewtonSolver:
         kept, work = self._kept_arrays(task.kind), self._work._replace(more=more)
         rims = self.linear.rims if isinstance(self.linear, OpenCapSolver) and tangents.first.size else None
         return FilmSide(film, bed, kept, tangents, task.held, task.numbers, work, rims or self._no_rims)
+
+    def _owns_factor_now(self) -> bool:
+        """Leave a factorisation that a saved state holds to it; return whether it was held."""
+        linear = self.linear
+        if isinstance(linear, OpenCapSolver):
+            caps = self.system.open_cap_stiffness(self.system.body.positions)
+            return linear.leave_lent(tuple(ring for ring, _ in caps))
+        return isinstance(linear, EnvelopeCholesky) and linear.leave_lent()
 
     def _answer(self, solution: NewtonProgress, side: FilmSide, part: int) -> int:
         """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
