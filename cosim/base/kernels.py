@@ -18,9 +18,11 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from ctypes import addressof, c_char
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from struct import Struct
 from typing import Annotated, Any, TypeAlias, TypeVar, final, get_args, get_origin, get_type_hints, overload
 
 import numba
@@ -386,7 +388,7 @@ class RecordStore:
     def _write(self, layout: Any, given: Any, last: Any, begin: int) -> None:
         if given is last:
             return
-        words, kind, parts = layout
+        _, kind, parts = layout
         if parts is not None:
             earlier = (None,) * len(parts) if last is None else last
             for part, value, before in zip(parts, given, earlier, strict=True):
@@ -397,14 +399,17 @@ class RecordStore:
             self._words.view(np.float64)[begin] = given
         elif kind is None:
             self._words[begin] = given
-        elif (given.dtype.name, given.ndim) != kind or not given.flags.c_contiguous:
-            raise TypeError(f"an array of {given.dtype} {given.shape} is none of {kind}")
+        elif given.dtype != kind[0] or given.ndim != kind[1] or not given.flags.c_contiguous:
+            raise TypeError(f"an array of {given.dtype} {given.shape} is none of {kind[:2]}")
         else:
-            place = given.__array_interface__["data"][0]
+            # what is not to be written to has no buffer for ctypes; numpy's way takes six times as long
+            place = 0
+            if given.size:
+                writable = given.flags.writeable
+                place = addressof(c_char.from_buffer(given)) if writable else given.ctypes.data
             numbers = given.size, given.itemsize, place, *given.shape, *given.strides
-            self._words[begin + 2 : begin + words] = (
-                numbers  # the first two are its owner, which none asks for
-            )
+            # the first two words are its owner, which none asks for
+            kind[2](self._words, 8 * (begin + 2), *numbers)
 
 
 def _layout(kind: Any) -> tuple[int, Any, Any]:
@@ -413,8 +418,8 @@ def _layout(kind: Any) -> tuple[int, Any, Any]:
     if isinstance(kind, numba_insides.BASE_TUPLE):
         return words, None, [_layout(part) for part in kind.types]
     if isinstance(kind, types.Array):
-        dtype = "bool" if kind.dtype == types.boolean else str(kind.dtype)
-        return words, (dtype, kind.ndim), None
+        dtype = np.dtype("bool" if kind.dtype == types.boolean else str(kind.dtype))
+        return words, (dtype, kind.ndim, Struct(f"{words - 2}q").pack_into), None
     return words, "float64" if kind == types.float64 else None, None
 
 

@@ -197,50 +197,41 @@ def _may_give_way(contact: ContactArrays, found: int) -> int:
 
 
 @device_function
-def _find_overlooked(
-    films: FilmContacts, reach: tuple[float, float, float], several: bool, way: FilmMotion, k: int
-) -> int:
+def _find_overlooked(row: FilmSteps, several: bool, way: FilmMotion, k: int) -> int:
     """Return with how many pairs tick k is taken again, -1 where Python has to, as for several parts."""
-    end = way.x[k + 2], way.velocity[k + 2]
-    pressing = _films_press(films.calls[PRESS], (films, *end, reach[2], THROUGH_M))
+    films, end = record_at(row.films, FilmContacts), (way.x[k + 2], way.velocity[k + 2])
+    pressing = _films_press(films.calls[PRESS], (row.films, *end, row.ahead_s, THROUGH_M))
     if pressing <= 0:
         return pressing
     films.counts[OVERLOOKED] = 1
     if several:
         return -1
     begin = way.x[k + 1], way.velocity[k + 1]
-    pairs = _find_pairs(films.calls[FIND], (films, *begin, reach[1], reach[2]))
+    pairs = _find_pairs(films.calls[FIND], (row.films, *begin, row.films_rest_m, row.ahead_s))
     if pairs == 0:
         films.counts[OVERLOOKED] = 0
     return pairs
 
 
 @device_function
-def _find(
-    contact: ContactArrays,
-    films: FilmContacts,
-    reach: tuple[float, float, float],
-    motion: tuple[Matrix, Matrix],
-    waits: bool,
-) -> tuple[int, int]:
+def _find(row: FilmSteps, motion: tuple[Matrix, Matrix], waits: bool) -> tuple[int, int]:
     """Find planes and pairs of films that may be touched; return how many, -1 where lists do not serve.
 
-    `reach` are the lengths and the time of `FilmSteps`: rest_m, films_rest_m and ahead_s; `motion` are
-    positions and velocities before the step.
+    `motion` are positions and velocities before the step.
     """
+    contact, films = record_at(row.contact, ContactArrays), record_at(row.films, FilmContacts)
     planes, pairs = 0, 0
     if contact.calls.shape[0] > 0:
-        planes = _find_touched(contact.calls[FIND_TOUCHED], (contact, *motion, reach[0], reach[2]))
+        planes = _find_touched(contact.calls[FIND_TOUCHED], (row.contact, *motion, row.rest_m, row.ahead_s))
     if films.calls.shape[0] > 0 and planes >= 0 and not waits:
-        pairs = _find_pairs(films.calls[FIND], (films, *motion, reach[1], reach[2]))
+        pairs = _find_pairs(films.calls[FIND], (row.films, *motion, row.films_rest_m, row.ahead_s))
     return planes, pairs
 
 
 @device_function
-def _settle(
-    contact: ContactArrays, films: FilmContacts, found: tuple[int, int], way: FilmMotion, ticks: Any, k: int
-) -> bool:
+def _settle(row: FilmSteps, found: tuple[int, int], way: FilmMotion, ticks: Any, k: int) -> bool:
     """Take in the end of a step that might touch, or has let go of something; return if it is asked for."""
+    contact, films = record_at(row.contact, ContactArrays), record_at(row.films, FilmContacts)
     before, x = way.x[k + 1], way.x[k + 2]
     if films.calls.shape[0] > 0:
         rows, memory, deepest = first_pairs(films.pairs, found[1]), films.memory, 0.0
@@ -254,7 +245,7 @@ def _settle(
             deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
         ticks.self_contact[k, 2] = -deepest
     if found[0] > 0 or contact.counts[LEFT]:
-        _settle_touched(contact.calls[SETTLE_TOUCHED], (contact, before, x))
+        _settle_touched(contact.calls[SETTLE_TOUCHED], (row.contact, before, x))
         ticks.contacts[k] = contact.counts[REMEMBERED]
         ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
         ticks.work[k, 0] = contact.end.figures[2]
@@ -289,7 +280,6 @@ def _take_tick(
     side, contact = record_at(row.side, FilmSide), record_at(row.contact, ContactArrays)
     films = record_at(row.films, FilmContacts)
     calls, mass, whole = row.calls, row.mass, row.whole
-    reach, turn = (row.rest_m, row.films_rest_m, row.ahead_s), row.largest_turn
     held, gradient = side.held, side.work.gradient
     share, tolerance = side.numbers.share, side.numbers.tolerance
     several = side.film.parts.shape[0] > 2
@@ -297,8 +287,8 @@ def _take_tick(
         return RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
     waits = films.waits and films.counts[self_contact.REMEMBERED] == 0  # first without contact of films
-    found = _find(contact, films, reach, (way.x[k + 1], way.velocity[k + 1]), waits)
-    if min(found) < 0 or _turns_far(ticks, k, turn):
+    found = _find(row, (way.x[k + 1], way.velocity[k + 1]), waits)
+    if min(found) < 0 or _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
     near = _may_give_way(contact, found[0])
     if near > 1:
@@ -309,14 +299,14 @@ def _take_tick(
             return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
         again = False
         if waits:
-            waits, found = False, (found[0], _find_overlooked(films, reach, several, way, k))
+            waits, found = False, (found[0], _find_overlooked(row, several, way, k))
             if found[1] < 0:
                 return SOFT_HALF_LEFT
             again = overlooked = found[1] > 0
     if overlooked:
         films.counts[OVERLOOKED] = 0
     x, figures = way.x[k + 2], ticks.figures[k + 1]
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (contact, x, tolerance)):
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (row.contact, x, tolerance)):
         return SOFT_HALF_LEFT
     for r in range(CENTER):
         figures[r] = 0.0
@@ -330,7 +320,7 @@ def _take_tick(
     if way.memory.shape[1] > 0:
         given = x, side.film.eyelets, way.memory[k], way.memory[k + 1]
         ticks.work[k, 2] = _eyelet_loss(calls[_LOSS], given)
-    if _settle(contact, films, found, way, ticks, k):
+    if _settle(row, found, way, ticks, k):
         return ALL_DONE
     return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 

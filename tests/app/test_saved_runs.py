@@ -154,6 +154,18 @@ def test_every_kind_of_run_goes_on_bit_for_bit(name: str, tmp_path: Path) -> Non
     assert list(saved.steps()) == []
 
 
+def test_open_ends_in_statics_do_not_see_that_they_are_saved() -> None:
+    ends = []
+    for saved in (True, False):
+        run = simulation("paper_figure_9")
+        for _ in range(13):
+            last = run.advance(1)
+            if saved:
+                run.save_state()
+        ends.append(last)
+    assert same(ends[:1], ends[1:])
+
+
 def test_the_gas_is_part_of_the_state() -> None:
     scenario, overrides = RUNS["quasistatic, leaking gas"]
     run = simulation(scenario, **overrides)

@@ -17,7 +17,7 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import address_of, nothing_of
+from cosim.base.kernels import RecordStore, address_of, nothing_of
 from cosim.base.state_check import check_indices
 from cosim.coupling.contact.contact_arrays import (
     AGE,
@@ -109,7 +109,13 @@ class ContactExchange:
         self._places = np.zeros((len(surface), 3))
         nothing: ListRows = nothing_of(ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
+        self._store = RecordStore(ContactArrays)
         self.arrays = self._first_arrays(self._searching(nowhere))
+
+    @property
+    def at(self) -> int:
+        """Address at which kernels read `arrays`, until these change."""
+        return self._store.address(self.arrays)
 
     def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
         """Return what the film may touch in the coming step; None for nothing.
@@ -135,7 +141,7 @@ class ContactExchange:
             before: (n, 3) [m], of the nodes at the beginning of the step.
             positions: (n, 3) [m], the same at its end.
         """
-        settle_touched(self.arrays, before, positions)
+        settle_touched(self.at, before, positions)
         planes = self.planes
         self.forget()
         self.planes = planes
@@ -260,12 +266,12 @@ class ContactExchange:
 
     def _found(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
         self.forget()
-        if find_touched(self.arrays, x, velocity, rest_m, ahead_s) < 0:  # the lists serve no longer
+        if find_touched(self.at, x, velocity, rest_m, ahead_s) < 0:  # the lists serve no longer
             extent = Extent.of(x, velocity)
             reach = rest_m + ahead_s * extent.speed_m_s
             search = self.search_around(x, extent, reach + _MARGIN_M, BEHIND_M + _MARGIN_M)
             self.arrays = self._with_room(search, len(search.lists.listed) + len(search.lists.features))
-            find_touched(self.arrays, x, velocity, rest_m, ahead_s)
+            find_touched(self.at, x, velocity, rest_m, ahead_s)
         return self.planes
 
     def search_around(self, positions: Array, extent: Extent, reach_m: float, behind_m: float) -> Search:

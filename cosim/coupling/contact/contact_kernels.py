@@ -24,6 +24,7 @@ from cosim.base.kernels import (
     device_function,
     handing_on_views,
     kernel,
+    record_at,
     small_matrix,
     small_vector,
 )
@@ -39,10 +40,7 @@ from cosim.coupling.contact.contact_arrays import (
     TOUCHES,
     ContactArrays,
     Leads,
-    MemoryRows,
-    NearPoints,
     Search,
-    Ties,
     fill_speed,
     led,
 )
@@ -201,49 +199,27 @@ def contact_calls() -> IntArray:
 
 
 @device_function
-def _find_key(keys: Indices, key: int) -> int:
-    """Return where a key is among ascending ones, -1 if it is not there."""
-    at = np.searchsorted(keys, key)
-    return int(at) if at < keys.shape[0] and keys[at] == key else -1
-
-
-@device_function
-def _take_point(
-    e: int,
-    places: Matrix,
-    near: NearPoints,
-    surface: Any,
-    shapes: Any,
-    per_area: float,
-    planes: PlaneRows,
-    ties: Ties,
-) -> float:
+def _take_point(contact: Any, e: int) -> float:
     """Fill contact e from a point of the film; return its distance."""
+    search, shapes, planes, ties = contact.search, contact.shapes, contact.touched.planes, contact.ties
+    near, surface = search.near, search.surface
     p, g = near.point[e], near.shape[e]
     for r in range(3):
         planes.nodes[e, r], planes.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
-        planes.normal[e, r], planes.anchor[e, r] = near.normal[e, r], places[p, r]
+        planes.normal[e, r], planes.anchor[e, r] = near.normal[e, r], search.places[p, r]
         ties.carrier[e, r] = shapes.position[g, r]
     for k in range(6):
         planes.slots[e, k] = surface.slots[p, k]
-    planes.stiffness[e] = per_area * surface.area[p]
+    planes.stiffness[e] = contact.numbers.per_area * surface.area[p]
     ties.shape[e], ties.key[e], ties.triangle[e] = g, g * surface.nodes.shape[0] + p, -1
     return near.distance[e]
 
 
 @device_function
-def _take_feature(
-    e: int,
-    f: int,
-    x: Matrix,
-    near: NearPoints,
-    surface: Any,
-    stiffness: float,
-    first_key: int,
-    planes: PlaneRows,
-    ties: Ties,
-) -> float:
-    """Fill contact e from the f-th feature near the film; return its distance."""
+def _take_feature(contact: Any, x: Matrix, e: int, first_key: int) -> float:
+    """Fill contact e from a feature near the film; return its distance."""
+    near, surface = contact.search.near, contact.search.surface
+    planes, ties, f = contact.touched.planes, contact.ties, e - contact.counts[POINTS]
     t = near.triangle[f]
     for k in range(6):
         planes.slots[e, k] = surface.triangle_slots[t, k]
@@ -253,41 +229,28 @@ def _take_feature(
         planes.anchor[e, r] = 0.0
         for a in range(3):
             planes.anchor[e, r] += near.weight[f, a] * x[surface.triangles[t, a], r]
-    planes.stiffness[e] = stiffness
+    planes.stiffness[e] = contact.numbers.of_feature
     ties.shape[e], ties.key[e], ties.triangle[e] = near.owner[f], first_key + near.feature[f], t
     return near.film_distance[f]
 
 
 @device_function
-def _describe(
-    x: Matrix,
-    places: Matrix,
-    near: NearPoints,
-    surface: Any,
-    shapes: Any,
-    memory: MemoryRows,
-    per_area: float,
-    of_feature: float,
-    planes: PlaneRows,
-    ties: Ties,
-) -> None:
-    """Fill tangent planes and what they are tied to, from nodes and contact points (p, 3) [m].
+def _describe(contact: Any, x: Matrix) -> None:
+    """Fill tangent planes and what they are tied to, from nodes (n, 3) [m].
 
     What pressed in the last tick keeps its normal force, and its anchor, which rides on the shape.
     """
-    points = near.point.shape[0]
-    first_key = shapes.body.shape[0] * surface.nodes.shape[0]
-    for e in range(ties.key.shape[0]):
-        if e < points:
-            distance = _take_point(e, places, near, surface, shapes, per_area, planes, ties)
-        else:
-            distance = _take_feature(e, e - points, x, near, surface, of_feature, first_key, planes, ties)
+    shapes, memory, planes, ties = contact.shapes, contact.memory, contact.touched.planes, contact.ties
+    points, remembered = contact.counts[POINTS], contact.counts[REMEMBERED]
+    first_key = shapes.body.shape[0] * contact.search.surface.nodes.shape[0]
+    for e in range(contact.counts[TOUCHES]):
+        distance = _take_point(contact, e) if e < points else _take_feature(contact, x, e, first_key)
         g, height = ties.shape[e], 0.0
         for r in range(3):
             height += planes.normal[e, r] * planes.anchor[e, r]
         planes.offset[e], planes.friction[e], planes.body[e] = height - distance, 0.0, shapes.body[g]
-        found = _find_key(memory.key, ties.key[e])
-        if found < 0:
+        found = np.searchsorted(memory.key[:remembered], ties.key[e])
+        if found == remembered or memory.key[found] != ties.key[e]:
             continue
         planes.friction[e] = shapes.friction[g] * memory.normal_force[found]
         for r in range(3):
@@ -311,25 +274,6 @@ def touched_planes(touched: TouchedPlanes, count: int) -> TouchedPlanes:
     return TouchedPlanes(touched.call, planes, touched.widths, touched.own[:count], touched.pressing[:count])
 
 
-@handing_on_views
-def _first_ties(ties: Ties, count: int) -> Ties:
-    return Ties(ties.shape[:count], ties.key[:count], ties.carrier[:count], ties.triangle[:count])
-
-
-@device_function
-def _hold_features(
-    listed: Indices, first_key: int, counts: Indices, memory: MemoryRows, held: Indices
-) -> None:
-    """Fill which triangle has held each listed feature back until now."""
-    for f in range(listed.shape[0]):
-        held[f] = -1
-    for e in range(counts[REMEMBERED]):
-        if memory.triangle[e] >= 0:
-            at = np.searchsorted(listed, memory.key[e] - first_key)
-            if at < listed.shape[0] and listed[at] == memory.key[e] - first_key:
-                held[at] = memory.triangle[e]
-
-
 @device_function
 def _read_poses(bounds: Any, body: Indices, leads: Any, centers: Matrix) -> None:
     """Take the shapes' present poses and centres of mass over from MuJoCo, and bring them ahead."""
@@ -337,47 +281,32 @@ def _read_poses(bounds: Any, body: Indices, leads: Any, centers: Matrix) -> None
         for r in range(3):
             centers[b, r] = leads.mass[b, r] + led(leads.lead[b], leads.mass[b], r)
     for g in range(bounds.geoms.shape[0]):
-        place, lead = bounds.places[bounds.geoms[g]], leads.lead[body[g]]
+        place, lead, axes = bounds.places[bounds.geoms[g]], leads.lead[body[g]], bounds.rotation[g]
         for r in range(3):
             bounds.position[g, r] = place[r] + led(lead, place, r)
             for c in range(3):
-                bounds.rotation[g, r, c] = bounds.axes[bounds.geoms[g], 3 * r + c]
-        if leads.ahead[body[g]]:
-            _turn_ahead(bounds.rotation[g], lead)
-
-
-@device_function
-def _turn_ahead(axes: Matrix, lead: Vector) -> None:
-    """Turn axes (3, 3) by the angles of a lead."""
-    angle = math.sqrt(lead[3] * lead[3] + lead[4] * lead[4] + lead[5] * lead[5])
-    if angle < 1e-12:
-        return
-    sine, fall = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
-    x, y, z = lead[3], lead[4], lead[5]
-    for c in range(3):
-        p, q, s = axes[0, c], axes[1, c], axes[2, c]
-        along = x * p + y * q + z * s
+                axes[r, c] = bounds.axes[bounds.geoms[g], 3 * r + c]
+        x, y, z = lead[3], lead[4], lead[5]  # by which they have turned
+        angle = math.sqrt(x * x + y * y + z * z)
+        if not leads.ahead[body[g]] or angle < 1e-12:
+            continue
         square = angle * angle
-        axes[0, c] += sine * (y * s - z * q) + fall * (x * along - square * p)
-        axes[1, c] += sine * (z * p - x * s) + fall * (y * along - square * q)
-        axes[2, c] += sine * (x * q - y * p) + fall * (z * along - square * s)
-
-
-@device_function
-def _leads_any(contact: Any, active: Indices) -> bool:
-    """Return whether any of some shapes is of a body that is met ahead."""
-    ahead = 0
-    for g in active:
-        ahead += contact.bodies.leads.ahead[contact.shapes.body[g]]
-    return ahead > 0
+        sine, fall = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+        for c in range(3):
+            p, q, s = axes[0, c], axes[1, c], axes[2, c]
+            along = x * p + y * q + z * s
+            axes[0, c] += sine * (y * s - z * q) + fall * (x * along - square * p)
+            axes[1, c] += sine * (z * p - x * s) + fall * (y * along - square * q)
+            axes[2, c] += sine * (x * q - y * p) + fall * (z * along - square * s)
 
 
 @device_function
 def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
     """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
-    bounds, search, numbers, bodies = contact.search.bounds, contact.search, contact.numbers, contact.bodies
+    bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
+    body, listed, held, met = contact.shapes.body, search.lists.features, search.held, 0
     _fill_leads(bodies.leads, ahead / AHEAD_TICKS)
-    _read_poses(bounds, contact.shapes.body, bodies.leads, bodies.centers)
+    _read_poses(bounds, body, bodies.leads, bodies.centers)
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))
     contact.speed[0] = math.sqrt(fastest[0])
@@ -386,51 +315,48 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
     if near == 0:
         return 0, 0
-    if ahead > 0.0 and _leads_any(contact, bounds.near[:near]):
+    for k in range(near):
+        met += bodies.leads.ahead[body[bounds.near[k]]]
+    if ahead > 0.0 and met > 0:
         _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
-        _read_poses(bounds, contact.shapes.body, bodies.leads, bodies.centers)
-    first_key = contact.shapes.body.shape[0] * search.surface.nodes.shape[0]
-    _hold_features(search.lists.features, first_key, contact.counts, contact.memory, search.held)
-    return _find_near(contact.calls[_FIND], (x, low, high, bounds.near[:near], reach, numbers.behind, search))
+        _read_poses(bounds, body, bodies.leads, bodies.centers)
+    for f in range(listed.shape[0]):  # which triangle has held it back until now
+        held[f] = -1
+    for e in range(contact.counts[REMEMBERED]):
+        if memory.triangle[e] >= 0:
+            feature = memory.key[e] - body.shape[0] * search.surface.nodes.shape[0]
+            at = np.searchsorted(listed, feature)
+            if at < listed.shape[0] and listed[at] == feature:
+                held[at] = memory.triangle[e]
+    asked = x, low, high, bounds.near[:near], reach, contact.numbers.behind, search
+    return _find_near(contact.calls[_FIND], asked)
 
 
 @kernel
-def find_touched(contact: ContactArrays, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
+def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
     """Fill what the film may touch in a step; return how much, -1 for lists that do not serve.
 
     Args:
-        contact: filled.
+        at: address of the `ContactArrays`, which are filled.
         x: (n, 3) [m], before the step.
         velocity: (n, 3) [m/s], then.
         rest: how far a film at rest looks [m].
         ahead: the time [s] for whose way of the fastest node it looks further.
     """
-    search, counts = contact.search, contact.counts
+    contact = record_at(at, ContactArrays)
+    counts = contact.counts
     counts[ASKS] = 0
-    if search.bounds.geoms.shape[0] == 0:
+    if contact.search.bounds.geoms.shape[0] == 0:
         return 0
     points, features = _find_pairs(contact, x, velocity, rest, ahead)
     if points < 0:
         return -1
-    count = points + features
-    counts[POINTS], counts[TOUCHES] = points, count
-    if count == 0:
+    counts[POINTS], counts[TOUCHES] = points, points + features
+    if points + features == 0:
         counts[REMEMBERED] = 0
         return 0
-    n, m, past = search.near, counts[REMEMBERED], contact.memory
-    near = NearPoints(
-        n.point[:points], n.shape[:points], n.distance[:points], n.normal[:points], n.feature[:features],
-        n.owner[:features], n.place[:features], n.triangle[:features], n.weight[:features],
-        n.film_distance[:features], n.film_normal[:features],
-    )  # fmt: skip
-    before = MemoryRows(
-        past.key[:m], past.normal_force[:m], past.offset[:m], past.place[:m], past.triangle[:m]
-    )
-    given = x, search.places, near, search.surface, contact.shapes, before
-    stiffness = contact.numbers.per_area, contact.numbers.of_feature
-    planes = touched_planes(contact.touched, count).planes
-    _describe(*given, *stiffness, planes, _first_ties(contact.ties, count))
-    return count
+    _describe(contact, x)
+    return points + features
 
 
 @device_function
@@ -443,45 +369,27 @@ def _add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
 
 
 @device_function
-def _remember(
-    e: int,
-    kept: int,
-    push: float,
-    point: Vector,
-    stretch: Vector,
-    shapes: Any,
-    ties: Ties,
-    on_film: bool,
-    memory: MemoryRows,
-) -> None:
+def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> None:
     """Fill row `kept` of the memory from contact e, whose anchor is a stretch behind its point."""
+    ties, memory, rotation, point = contact.ties, contact.kept, contact.shapes.rotation, contact.end.point
     g = ties.shape[e]
     memory.key[kept], memory.normal_force[kept], memory.triangle[kept] = ties.key[e], push, ties.triangle[e]
     for r in range(3):
         memory.place[kept, r], memory.offset[kept, r] = ties.carrier[e, r], 0.0
         for s in range(3):
-            behind = point[s] - ties.carrier[e, s] if on_film else 0.0
-            memory.offset[kept, r] += shapes.rotation[g, s, r] * (behind - stretch[s])
+            behind = point[e, s] - ties.carrier[e, s] if e < contact.counts[POINTS] else 0.0
+            memory.offset[kept, r] += rotation[g, s, r] * (behind - stretch[s])
 
 
 @device_function
-def _conclude(
-    x: Matrix,
-    planes: PlaneRows,
-    ties: Ties,
-    points: int,
-    shapes: Any,
-    width: float,
-    stick: float,
-    memory: MemoryRows,
-    end: Any,
-) -> int:
-    """Fill what is left of contacts, the first `points` of them of film points; return how many press."""
+def _conclude(contact: Any, x: Matrix) -> int:
+    """Fill what is left of contacts; return how many press."""
+    planes, ties, end, kept = contact.touched.planes, contact.ties, contact.end, 0
+    width, stick = contact.touched.widths[0], contact.touched.widths[1]
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
-    kept = 0
     end.figures[0], end.figures[1] = 0.0, -np.inf
     end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0, 0.0, 0.0
-    for e in range(ties.key.shape[0]):
+    for e in range(contact.counts[TOUCHES]):
         point, n, b, distance = end.point[e], planes.normal[e], planes.body[e], -planes.offset[e]
         for r in range(3):
             point[r] = 0.0
@@ -492,7 +400,7 @@ def _conclude(
         _, push = touch(
             point, n, planes.offset[e], planes.stiffness[e], friction, anchor, width, stick, own, tangent
         )
-        slack = shapes.friction[ties.shape[e]] * push
+        slack = contact.shapes.friction[ties.shape[e]] * push
         end.slack_friction[e] = slack
         for r in range(3):
             end.own[e, r] = own[r]
@@ -510,23 +418,13 @@ def _conclude(
             for r in range(3):
                 stretch[r] = point[r] - anchor[r]
             shorten(stretch, n, stick)
-            _remember(e, kept, push, point, stretch, shapes, ties, e < points, memory)
+            _remember(contact, e, kept, push, stretch)
             if -distance < 0.5 * width:  # the law's transition: what only brushes an edge may slip off it
-                memory.triangle[kept] = -1
+                contact.kept.triangle[kept] = -1
             kept += 1
     if kept == 0:
         end.figures[1] = 0.0
     return kept
-
-
-@device_function
-def _take_for_last(memory: MemoryRows, kept: MemoryRows, pressing: int) -> None:
-    """Take the contacts that press for those of the last tick."""
-    for e in range(pressing):
-        memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
-        memory.triangle[e] = kept.triangle[e]
-        for r in range(3):
-            memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
 
 
 @device_function
@@ -541,19 +439,17 @@ def _changed(contact: Any, b: int, first: int) -> float:
 
 
 @kernel
-def meet_touched(contact: ContactArrays, x: Matrix, tolerance: float) -> bool:
+def meet_touched(at: int, x: Matrix, tolerance: float) -> bool:
     """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
 
     Args:
-        contact: its end is filled.
+        at: address of the `ContactArrays`, whose end is filled.
         x: of the film's nodes.
         tolerance: of the film's forces [N].
     """
-    counts, end, bodies, touched = contact.counts, contact.end, contact.bodies, 0
-    count = counts[TOUCHES]
-    planes, widths = touched_planes(contact.touched, count).planes, contact.touched.widths
-    ends = counts[POINTS], contact.shapes, widths[0], widths[1], contact.kept, end
-    _conclude(x, planes, _first_ties(contact.ties, count), *ends)
+    contact = record_at(at, ContactArrays)
+    end, bodies, touched = contact.end, contact.bodies, 0
+    _conclude(contact, x)
     for b in range(bodies.loaded.shape[0]):
         if not bodies.leads.ahead[b] or not (end.acting[b] or bodies.loaded[b]):
             continue
@@ -562,7 +458,7 @@ def meet_touched(contact: ContactArrays, x: Matrix, tolerance: float) -> bool:
         if not off <= 1.0 or (inexact and force + torque > 0.0):
             return False
         touched = max(touched, end.acting[b])
-    counts[MET] += touched
+    contact.counts[MET] += touched
     return True
 
 
@@ -579,58 +475,57 @@ def _load_bodies(end: Any, bodies: Any) -> None:
             applied[r] = load[r]
             # MuJoCo takes torques about the centre of mass
             applied[3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
+    for r in range(6):
+        bodies.handed[r] = end.film[r]
+    bodies.handed[6] = end.figures[0]
 
 
 @device_function
-def _asks_for_weighing(contact: Any) -> bool:
-    """Return whether `LightBodies` has to weigh heavy bodies after a tick that has touched something."""
-    loaded, counts, held = contact.bodies.loaded, contact.counts, contact.end.held
-    for f in range(contact.movable.shape[0]):
-        body, before = contact.movable[f], contact.touching[f]
-        if contact.heavy[f] and (
-            not loaded[body]
-            or counts[AGE] >= contact.numbers.renewed_after
-            or held[body] > contact.numbers.renewed_above * before
-        ):
-            return True
-    return False
-
-
-@device_function
-def _work(planes: PlaneRows, end: Any, before: Matrix, x: Matrix) -> float:
+def _work(contact: Any, before: Matrix, x: Matrix) -> float:
     """Return the contacts' work on the film in a tick, by the mean of forces at its ends; keep the last."""
-    force, work = end.force, 0.0
+    planes, force, work = contact.touched.planes, contact.end.force, 0.0
     for i in range(force.shape[0]):
         for r in range(3):
             work += 0.5 * force[i, r] * (x[i, r] - before[i, r])
             force[i, r] = 0.0
-    for e in range(planes.body.shape[0]):
+    for e in range(contact.counts[TOUCHES]):
         for a in range(3):
             i = planes.nodes[e, a]
             for r in range(3):
-                share = planes.weights[e, a] * end.own[e, r]
+                share = planes.weights[e, a] * contact.end.own[e, r]
                 force[i, r] -= share
                 work -= 0.5 * share * (x[i, r] - before[i, r])
     return work
 
 
 @kernel
-def settle_touched(contact: ContactArrays, before: Matrix, x: Matrix) -> None:
-    """Take in the end of a step from before to x (n, 3) [m]: remember what presses, and load the bodies."""
-    counts, end, pressing = contact.counts, contact.end, 0
-    count = counts[TOUCHES]
-    if count > 0:
-        planes, widths = touched_planes(contact.touched, count).planes, contact.touched.widths
-        ends = counts[POINTS], contact.shapes, widths[0], widths[1], contact.kept, end
-        pressing = _conclude(x, planes, _first_ties(contact.ties, count), *ends)
+def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
+    """Take in the end of a step from before to x (n, 3) [m]: remember what presses, and load the bodies.
+
+    Args:
+        at: address of the `ContactArrays`.
+        before: of the film's nodes at the beginning.
+        x: the same at the end.
+    """
+    contact = record_at(at, ContactArrays)
+    counts, end, memory, kept, pressing = contact.counts, contact.end, contact.memory, contact.kept, 0
+    if counts[TOUCHES] > 0:
+        pressing = _conclude(contact, x)
         counts[AGE] += 1
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
-    end.figures[2] = _work(touched_planes(contact.touched, count).planes, end, before, x)
+    end.figures[2] = _work(contact, before, x)
     counts[REMEMBERED] = pressing
-    _take_for_last(contact.memory, contact.kept, pressing)
+    for e in range(pressing):  # they are those of the last tick from now on
+        memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
+        memory.triangle[e] = kept.triangle[e]
+        for r in range(3):
+            memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
+    loaded = contact.bodies.loaded
     _load_bodies(end, contact.bodies)
-    for r in range(6):
-        contact.bodies.handed[r] = end.film[r]
-    contact.bodies.handed[6] = end.figures[0]
-    counts[LEFT], counts[ASKS] = count > 0, _asks_for_weighing(contact)
+    counts[LEFT], counts[ASKS] = counts[TOUCHES] > 0, 0
+    for f in range(contact.movable.shape[0]):
+        body, held = contact.movable[f], contact.numbers.renewed_above * contact.touching[f]
+        old = counts[AGE] >= contact.numbers.renewed_after or end.held[body] > held
+        if contact.heavy[f] and (not loaded[body] or old):  # `LightBodies` has to weigh it
+            counts[ASKS] = 1

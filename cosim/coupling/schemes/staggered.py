@@ -232,16 +232,16 @@ class _FilmHalves(SoftHalves):
         pressed = soft.state.touching is not None
         side = quick.sides.of(scheme, tick_s, pressed=pressed)
         assert side is not None, "of a body and a factorisation that it knows"
+        if films is not None:
+            films.remember(soft.state.touching)
         steps = FilmSteps(
             quick.sides.address(side), quick.begins(lenient=True), quick.begins(lenient=False),
             0.0 if contact is None else contact.rest_reach_m, 0.0 if films is None else films.rest_m,
             AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
-            self._contact_store.address(self._nothing if contact is None else contact.arrays),
-            self._films_store.address(self._no_films if films is None else films.contacts),
+            self._contact_store.address(self._nothing) if contact is None else contact.at,
+            self._films_store.address(self._no_films) if films is None else films.at,
             pressed and quick.sides.has_parts,
         )  # fmt: skip
-        if films is not None:
-            films.remember(soft.state.touching)
         done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
         quick.sides.take_over(side, scheme)
         if done:

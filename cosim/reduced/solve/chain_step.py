@@ -212,14 +212,6 @@ def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -
 
 
 @device_function
-def _descends(value: float, energy: float, fall: float, residual: float, before: float) -> bool:
-    """Whether a step has lowered the potential as it should, or the residual by far."""
-    if not np.isfinite(value):
-        return False
-    return value <= energy + 1e-4 * fall + 1e-13 * (1.0 + abs(energy)) or residual < 0.1 * before
-
-
-@device_function
 def _minimise(
     side: ChainSide, scheme: ChainScheme, bed: Bed, ends: ChainEnds, kept: bool
 ) -> tuple[int, int, float, bool, float, int]:
@@ -236,7 +228,10 @@ def _minimise(
     while outcome == GOES_ON:
         value = assemble(work.trial, side.chain, bed, gradient, work, wanted)
         before, residual = residual, _residual(gradient, side.free, scheme.lever_m)
-        if judging and not _descends(value, energy, factor * slope, residual, before):
+        # a step serves that has lowered the potential as it should, or the residual by far
+        most = energy + 1e-4 * (factor * slope) + 1e-13 * (1.0 + abs(energy))
+        serves = np.isfinite(value) and (value <= most or residual < 0.1 * before)
+        if judging and not serves:
             residual, tries, factor = before, tries + 1, 0.5 * factor
             if old:  # a new tangent, where the step began
                 copy(frames.reshape(-1), work.trial.reshape(-1))

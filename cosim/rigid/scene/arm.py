@@ -258,12 +258,12 @@ def droop(
 ) -> Array:
     """Return the joint angles at which servo torque, gravity and a flange load balance.
 
-    Fixed-point steps q += residual / stiffness. They contract because gravity and load change far less
-    over an angle than the servo does (on the UR5e by a factor of about 30).
+    Fixed-point steps q += residual / stiffness, from where the arm is. They contract because gravity and load
+    change far less over an angle than the servo does (on the UR5e by a factor of about 30).
 
     Args:
         model: with one position servo per joint, in joint order.
-        scratch: its configuration holds the other bodies; overwritten.
+        scratch: in its present configuration; overwritten.
         layout: of the arm in the model.
         joint_names: for messages.
         reference: (joints,) [rad].
@@ -276,7 +276,7 @@ def droop(
     stiffness = -model.actuator_biasprm[layout.joints, 1]
     scratch.qvel[:] = 0.0
     jacobian, gravity = np.empty((6, model.nv)), np.empty(model.nv)
-    q = reference.copy()
+    q = scratch.qpos[layout.positions].copy()
     servo = residual = np.zeros_like(q)
     for iteration in range(_ITERATIONS):
         scratch.qpos[layout.positions] = q

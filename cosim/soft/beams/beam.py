@@ -35,10 +35,8 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from cosim.base.frames import Array
-from cosim.base.kernels import Vector, allocating, device_function, inlined
+from cosim.base.kernels import Vector, device_function, inlined
 from cosim.soft.geometry.surface import full_angle
 
 
@@ -99,16 +97,6 @@ class BeamWork(NamedTuple):
     hessian: Array
     pull: Array
     product: Array
-
-
-@allocating
-def beam_work(m: int) -> BeamWork:
-    """Return the scratch for m beams; what stays zero in it is zero."""
-    return BeamWork(
-        np.empty((m, 2, 3, 3)), np.empty((m, 9)), np.empty((m, 3)), np.empty((m, 2, 2)), np.empty((m, 2, 3)),
-        np.empty((m, 9)), np.zeros((m, 9, 9)), np.zeros((m, 9, 9)), np.empty((m, 9, 9)), np.empty(3),
-        np.empty((9, 9)),
-    )  # fmt: skip
 
 
 # arccos(c) / (1 - c^2)^(1/2) = sum of a_n (1 - c)^n, a_n = a_(n-1) n / (2 n + 1); the highest power first

@@ -57,7 +57,6 @@ from cosim.soft.beams.beam import (
     TRIAL,
     TURNS,
     BeamWork,
-    beam_work,
     differentiate,
     dot,
     fill_hessians,
@@ -169,13 +168,18 @@ class RingWork(NamedTuple):
 
 @allocating
 def ring_work(m: int) -> RingWork:
-    """Return the scratch of rings of m nodes."""
+    """Return the scratch of rings of m nodes; what stays zero in it is zero."""
     places = np.empty(m + 1, np.int64)
     for i in range(m + 1):
         places[i] = 3 * place_in_band(i % m, m)
+    beams = BeamWork(
+        np.empty((m, 2, 3, 3)), np.empty((m, 9)), np.empty((m, 3)), np.empty((m, 2, 2)), np.empty((m, 2, 3)),
+        np.empty((m, 9)), np.zeros((m, 9, 9)), np.zeros((m, 9, 9)), np.empty((m, 9, 9)), np.empty(3),
+        np.empty((9, 9)),
+    )  # fmt: skip
     return RingWork(
         np.empty((3, 3)), places, np.empty((m + LANES - 1) // LANES * SIZE), np.empty(3 * m),
-        np.empty((3 * m, BAND)), np.empty((3 * m, BAND)), np.empty(3 * m), beam_work(m),
+        np.empty((3 * m, BAND)), np.empty((3 * m, BAND)), np.empty(3 * m), beams,
     )  # fmt: skip
 
 

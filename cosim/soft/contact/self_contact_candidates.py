@@ -283,7 +283,7 @@ class FilmLists(NamedTuple):
         return lists
 
 
-@kernel(allocates=True, taken_in=True)
+@kernel(allocates=True)
 def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
     """Make a new long list; return how many entries it has, where that is no more than there is room for.
 
@@ -437,7 +437,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
 
 
 @device_function
-def _units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> bool:
+def units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> bool:
     """Return whether no two units have moved against each other by more than a list allows, less a bit.
 
     The motion of two is what a node of the one has gone at most and one of the other, together, besides a
@@ -487,24 +487,17 @@ def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
     """
     rows, long, short, further = lists.rows, lists.long, lists.short, reach + _FURTHER_M
     within = reach <= short.bounds[0] and behind <= short.bounds[1]
-    if within and _units_stay(x, lists, short, 0.0):
+    if within and units_stay(x, lists, short, 0.0):
         for k in range(lists.counts[1]):
             t = lists.used[k]
             _measure_side(x, rows.triangles[t], lists.sides[t])
         return True
     # pairs of units of which the long list has none may come nearer by what is asked for beyond its room
     less = max(max(further, behind) - long.bounds[0], 0.0) / FEET_FOLLOW
-    if long.bounds[0] < 0.0 or not _units_stay(x, lists, long, less):
+    if long.bounds[0] < 0.0 or not units_stay(x, lists, long, less):
         return False
     _shorten(x, lists, further, behind)
     return True
-
-
-@device_function
-def stays_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> bool:
-    """Return whether nothing can be over a triangle, by what `keep_quiet` has left."""
-    quiet = lists.quiet
-    return reach <= quiet.bounds[0] and behind <= quiet.bounds[1] and _units_stay(x, lists, quiet, 0.0)
 
 
 @device_function

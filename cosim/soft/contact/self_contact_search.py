@@ -22,7 +22,6 @@ from cosim.base.kernels import (
     kernel,
     small_vector,
 )
-from cosim.base.numba_insides import caller
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
 from cosim.soft.contact.point_kernels import fill_point, plane_of
@@ -31,10 +30,8 @@ from cosim.soft.contact.self_contact_candidates import (
     VALLEY,
     FilmLists,
     FilmRows,
-    keep_quiet,
     least_weight,
     lists_serve,
-    make_lists,
     over_plane,
 )
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
@@ -148,34 +145,6 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
                     at -= 1
                 out[count, 0], out[at, 1] = p, chosen[slot]
             count += 1
-    return count
-
-
-_find_over = caller(find_over)
-
-
-@kernel(allocates=True)
-def any_over(x: Matrix, lists: FilmLists, reach: float, behind: float, find: int, room: IndexTable) -> int:
-    """Return over how many triangles points are; where over none, keep for how small a motion it stays so.
-
-    Args:
-        x: (n, 3) [m].
-        lists: filled.
-        reach: largest distance in front of a triangle [m].
-        behind: the same behind it [m].
-        find: address of `find_over`.
-        room: (0, 2).
-
-    Returns:
-        How many rows `find_over` fills; -1 where there is too little room for a new long list.
-    """
-    count = _find_over(find, (x, lists, reach, behind, room))
-    if count < 0:
-        if make_lists(x, lists, behind) > lists.long.listed.shape[0]:
-            return -1
-        count = _find_over(find, (x, lists, reach, behind, room))
-    if count == 0:
-        keep_quiet(x, lists, reach, behind)
     return count
 
 

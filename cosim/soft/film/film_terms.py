@@ -88,19 +88,20 @@ def term_calls(*, beams: bool, frames: bool) -> list[int]:
 
 
 @kernel
-def film_terms(film: FilmArrays, slots: FilmSlots, acting: FilmActing, part: int, point: FilmPoint) -> float:
+def film_terms(at: int, slots: FilmSlots, acting: FilmActing, part: int, point: FilmPoint) -> float:
     """Fill a part's rows of the gradient (n, 3) [N] of a film; return its potential [J].
 
     It is infinite where a sealed gas has no volume. Fills as well what its elements track, and adds to the
     blocks if slots are not empty.
 
     Args:
-        film: see `FilmArrays`.
+        at: address of the `FilmArrays`.
         slots: see `FilmSlots`.
         acting: see `FilmActing`.
         part: its number.
         point: see `FilmPoint`.
     """
+    film = record_at(at, FilmArrays)
     a, b = film.parts[part], film.parts[part + 1]
     begin, end = a[NODES], b[NODES]
     x, gradient, blocks, bed = point.x, point.gradient, point.blocks, acting.bed
@@ -231,9 +232,9 @@ def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, p
             row = more.coefficients.shape[0] - more.gas.shape[0] + k
             if slots.diagonal.shape[0] > 0:
                 more.vectors[row, :, :] = 0.0
-                volume = _press(film, film.no_slots, k, -1.0, (point.x, more.vectors[row], film.no_blocks))
+                volume = _press(film, slots, k, -1.0, (point.x, more.vectors[row], film.no_blocks))
             else:
-                volume = _press(film, film.no_slots, k, 0.0, (point.x, point.gradient, film.no_blocks))
+                volume = _press(film, slots, k, 0.0, (point.x, point.gradient, film.no_blocks))
             given = absolute_pressure(more.gas[k, 0], more.gas[k, 1], more.gas[k, 2], volume)
             if slots.diagonal.shape[0] > 0:
                 more.coefficients[row] = more.gas[k, 2] * given / volume
@@ -256,15 +257,16 @@ def _add_gas(film: Any, slots: Any, first: int, last: int, acting: FilmActing, p
 def _press(film: Any, slots: Any, k: int, given: float, into: tuple[Matrix, Matrix, Blocks]) -> float:
     """Add -p V of chamber k at a given pressure; return V [m^3].
 
-    into: positions, gradient and blocks.
+    into: positions, gradient, and blocks if the Hessian is asked for.
     """
     x, gradient, blocks = into
-    a, b = film.chambers[k], film.chambers[k + 1]
-    own = slots.gas[a[0] : b[0]]
+    a, b, differentiated = film.chambers[k], film.chambers[k + 1], blocks.shape[0] > 0
+    own = slots.gas[a[0] : b[0] if differentiated else a[0]]
     filled = x, film.gas_triangles[a[0] : b[0]], given, own, gradient, blocks
     volume = _add_pressure(film.calls[_PRESSURE], filled)
     for cap in range(a[1], b[1]):
         ring = film.rings[film.caps[cap] : film.caps[cap + 1]]
-        pairs = slots.caps[slots.first_of_cap[cap] : slots.first_of_cap[cap + 1]]
+        begin, end = slots.first_of_cap[cap], slots.first_of_cap[cap + 1 if differentiated else cap]
+        pairs = slots.caps[begin:end]
         volume += _add_cap(film.calls[_CAP], (x, ring, given, pairs, gradient, blocks))
     return volume

@@ -382,6 +382,7 @@ class StepWork(NamedTuple):
             for, the potential [J] where it tries to go; whether it searches along a new tangent's step, how
             often still, at what share of the step, and its slope [J]; pairs known, whether it tries once more
             from where it is, whether it has moved, sweeps over folds, iterations with the kept factorisation.
+        film: address of the film's `FilmArrays`, for its terms.
         more: loads that are not plain.
         along: (n, 3) [m/s], see `follow_flange`; without damping zero.
     """
@@ -394,6 +395,7 @@ class StepWork(NamedTuple):
     reference: Vector
     pull: Vector
     parts: Matrix
+    film: int
     more: FilmLoads
     along: Matrix
 

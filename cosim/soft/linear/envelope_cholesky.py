@@ -208,10 +208,16 @@ class EnvelopeCholesky(LinearSolver):
         """Whether a saved state holds the factor, which is not to be written to then."""
         return self._lent
 
+    def leave_lent(self) -> bool:
+        """Go on with a copy where a saved state holds the factor; return whether one did."""
+        lent = self._lent
+        if lent:
+            self._store, self._inverse, self._lent = self._store.copy(), self._inverse.copy(), False
+        return lent
+
     def factor_part(self, number: int, blocks: Array, shift: float = 0.0) -> bool:
         self._correction = None
-        if self._lent:  # of the other parts it stays
-            self._store, self._inverse, self._lent = self._store.copy(), self._inverse.copy(), False
+        self.leave_lent()  # of the other parts it stays
         part = self._parts[number]
         size, factor = len(part.dofs), self._factor_of(number)
         return factorise(blocks.reshape(-1), part.entries, shift, size, factor)

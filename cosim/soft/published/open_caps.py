@@ -216,6 +216,21 @@ class OpenCapSolver(LinearSolver):
     def envelope(self) -> EnvelopeArrays | None:
         return self._in_use.envelope
 
+    def leave_lent(self, rings: tuple[IntArray, ...]) -> bool:
+        """Go on with a copy where a saved state holds the factor; return whether one did.
+
+        Args:
+            rings: of the open ends.
+        """
+        closed, correction = self._closed, self._correction
+        if not (isinstance(closed, EnvelopeCholesky) and closed.leave_lent()):
+            return False
+        if correction is not None:
+            vectors = self._rims(rings)[3]
+            alike = np.array_equal(vectors, correction.vectors)  # those of another solver are equal alone
+            self._correction = Correction(vectors if alike else correction.vectors, correction.inner.copy())
+        return True
+
     def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
         held, vectors, middle = self._beside(blocks, low_rank)
         self._in_use, self._correction = self._closed, None

@@ -15,6 +15,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import RecordStore
 from cosim.errors import InputError
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays
 from cosim.soft.body.body import SoftBody
@@ -76,6 +77,7 @@ class SoftSystem:
         self._freshened = [(each, own) for each, own in places if type(each).fresh is not Element.fresh]
         self._acting: tuple[tuple[object, ...], FilmActing] | None = None
         self.low_rank: LowRank | None = None
+        self._stores = RecordStore(FilmArrays), RecordStore(FilmArrays)
 
     @cached_property
     def film(self) -> FilmArrays:
@@ -86,6 +88,16 @@ class SoftSystem:
     def whole_film(self) -> FilmArrays:
         """The same as one part."""
         return self.film._replace(parts=np.ascontiguousarray(self.film.parts[[0, -1]]))
+
+    @cached_property
+    def at(self) -> int:
+        """Address at which kernels read `film`."""
+        return self._stores[0].address(self.film)
+
+    @cached_property
+    def whole_at(self) -> int:
+        """The same of `whole_film`."""
+        return self._stores[1].address(self.whole_film)
 
     @cached_property
     def slots(self) -> FilmSlots:
@@ -240,7 +252,7 @@ class SoftSystem:
                 acting = acting._replace(touching=acting.touching._replace(call=0))
         self.memory[:] = memory
         point = FilmPoint(positions, memory, self.memory, self.gradient, blocks, self._pull)
-        energy: float = film_terms(film, slots, acting, 0, point)
+        energy: float = film_terms(self.whole_at, slots, acting, 0, point)
         if not self.complete or loads.extra is not None:
             energy += self._add_further(positions, loads, memory, inertia, hessian=hessian)
         if hessian and films is not None:

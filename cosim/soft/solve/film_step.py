@@ -207,7 +207,7 @@ def _terms(side: FilmSide, acting: FilmActing, motion: Any, slots: Any, blocks: 
     """
     work = side.work
     point = FilmPoint(motion.new_x, work.reference, motion.new_memory, work.gradient, blocks, work.pull)
-    return _film_terms(work.calls[_TERMS], (side.film, slots, acting, part, point))
+    return _film_terms(work.calls[_TERMS], (work.film, slots, acting, part, point))
 
 
 @handing_on_views

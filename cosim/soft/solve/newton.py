@@ -285,7 +285,10 @@ class NewtonSolver:
             finite, asked = math.isfinite(solution.residual), parts[asking, ASKS]
             if not len(asking) or (solution.tangents >= place.tangents_max and (asked == TANGENT).any()):
                 return Outcome.ITERATION_LIMIT if finite else Outcome.NOT_FINITE
-            attempts = [self._answer(solution, side, k) for k in asking.tolist()]
+            if (parts[asking, ASKS] == TANGENT).any() and self._owns_factor_now():
+                attempts = [0]  # the kernel makes it
+            else:
+                attempts = [self._answer(solution, side, k) for k in asking.tolist()]
             most = max(map(abs, attempts))
             solution.shifts += max(most - 1, 0)
             solution.shifted += most > 1
@@ -300,12 +303,20 @@ class NewtonSolver:
         """Return what the kernel takes for a task."""
         system = self.system
         _, more, _, bed = system.acting(task.loads, task.share, task.inertia)
-        film = system.film if task.apart else system.whole_film
+        film, at = (system.film, system.at) if task.apart else (system.whole_film, system.whole_at)
         own = task.loads.extra is None and not len(more.coefficients)
         tangents = self._tangents(film) if own else self._no_tangents
-        kept, work = self._kept_arrays(task.kind), self._work._replace(more=more)
+        kept, work = self._kept_arrays(task.kind), self._work._replace(film=at, more=more)
         rims = self.linear.rims if isinstance(self.linear, OpenCapSolver) and tangents.first.size else None
         return FilmSide(film, bed, kept, tangents, task.held, task.numbers, work, rims or self._no_rims)
+
+    def _owns_factor_now(self) -> bool:
+        """Leave a factorisation that a saved state holds to it; return whether it was held."""
+        linear = self.linear
+        if isinstance(linear, OpenCapSolver):
+            caps = self.system.open_cap_stiffness(self.system.body.positions)
+            return linear.leave_lent(tuple(ring for ring, _ in caps))
+        return isinstance(linear, EnvelopeCholesky) and linear.leave_lent()
 
     def _answer(self, solution: NewtonProgress, side: FilmSide, part: int) -> int:
         """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
@@ -365,7 +376,7 @@ class NewtonSolver:
         system.take_own_tangent(slice(*side.film.parts[part : part + 2, NODES].tolist()))
         acting: FilmActing = system.acting(loads, share, inertia)
         point = FilmPoint(x, work.reference, system.memory, system.gradient, system.blocks, work.pull)
-        film_terms(side.film, system.slots, acting, part, point)
+        film_terms(side.work.film, system.slots, acting, part, point)
 
     def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
         """Return how many negative eigenvalues the tangent of the free components has in statics.
@@ -545,7 +556,7 @@ class NewtonSolver:
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
             np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
             np.empty_like(system.memory), np.empty(len(system.film.segments)),
-            room_for_parts(len(system.film.parts) - 1), nothing_of(FilmLoads), self.along,
+            room_for_parts(len(system.film.parts) - 1), system.at, nothing_of(FilmLoads), self.along,
         )  # fmt: skip
 
     @cached_property

@@ -8,7 +8,7 @@ modelled are the inner sides of one unit, and one unit folded onto itself.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple, final
+from typing import Any, Final, NamedTuple, final
 
 import numpy as np
 
@@ -17,11 +17,13 @@ from cosim.base.kernels import (
     IndexTable,
     Indices,
     Matrix,
+    RecordStore,
     Vector,
     address_of,
     handing_on_views,
     inlined,
     kernel,
+    record_at,
     small_matrix,
     small_vector,
 )
@@ -31,11 +33,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
 from cosim.soft.contact.rigid_motion import furthest_from_mean
-from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, stays_quiet
+from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, keep_quiet, make_lists, units_stay
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, pair_work, settle_pairs
-from cosim.soft.contact.self_contact_search import BEHIND_M, any_over, find_over
+from cosim.soft.contact.self_contact_search import BEHIND_M, find_over
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
@@ -104,9 +106,9 @@ class FilmContacts(NamedTuple):
 REMEMBERED, NEEDED, OVERLOOKED = range(3)
 """Places in `FilmContacts.counts`: pairs that are remembered; rows that the last search would have needed;
 whether films pressed at the end of the last step, which was taken without contact."""
-FIND, SETTLE, ADD, PRESS, WORK, _OVER, _ANY = range(7)
+FIND, SETTLE, ADD, PRESS, WORK, _OVER, _MAKE = range(7)
 """Places in `FilmContacts.calls`."""
-_find_over, _any_over = caller(find_over), caller(any_over)
+_find_over, _make_lists = caller(find_over), caller(make_lists)
 THROUGH_M: Final = 1.5e-3
 """How far behind a film a point is looked for that a step of slow films has taken there."""
 
@@ -121,7 +123,7 @@ def first_pairs(rows: PairRows, count: int) -> PairRows:
 
 
 @inlined
-def _describe(x: Matrix, films: FilmContacts, e: int, y: Vector, slope: Matrix) -> None:
+def _describe(x: Matrix, films: Any, e: int, y: Vector, slope: Matrix) -> None:
     """Fill pair e: as it is before a step, and without friction."""
     rows, pairs, p, t = films.lists.rows, films.pairs, films.hits[e, 0], films.hits[e, 1]
     nodes, normal, foot = pairs.nodes[e], pairs.normal[e], pairs.foot[e]
@@ -136,18 +138,19 @@ def _describe(x: Matrix, films: FilmContacts, e: int, y: Vector, slope: Matrix) 
 
 
 @kernel
-def find_pairs(films: FilmContacts, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
+def find_pairs(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
     """Fill what films may touch in a step; return how many pairs, -1 where lists or room do not serve.
 
     Those that are remembered rub.
 
     Args:
-        films: filled.
+        at: address of the `FilmContacts`, which are filled.
         x: (n, 3) [m], before the step.
         velocity: (n, 3) [m/s], then.
         rest: how far films at rest look [m].
         ahead: the time [s] for whose way of the fastest node against the others they look further.
     """
+    films = record_at(at, FilmContacts)
     memory, pairs = films.memory, films.pairs
     reach = rest + ahead * furthest_from_mean(velocity)
     count = _find_over(films.calls[_OVER], (x, films.lists, reach, BEHIND_M, films.hits))
@@ -167,22 +170,34 @@ def find_pairs(films: FilmContacts, x: Matrix, velocity: Matrix, rest: float, ah
 
 
 @kernel
-def films_press(films: FilmContacts, x: Matrix, velocity: Matrix, ahead: float, through: float) -> int:
+def films_press(at: int, x: Matrix, velocity: Matrix, ahead: float, through: float) -> int:
     """Return at how many points films press on one another; -1 where there is too little room for lists.
 
+    Where at none, for how small a motion it stays so is kept.
+
     Args:
-        films: whose lists are kept up to date.
+        at: address of the `FilmContacts`, whose lists are kept up to date.
         x: (n, 3) [m].
         velocity: (n, 3) [m/s].
         ahead: the time [s] in whose way of the fastest node against the others films may have passed through.
         through: how far slow ones may have [m].
     """
+    films = record_at(at, FilmContacts)
     lists, reach, behind = films.lists, 0.5 * films.pairs.widths[0], through
-    if stays_quiet(x, lists, reach, through):
+    quiet = lists.quiet
+    if reach <= quiet.bounds[0] and through <= quiet.bounds[1] and units_stay(x, lists, quiet, 0.0):
         return 0
     if ahead * furthest_from_mean(velocity) > through:
         behind = BEHIND_M
-    return _any_over(films.calls[_ANY], (x, lists, reach, behind, films.calls[_OVER], films.hits[:0]))
+    asked = x, lists, reach, behind, films.hits[:0]
+    count = _find_over(films.calls[_OVER], asked)
+    if count < 0:
+        if _make_lists(films.calls[_MAKE], (x, lists, behind)) > lists.long.listed.shape[0]:
+            return -1
+        count = _find_over(films.calls[_OVER], asked)
+    if count == 0:
+        keep_quiet(x, lists, reach, behind)
+    return count
 
 
 @final
@@ -197,15 +212,21 @@ class SelfContact:
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
         self.law, self.faces = law.law, FilmFaces.of(body)
         points = FilmPoints.of(self.faces, body.positions)
-        called = find_pairs, settle_pairs, add_pairs, films_press, pair_work, find_over, any_over
+        called = find_pairs, settle_pairs, add_pairs, films_press, pair_work, find_over, make_lists
         self._overlooked: SoftState | None = None
         self.work_J = 0.0
+        self._store = RecordStore(FilmContacts)
         self.contacts = FilmContacts(
             FilmLists.room(FilmRows.of(self.faces, points), self.faces.units_meet, body.nodes),
             _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
             *self._room(len(points)), np.zeros(3, np.int64), np.empty((body.nodes, 3)),
             np.array([address_of(each) for each in called]), not law.throughout,
         )  # fmt: skip
+
+    @property
+    def at(self) -> int:
+        """Address at which kernels read `contacts`, until these change."""
+        return self._store.address(self.contacts)
 
     @property
     def rest_m(self) -> float:
@@ -238,7 +259,7 @@ class SelfContact:
         return self._press(positions, np.zeros_like(positions), 0.0, BEHIND_M)
 
     def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
-        while (count := films_press(self.contacts, x, velocities, ahead_s, through_m)) < 0:
+        while (count := films_press(self.at, x, velocities, ahead_s, through_m)) < 0:
             self.contacts = self.contacts._replace(lists=self.contacts.lists.made(x, BEHIND_M))
         return count > 0
 
@@ -296,7 +317,7 @@ class SelfContact:
     def _found(self, x: Array, velocities: Array, rest_m: float, ahead_s: float) -> FilmPairs | None:
         if not self.faces.can_meet:
             return None
-        while (count := find_pairs(self.contacts, x, velocities, rest_m, ahead_s)) < 0:
+        while (count := find_pairs(self.at, x, velocities, rest_m, ahead_s)) < 0:
             needed = int(self.contacts.counts[NEEDED])
             if needed > len(self.contacts.hits):
                 self._make_room(2 * needed)
