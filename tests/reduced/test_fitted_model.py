@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cosim.base.frames import Mask, Pose
+from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from tests.small_section import body, section
 
@@ -72,3 +78,26 @@ def test_a_chain_that_cannot_move_is_in_equilibrium() -> None:
     found = ChainSolver(section()).solve(start, np.zeros_like(free()), Loads((25e3,), (2.0, 0.0)), 0.0, 1)
     assert (found.outcome, found.iterations, found.residual_N) == (Outcome.CONVERGED, 0, 0.0)
     np.testing.assert_array_equal(found.frames, start)
+
+
+def test_units_that_press_on_one_another_carry_in_the_chain_as_in_the_film() -> None:
+    law = FilmContactLaw(ContactLaw(3e8), 0.0, throughout=False)
+    effort = Effort(levels=4, samples=40, intervals=1)
+    touching, apart = (SectionBody(body(), build_model(body(), 30e3, films, effort)) for films in (law, None))
+    clamp, loads = Clamp.of_base(body()), Loads((25e3,), (9.0, 0.0))
+    newton = NewtonSolver(SoftSystem(body()), clamp.mask(body().nodes))
+    contact = SelfContact(body(), law)
+    solver = EquilibriumSolver(newton, clamp, NewtonOptions(), contact)
+    begin = solver.solve(SoftState.drawn(body(), Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
+    film_tip = body().tip_position(solver.follow(begin, Pose(), loads).state.positions)
+    tips = []
+    for chain in (touching, apart):
+        start = chain.straight(25e3)
+        for pull in np.linspace(1.0, 9.0, 9):
+            found = ChainSolver(chain).solve(start, free(), replace(loads, cable_tension_N=(pull, 0.0)), TOLERANCE_N, 60)
+            assert found.outcome is Outcome.CONVERGED
+            start = found.frames
+        tips.append(body().tip_position(chain.positions(start, 25e3)))
+    off = [float(np.linalg.norm(tip - film_tip)) for tip in tips]
+    print(off, film_tip, contact.contacts)
+    assert off[0] < 1e-3 < 3e-3 < off[1]
