@@ -542,9 +542,7 @@ class Scenario:
     def touches_itself(self) -> bool:
         """Whether contact of the soft robot's films with one another is modelled, if any can meet."""
         asked = self.contact.self_contact
-        return self.fidelity != "rigid" and (
-            asked is True or (asked == "auto" and not self.model.published)
-        )
+        return self.fidelity != "rigid" and (asked is True or (asked == "auto" and not self.model.published))
 
     @property
     def endless(self) -> bool:

@@ -271,7 +271,9 @@ def build_model(
     # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film
     lost = [_lost_equilibria(body, model) for model in fits]
     compared = [
-        _compared(body, model, films) for model, failures in zip(fits, lost, strict=True) if failures == min(lost)
+        _compared(body, model, films)
+        for model, failures in zip(fits, lost, strict=True)
+        if failures == min(lost)
     ]
     return min(compared, key=lambda model: model.tip_error)
 

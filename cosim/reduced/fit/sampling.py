@@ -264,7 +264,7 @@ class Sampler:
         return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
 
     def _guided(self, free: Equilibrium, wanted: Array) -> tuple[float, Array, Array, float, Array, Array]:
-        """Return the sample at wanted strains (s, 6), or as far on the way there from the free shape as the film goes.
+        """Return the sample at wanted strains (s, 6), or as far on the way there as the film goes.
 
         Raises:
             ConvergenceError: it goes nowhere.
