@@ -34,7 +34,7 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             from cosim.telemetry import energy
 
             modules += (energy,)
-    if scenario.touches_itself:
+    if scenario.touches_itself and scenario.fidelity != "section":  # that is built without a run, and kept
         from cosim.soft.contact import self_contact_pairs
         from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
         from cosim.soft.solve import self_contact

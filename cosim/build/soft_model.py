@@ -33,9 +33,11 @@ from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import CLOSED_FRACTION
 from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import StepOptions
 from cosim.stepping.parts import film_law
 
@@ -155,14 +157,16 @@ def section_model(
     # a section model's cables lose one way: energies are condensed along one way of loading
     one_way = (replace(cable, directed=False, loss_N=0.0) for cable in body.cables)
     body = body.with_other(Cable, *one_way)
-    largest = largest_covered(scenario)
-    path = cache_directory() / f"section_model_{content_hash(body, largest)}.kept"
+    largest, films = largest_covered(scenario), film_law(scenario)
+    if films is not None:  # friction has no energy, and units that come near are looked for in all samples
+        films = replace(films, friction=0.0, throughout=False) if FilmFaces.of(body).can_meet else None
+    path = cache_directory() / f"section_model_{content_hash(body, largest, films)}.kept"
     found = kept(path, unpacking(SectionModel))
     if found is not None:
         return found
     tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
     try:
-        model = build_model(body, largest)
+        model = build_model(body, largest, films)
     except ConvergenceError as error:
         raise ScenarioError(
             "fidelity",
@@ -197,9 +201,9 @@ def largest_covered(scenario: Scenario) -> float:
     return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for p in single))
 
 
-def content_hash(body: SoftBody, largest_Pa: float) -> str:
+def content_hash(body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None) -> str:
     """Return a short name of everything that a section model depends on."""
-    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body)
+    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)
 
 
 @final
@@ -242,7 +246,7 @@ class SoftModel:
         if scenario.fidelity == "section":
             largest = largest_covered(scenario)
             self.section = kept.made(
-                "section model", name_of(self.body_name, largest),
+                "section model", name_of(self.body_name, largest, self._films),
                 lambda: section_model(scenario, tell, self.body),
             )  # fmt: skip
         self.name = name_of(

@@ -194,12 +194,6 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
 
 
 @rule
-def _a_section_model_does_not_touch_itself(scenario: Scenario) -> Told:
-    if scenario.fidelity == "section" and scenario.contact.self_contact is True:
-        yield "contact.self_contact", f"is not in a section model; {_TAKE}"
-
-
-@rule
 def _a_section_model_is_held_by_frames(phase: PhaseTable, scenario: Scenario) -> Told:
     robot = scenario.soft_robot
     if scenario.fidelity != "section":

@@ -74,13 +74,13 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
     given = scenario.contact
     if scenario.fidelity == "rigid":
         return "none: the shape is frozen"
-    if scenario.fidelity == "section":
-        return "not modelled: a section model has no films that meet"
     if not scenario.touches_itself:
         return f"not modelled: {'as in the paper' if given.self_contact else 'switched off'}"
     faces = FilmFaces.of(body)
     if not faces.can_meet:
         return "none: the film is one unit, which does not touch itself"
+    if scenario.fidelity == "section":
+        return "between neighbouring units, in the energy of the sections, without friction"
     friction = "no friction" if scenario.mode == "quasistatic" else f"friction {given.self_friction:g}"
     since = "" if given.self_contact is True else ", from where they come to press"
     return f"between {faces.units} units, outside of the film, {friction}{since}"

@@ -47,7 +47,7 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     built: list[float] = []
 
-    def build(_body: SoftBody, largest_Pa: float) -> SectionModel:
+    def build(_body: SoftBody, largest_Pa: float, _films: object) -> SectionModel:
         built.append(largest_Pa)
         spline = section().model.spline._replace(largest_Pa=largest_Pa)
         return replace(section().model, spline=spline)
@@ -67,7 +67,6 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
     [
         ({"soft_robot": "three_finger_gripper"}, "soft_robot.copies: have no section model: fingers fold"),
         ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
-        ({"contact.self_contact": True}, "contact.self_contact: is not in a section model"),
     ],
 )
 def test_what_a_section_model_leaves_out_is_refused(
@@ -107,7 +106,7 @@ def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_film_without_smooth_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(_body: SoftBody, _largest_Pa: float) -> SectionModel:
+    def lost(_body: SoftBody, _largest_Pa: float, _films: object) -> SectionModel:
         raise ConvergenceError("the stiffener has buckled", 1.0, 25)
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -183,7 +183,8 @@ class ContactTable:
         stick_m: tangential distance at which the full friction acts.
         self_contact: whether units and fingers touch one another, by the same law: "auto" models that from
             where they come to press, true in every step, false lets them pass through one another.
-            Of a section model, and with `model.published`, "auto" is false.
+            With `model.published` "auto" is false. A section model has it in the energy of its sections,
+            between neighbouring units and without friction.
         self_friction: coefficient of sliding between films; without meaning in the quasistatic mode.
         film_friction: coefficient of sliding of the film on all else; omitted: that of what it touches.
         pair_friction: what the coefficients of two that touch make, rigid bodies and film alike: the
@@ -574,9 +575,7 @@ class Scenario:
     def touches_itself(self) -> bool:
         """Whether contact of the soft robot's films with one another is modelled, if any can meet."""
         asked = self.contact.self_contact
-        return self.fidelity not in ("rigid", "section") and (
-            asked is True or (asked == "auto" and not self.model.published)
-        )
+        return self.fidelity != "rigid" and (asked is True or (asked == "auto" and not self.model.published))
 
     @property
     def endless(self) -> bool:

@@ -23,6 +23,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
@@ -219,7 +220,7 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
-METHOD: Final = 1
+METHOD: Final = 2
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
 _SMOOTHINGS = (1e-4, 1e-3, 1e-2, 1e-1)
@@ -243,13 +244,17 @@ class Effort:
 
 
 def build_model(
-    body: SoftBody, largest_Pa: float = LARGEST_PRESSURE_Pa, effort: Effort | None = None
+    body: SoftBody,
+    largest_Pa: float = LARGEST_PRESSURE_Pa,
+    films: FilmContactLaw | None = None,
+    effort: Effort | None = None,
 ) -> SectionModel:
     """Return the section model of a body.
 
     Args:
         body: one stack of units.
         largest_Pa: end of its range of pressure.
+        films: law of contact between its units; None where they pass through one another.
         effort: how much is sampled.
 
     Raises:
@@ -259,14 +264,16 @@ def build_model(
     effort = effort or Effort()
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
-    samples = Sampler(body, frames).collect(
+    samples = Sampler(body, frames, films).collect(
         WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples), _SEED
     )
     fits = [fit_model(samples, frames, spline, smoothing) for smoothing in _SMOOTHINGS]
     # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film
     lost = [_lost_equilibria(body, model) for model in fits]
     compared = [
-        _compared(body, model) for model, failures in zip(fits, lost, strict=True) if failures == min(lost)
+        _compared(body, model, films)
+        for model, failures in zip(fits, lost, strict=True)
+        if failures == min(lost)
     ]
     return min(compared, key=lambda model: model.tip_error)
 
@@ -286,7 +293,7 @@ def _lost_equilibria(body: SoftBody, model: SectionModel) -> int:
     return lost
 
 
-def _compared(body: SoftBody, model: SectionModel) -> SectionModel:
+def _compared(body: SoftBody, model: SectionModel, films: FilmContactLaw | None) -> SectionModel:
     """Return the model with the largest distance of its tip from the film's, and that over the film's length.
 
     The film leans by gravity to the side and is pulled by its first cable; loads without an equilibrium of
@@ -296,7 +303,8 @@ def _compared(body: SoftBody, model: SectionModel) -> SectionModel:
     clamp = Clamp.of_base(body)
     options = NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
     newton = NewtonSolver(system, clamp.mask(body.nodes))
-    solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
+    contact = None if films is None else SelfContact(body, films)
+    solver = EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
     chain = ChainSolver(SectionBody(body, model))
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
     slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)

@@ -30,6 +30,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 
@@ -130,6 +131,7 @@ _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _BEND_MAX = 0.5
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
+_LEAST_STEP = 0.1  # of the way to a sample
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
 
 
@@ -192,9 +194,10 @@ class Sampler:
     Args:
         body: one stack of units.
         frames: of its rings.
+        films: law of contact between its units; None where they pass through one another.
     """
 
-    def __init__(self, body: SoftBody, frames: RingFrames) -> None:
+    def __init__(self, body: SoftBody, frames: RingFrames, films: FilmContactLaw | None = None) -> None:
         if body.frames is None:
             rings = np.array(frames.rings[:-1])
             body = body.with_elements(FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
@@ -205,10 +208,12 @@ class Sampler:
             tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=25, shift_max_N_m=1e6
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
-        self._solver = EquilibriumSolver(newton, clamp, options, slides_max=0)
+        contact = None if films is None else SelfContact(body, films)
+        self._solver = EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
         self._groups = RingGroup.all_of(self._system.pattern, frames)
         self._slack = Loads((), (0.0,) * len(body.cables), _STILL)
         self._body = body
+        self.reached: list[float] = []
         self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
 
     def collect(self, work: WorkingRange, seed: int) -> Samples:
@@ -259,12 +264,28 @@ class Sampler:
         return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
 
     def _guided(self, free: Equilibrium, wanted: Array) -> tuple[float, Array, Array, float, Array, Array]:
+        """Return the sample at wanted strains (s, 6), or as far on the way there as the film goes.
+
+        Raises:
+            ConvergenceError: it goes nowhere.
+        """
         frames = self._frames
-        target = frames_from_strains(frames.drawn[0], wanted)
-        guides = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
-        x = free.state.positions
-        start = frames.carried(x, frames.fit(x, Pose()), target)
-        found = self._solver.solve(free.state, Pose(), replace(free.loads, extra=guides), start)
+        here = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
+        found, guides, done, step = free, None, 0.0, 1.0
+        while done < 1.0 and step > _LEAST_STEP:
+            target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * (wanted - here))
+            tried = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
+            x = found.state.positions
+            start = frames.carried(x, frames.fit(x, Pose()), target)
+            try:
+                found = self._solver.solve(found.state, Pose(), replace(free.loads, extra=tried), start)
+            except ConvergenceError:
+                step *= 0.5
+                continue
+            guides, done = tried, done + step
+        if guides is None:
+            raise ConvergenceError("no pose on the way to a sample has an equilibrium", float("nan"), 0)
+        self.reached.append(min(1.0, done))
         return self._sample(found, guides.force(found.state.positions))
 
     def _sample(self, found: Equilibrium, force: Array) -> tuple[float, Array, Array, float, Array, Array]:
