@@ -22,8 +22,6 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
 from cosim.soft.body.body import SoftBody
-from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS, WORKS
 
@@ -230,6 +228,7 @@ class EnergyParts(Shown):
         cls,
         body: SoftBody,
         elastic: Callable[[Array], float],
+        resisted: Callable[[Array, bool], float] | None,
         options: StepOptions,
         tick_s: float,
         gravity: Array,
@@ -243,7 +242,7 @@ class EnergyParts(Shown):
             np.repeat(np.arange(len(cables)), [len(own) for own in segments]),
             _lost(body),
             elastic,
-            resisted_power(body, tick_s),
+            resisted,
             options,
             tick_s,
             gravity,
@@ -388,20 +387,6 @@ def _balance(works: Array, elastic: Array, kinetic: Array, done: Array) -> Array
     signed = np.array([float(name in PUT_IN) - float(name in LOST) for name in WORKS])
     rest = works @ signed - elastic - kinetic - numerical
     return np.column_stack((works, elastic, kinetic, numerical, rest))
-
-
-def resisted_power(body: SoftBody, tick_s: float) -> Callable[[Array, bool], float] | None:
-    """Return what finds the power lost in a body's materials, see `EnergyParts`; None without losses."""
-    rates = StrainRates.of(body, SoftSystem(body).film)
-    if rates is None:
-        return None
-
-    def power_W(x: Array, two_steps: bool) -> float:
-        span = 2.0 * tick_s / 3.0 if two_steps else tick_s
-        rates.begin(x[1].copy(), x[0].copy() if two_steps else None, span)
-        return 2.0 * rates.potential(x[2].copy()) / span
-
-    return power_W
 
 
 def _mean(rows: Array) -> Array:

@@ -34,11 +34,11 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array
 from cosim.base.kernels import (
     Blocks,
     IndexTable,
@@ -50,7 +50,14 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_gradient, segment_length
+from cosim.soft.elements.cable import (
+    Cable,
+    EyeletLaws,
+    UNSLID_m,
+    base_tension,
+    segment_gradient,
+    segment_length,
+)
 from cosim.soft.linear.pattern import add_block
 
 SHARE, RATIO, ANCHOR, LOWER, UPPER, GIVEN, STICKS = range(7)
@@ -62,32 +69,6 @@ COLUMNS: Final = STICKS + 1
 Pulls: TypeAlias = tuple[tuple[float, ...], tuple[float | None, ...]]
 
 _SLIPS: Final = 1.0 - 1e-9  # of a limit: what has slid up to here goes on to slide
-
-
-class EyeletLaws(NamedTuple):
-    """Cables and what they lose at their eyelets, for kernels; segment by segment where nothing else is said.
-
-    Args:
-        segments: (s, 2), of all cables.
-        routes: (cables + 1,), where the segments of each cable begin.
-        places: (s,), where the eyelet's anchor is in the memory, -1 where it remembers nothing.
-        laws: (s, 4), c, mu, F [N] and k [N/m].
-    """
-
-    segments: IndexTable
-    routes: Indices
-    places: Indices
-    laws: Matrix
-
-    @property
-    def tied(self) -> list[IntArray]:
-        """Nodes of each cable that remembers, base to tip; none of the others."""
-        own = (self.segments[first:last] for first, last in pairwise(self.routes.tolist()))
-        firsts = self.places[self.routes[:-1]]
-        return [
-            np.append(rows[:, 0], rows[-1, 1]) if place >= 0 else np.zeros(0, np.int64)
-            for rows, place in zip(own, firsts, strict=True)
-        ]
 
 
 @kernel

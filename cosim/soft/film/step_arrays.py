@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
-from cosim.soft.elements.eyelets import EyeletLaws
+from cosim.soft.elements.cable import EyeletLaws
 from cosim.soft.linear.pattern import PatternRows
 from cosim.soft.linear.secant_pairs import SecantPairs
 
