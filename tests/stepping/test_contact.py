@@ -74,8 +74,7 @@ def test_the_flange_feels_what_the_block_bears(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scheme", ["staggered", "iterated"])
 def test_action_equals_reaction_at_every_tick(tmp_path: Path, scheme: str) -> None:
     changes = {"coupling.scheme": scheme, "phase.press.settle_s": 0.0, "phase.press.duration_s": 0.2}
-    # BDF2 leaves up to 5e-8 of power, within the tolerance of the loads
-    changes |= {"solver.integrator": "implicit_euler"}
+    changes |= {"coupling.tolerance": 1e-11}  # of all that makes up the load, which may nearly cancel
     result = run(tmp_path, **changes)
     assert result.contacts[-1] > 0
     assert result.summary["max_momentum_error"] < 1e-10
