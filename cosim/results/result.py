@@ -265,7 +265,7 @@ class RunResult(RigidColumns):
         self_contact_force_N: (rows,), sum of their normal forces.
         self_contact_depth_m: (rows,), of the deepest point behind another film.
         tick_wall_s: (rows,), wall time.
-        energy_J: (rows, energies), balance of energy since the start: put in by gas, cables, flange,
+        energy_J: (rows, energies) [J], balance of energy since the start: put in by gas, cables, flange,
             gravity, contacts, lost at eyelets, by damping and the integrator, held; elastic energy and rest
             every 0.1 s, else not numbers. (rows, 0) where the run has no balance.
         frame_tick: (frames,), tick at which the film's nodes were kept.

@@ -86,8 +86,8 @@ class TickBatch(RigidColumns):
         wrench: (n, 6), force [N] and torque [N m] on the flange, at its origin, world axes.
         rigid_power_W: (n,), as all that follow down to `slides`; each is described in `LedgerEntry`.
         tick_wall_s: (n,), wall time.
-        energy_J: (n, terms), `TERMS` of the balance; (n, 0) before the summary has taken the ticks in, and of
-            runs without a balance.
+        energy_J: (n, terms) [J], `TERMS` of the balance; (n, 0) before the summary has taken the ticks in,
+            and of runs without a balance.
         devices: n; None where a scenario has none.
         link_contacts: of the arm's links, by row; rows left out have none.
         branchings: of the soft robot's states, by row; rows left out have none.

@@ -16,6 +16,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.build.pair_friction import PairFriction
 from cosim.rigid.scene.scene import RigidScene
 
 PALM = PalmTable(radius_m=0.08, thickness_m=0.01, mass_kg=1.0)
@@ -130,15 +131,22 @@ def test_a_roll_on_the_palm_lies_still(leaning: float) -> None:
     assert np.diff(last, axis=0).std(axis=0).max() < 3e-7  # m a tick; 0.1 here, 1.0 to 1.2 with four points
 
 
-def test_an_object_slides_on_a_palm_by_the_palms_friction() -> None:
-    """With its bottom on the palm, and with corners alone that the palm's friction has to know of as well."""
+def slid_on_palm(rule: str) -> tuple[float, float]:
+    """Return the speed [m/s] of a box of friction 0.8 on a palm of 0.2 and that of sliding by 0.2.
+
+    It has its bottom on the palm, and corners that have to know of the friction as well.
+    """
     arm, palm = find_arm("ur5e"), replace(PALM, friction=0.2)
     flange = RigidScene(SceneDescription(arm)).flange_pose
     across, _, normal = flange.rotation.T
     place = tuple((flange.translation + 0.0205 * normal).tolist())
     box = SceneObject("box", "box", (0.02, 0.02, 0.02), place, tuple(flange.quaternion.tolist()), 0.05)
     gravity = tuple((-9.81 * (normal - 0.4 * across)).tolist())
-    scene = RigidScene(SceneDescription(arm, mounted=(palm_object(palm),), objects=(box,), gravity=gravity))
+    scene = RigidScene(
+        SceneDescription(
+            arm, mounted=(palm_object(palm),), objects=(box,), gravity=gravity, friction=PairFriction(rule)
+        )
+    )
     body, path = scene.body_names.index("box"), []
     for _ in range(75):
         scene.set_control(arm.home, feedforward=scene.bias_torque)
@@ -146,8 +154,13 @@ def test_an_object_slides_on_a_palm_by_the_palms_friction() -> None:
         scene.begin_step()
         path.append((scene.body_poses()[0][body] - flange.translation) @ across)
     speed = (path[-1] - path[24]) / (50 * scene.tick_s)
-    expected = (0.4 - 0.2) * 9.81 * 50 * scene.tick_s  # in the middle of these ticks
+    return float(speed), (0.4 - 0.2) * 9.81 * 50 * scene.tick_s  # in the middle of these ticks
+
+
+def test_an_object_slides_on_a_palm_by_the_friction_of_the_pair() -> None:
+    speed, expected = slid_on_palm("smallest")
     assert speed == pytest.approx(expected, rel=0.05)
+    assert slid_on_palm("largest")[0] < 1e-3 * expected
 
 
 def _slid_m(tick_s: float, contact_time_s: float) -> float:
