@@ -14,7 +14,13 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.base.kept_parts import KeptParts
+from cosim.build.soft_model import SoftModel
 from cosim.cli.main import main
+from cosim.config.loading import load_scenario
+from cosim.coupling.soft_sides.finer_mesh import FinerMesh
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.soft.body.loads import Loads
 
 SADDLE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
 LEAST, MOST = 1.2, 3.5
@@ -82,6 +88,23 @@ def assert_bars_hold(run: list[dict[str, Any]], refined: list[dict[str, Any]]) -
 
 def test_the_bar_of_the_mesh_is_a_multiple_of_what_refining_it_changes(arm: Path) -> None:
     assert_bars_hold(phases(arm), phases(arm, error=False, fidelity="refined"))
+
+
+def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
+    model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
+    side = model.side()
+    assert isinstance(side, SoftArm)
+    mesh, flange = FinerMesh(side.body, model.refined(1)), side.save_state().flange
+    less, more = (
+        side.start(flange, Loads((pressure_Pa,), (), (0.0, 0.0, 0.0))) for pressure_Pa in (200.0, 2e3)
+    )
+    clamp = mesh.clamp(side.clamp)
+    followed = mesh.followed(clamp, more, mesh.at_rest(clamp, less))
+    spent, near = mesh.iterations, mesh.at_rest(clamp, more)
+    assert mesh.iterations == spent + near.iterations
+    assert followed.loads.pressure_Pa == (2e3,)
+    ends = [mesh.side.body.tip_position(found.state.positions) for found in (followed, near)]
+    assert ends[0] == pytest.approx(ends[1], abs=2e-4)
 
 
 def test_tensions_for_a_target_are_found_again_on_the_refined_mesh(arm: Path) -> None:
