@@ -33,7 +33,7 @@ from cosim.build.soft_model import SoftModel
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.finer_mesh import FinerMesh
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.errors import CosimError, UnreachableError
 from cosim.soft.solve.state import Equilibrium
 from cosim.soft.targets.tip_target import TipTarget
@@ -161,6 +161,12 @@ def stepped(scenario: Scenario) -> ErrorFinder:
     return run.errors
 
 
+def film_of(end: PhaseEnd) -> SoftArmState:
+    """Return the film at the end of a phase."""
+    assert isinstance(end.state, SoftArmState), "no section model is drawn"
+    return end.state
+
+
 @dataclass(frozen=True)
 class Meshes:
     """The soft robot of a run on its mesh, and on that refined once and twice."""
@@ -178,7 +184,7 @@ class Meshes:
 
     def at_rest(self, end: PhaseEnd) -> Found:
         """Return the state at rest at the end of a phase on each."""
-        state = end.state
+        state = film_of(end)
         self.run.restore_state(state)
         return self.near(at_rest(self.run, state))
 
@@ -196,11 +202,11 @@ def states(case: Case) -> Iterator[dict[str, Any]]:
     began = time.process_time()
     bars = run.find(0, lambda text: None, everywhere=True).phases
     spent_s = time.process_time() - began
-    shapes = [end.state.soft.positions for end in run.ends]
+    shapes = [film_of(end).soft.positions for end in run.ends]
     finer, beyond = shapes, [""] * len(shapes)
     if scenario.mode == "dynamic":
         quarter = stepped(loaded(case, **{"clock.tick_s": scenario.clock.tick_s / 4.0}))
-        finer = [end.state.soft.positions for end in quarter.ends]
+        finer = [film_of(end).soft.positions for end in quarter.ends]
         beyond = [_elsewhere(quarter.ends[: end.phase + 1]) for end in run.ends]
     meshes = Meshes.of(scenario, run.side)
     for end, shape, closer, why_not in zip(run.ends, shapes, finer, beyond, strict=True):

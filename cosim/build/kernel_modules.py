@@ -23,6 +23,12 @@ def _has_sliding_cables(robot: AnySoftRobot) -> bool:
     return own or any(_has_sliding_cables(part.robot) for part in robot.attachments)
 
 
+def _has_losses(robot: AnySoftRobot) -> bool:
+    if not isinstance(robot, SoftRobotTable):
+        return False  # of a body that is given, when first needed
+    return robot.film.loss_factor > 0.0 or any(_has_losses(part.robot) for part in robot.attachments)
+
+
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
@@ -48,6 +54,11 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.elements import eyelets
 
         modules += (eyelets,)
+    if scenario.fidelity not in ("section", "rigid") and _has_losses(scenario.soft_robot):
+        from cosim.soft.elements import strain_rate
+        from cosim.soft.film import strain_rates
+
+        modules += (strain_rate, strain_rates)
     if not scenario.model.closed:
         from cosim.soft.published import open_caps
 

@@ -268,16 +268,14 @@ class SoftModel:
         return arm
 
     @property
-    def finer(self) -> Callable[[], SoftArm] | str:
-        """What returns the film with every triangle divided into four; or why there is no such film."""
+    def finer(self) -> Callable[[int], SoftArm] | str:
+        """What returns the film with every triangle divided into four so many times; or why there is none."""
         scenario = self._scenario
-        if self.section is not None:
-            return "a section model stands for the film (section_model in the summary)"
         if scenario.fidelity == "rigid":
             return "the shape is frozen"
         if isinstance(scenario.soft_robot, GivenBodyTable):
             return "the soft robot is given as arrays, which cannot be refined"
-        return lambda: self.refined(1)
+        return self.refined
 
     def refined(self, levels: int) -> SoftArm:
         """Return the film with every triangle divided into four so many times; searches are short."""

@@ -30,8 +30,7 @@ from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve.assembly import SoftSystem, elastic_energy
+from cosim.soft.solve.assembly import FilmEnergies
 from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
@@ -357,22 +356,9 @@ def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
         return None
     gravity = np.array(scenario.gravity_m_s2)
     tick_s = scenario.clock.tick_s
-    elastic, resisted = partial(elastic_energy, body, []), _resisted_power(body, tick_s)
-    return EnergyParts.of(body, elastic, resisted, options, tick_s, gravity)
-
-
-def _resisted_power(body: SoftBody, tick_s: float) -> Callable[[Array, bool], float] | None:
-    """Return what finds the power lost in a body's materials, see `EnergyParts`; None without losses."""
-    rates = StrainRates.of(body, SoftSystem(body).film)
-    if rates is None:
-        return None
-
-    def power_W(x: Array, two_steps: bool) -> float:
-        span = 2.0 * tick_s / 3.0 if two_steps else tick_s
-        rates.begin(x[1].copy(), x[0].copy() if two_steps else None, span)
-        return 2.0 * rates.potential(x[2].copy()) / span
-
-    return power_W
+    film = FilmEnergies(body, tick_s)
+    resisted = film.resisted if any(each.film.loss_factor for each in body.membranes) else None
+    return EnergyParts.of(body, film.elastic, resisted, options, tick_s, gravity)
 
 
 def _decay(scenario: Scenario) -> Decay | None:

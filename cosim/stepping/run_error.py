@@ -4,6 +4,9 @@ Mesh: the state at rest under the loads of the phase's end is found on the run's
 once; their difference, times a factor that was calibrated (docs/run_error.md). Tensions that a target was
 reached with are searched for anew on both.
 
+Section models: besides, the difference of the chain at rest to the film that it was condensed from, which
+is at rest under the same loads; what follows is of that film, and of no ticks.
+
 Tick: the exact swing of each of the lowest modes under the forces of the run, see `tick_error`.
 
 Solver: a residual of the tolerance in each component, independent of one another, moves the tip by
@@ -17,6 +20,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 from typing import Any, Final, final
 
@@ -25,6 +29,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
+from cosim.coupling.soft_sides.source_film import SourceFilm
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_paths import wanted_tip
 from cosim.soft.beams.beam_rings import BeamRings, stiffener_strain
@@ -32,6 +38,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.targets.tip_target import TipTarget
 from cosim.stepping.parts import Parts
 from cosim.stepping.tick_error import Modes, Swings, tip_pulls
 from cosim.telemetry.snapshot import RunErrors
@@ -67,7 +74,7 @@ class PhaseEnd:
     """
 
     phase: int
-    state: SoftArmState
+    state: SoftArmState | SectionArmState
     ticks: int
     why_not: str = ""
 
@@ -128,6 +135,8 @@ def differences(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
 
 _TANGENT: Final = {"dynamic": 40, "quasistatic": 6}
 """Iterations of the run that one on the refined mesh costs: those of ticks mostly keep a tangent."""
+_CHAIN: Final = 1.0 / 40.0
+"""Of an iteration of the film, one of a section model."""
 _USUAL: Final = 10  # iterations that a state takes on the refined mesh
 _SHARE: Final = 1.0 / 3.0  # of the run's cost, that of all phases at most; else it is the last one alone
 _MOST: Final = 4.0  # times the run's cost, that of the last phase at most
@@ -143,11 +152,11 @@ class ErrorFinder:
 
     Args:
         parts: of the run.
-        finer: returns the soft robot on its mesh refined once, or says why there is no such mesh.
+        refined: returns the film on its mesh refined so many times, or says why there is no such mesh.
     """
 
-    def __init__(self, parts: Parts, finer: Callable[[], SoftArm] | str) -> None:
-        self._parts, self._finer = parts, finer
+    def __init__(self, parts: Parts, refined: Callable[[int], SoftArm] | str) -> None:
+        self._parts, self._refined = parts, refined
         scenario, phases = parts.scenario, [planned.phase for planned in parts.plan.phases]
         self._statics = scenario.mode == "quasistatic"
         self._counts = [phase.increments if self._statics else parts.ticks(phase) for phase in phases]
@@ -155,27 +164,36 @@ class ErrorFinder:
         self.ends: list[PhaseEnd] = []
         self._pairs: dict[int, Pair] = {}
         self._branched: dict[int, str] = {}
-        soft = parts.soft
         self._swings: Swings | None = None
+        self._films: dict[int, SoftArmState] = {}
+        soft = parts.soft
         if not self._statics and isinstance(soft, SoftArm):
             self._swings = Swings(soft.body, scenario.clock.tick_s, soft.dynamics)
+
+    @cached_property
+    def source(self) -> SourceFilm | None:
+        """The film that the section model of the run was condensed from; None of a run with a film."""
+        soft, refined = self._parts.soft, self._refined
+        return SourceFilm(soft, refined(0)) if isinstance(soft, SectionArm) and callable(refined) else None
 
     @property
     def side(self) -> SoftArm:
         """The soft robot of the run, on its mesh."""
-        assert isinstance(self._parts.soft, SoftArm), "nothing else has a refined mesh"
-        return self._parts.soft
+        soft = self._parts.soft if self.source is None else self.source.film
+        assert isinstance(soft, SoftArm), "nothing else has a refined mesh"
+        return soft
 
     def observe(self, batch: TickBatch) -> None:
         """Take in ticks; they come in order, and the run is where the last of them has led."""
         phase, side = int(batch.phase[-1]), self._parts.soft
-        if isinstance(side, SoftArm) and batch.branchings:
-            length_m = float(side.shape_reader().figures([side.state.positions]).center_line_m[0])
+        if isinstance(side, SoftArm | SectionArm) and batch.branchings:
+            here: Any = side.shape_now()
+            length_m = float(side.shape_reader().figures([here]).center_line_m[0])
             if any(_leaps(each, length_m) for passed in batch.branchings.values() for each in passed):
                 self._branched[phase] = "the soft robot branches in it"
         if self._swings is not None:
             self._swings.observe(batch.film.node_position())
-        if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm):
+        if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm | SectionArm):
             return
         state, footing = side.save_state(), batch.footing.get(len(batch) - 1)
         why_not = self._branched.get(phase, "")
@@ -195,20 +213,22 @@ class ErrorFinder:
             tell: told in a sentence if it takes more than a second.
             everywhere: at all phase ends, whatever it costs.
         """
-        began, finer = time.perf_counter(), self._finer
-        if isinstance(finer, str) or not self.ends:
-            return RunErrors(reason=finer if isinstance(finer, str) else "the run ended before a phase did")
-        cost = iterations / _TANGENT[self._parts.scenario.mode]
-        if not everywhere and cost * _MOST < _USUAL:
+        began, refined, chain = time.perf_counter(), self._refined, self.source is not None
+        if isinstance(refined, str) or not self.ends:
+            return RunErrors(
+                reason=refined if isinstance(refined, str) else "the run ended before a phase did"
+            )
+        cost = iterations / _TANGENT[self._parts.scenario.mode] * (_CHAIN if chain else 1.0)
+        if not (everywhere or chain) and cost * _MOST < _USUAL:
             return RunErrors(reason="it would cost more than the run; --error works it out all the same")
-        side = self.side
-        saved, found = side.save_state(), dict[int, dict[str, Any]]()
+        side, soft = self.side, self._parts.soft
+        saved, found = soft.save_state(), dict[int, dict[str, Any]]()
         whole = len(self.ends) == len(self._counts)
         reason = None if whole else "only of the phases that ended since the run was resumed"
         if len(self.ends) * _USUAL * 4 * side.body.nodes * _ITERATION_S > _TOLD_ABOVE_S:
             tell("Working out how far the figures may be off")
         try:
-            mesh, dear = FinerMesh(side.body, finer()), False
+            mesh, dear = FinerMesh(side.body, refined(1)), False
             for place in reversed(range(len(self.ends))):
                 if len(found) == 1 and not everywhere:
                     dear = mesh.iterations / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
@@ -219,8 +239,18 @@ class ErrorFinder:
         except MeshError as error:
             reason = str(error)
         finally:
-            side.restore_state(saved)
+            soft.restore_state(saved)
         return RunErrors(found, reason, mesh.iterations, time.perf_counter() - began)
+
+    def _film(self, place: int) -> SoftArmState:
+        """Return the film at the end of a phase; that of a section model in the shape of its chain."""
+        state = self.ends[place].state
+        if isinstance(state, SoftArmState):
+            return state
+        assert self.source is not None, "only a run with a section model has such states"
+        if place not in self._films:
+            self._films[place] = self.source.state(state)
+        return self._films[place]
 
     def _of(self, place: int, mesh: FinerMesh) -> dict[str, Any]:
         """Return the bars of a phase's end, of what they are made, and why there is none."""
@@ -241,40 +271,55 @@ class ErrorFinder:
             ConvergenceError: no equilibrium was found near that of the run.
         """
         if place not in self._pairs:
-            end, side, before = self.ends[place], self.side, None
-            if not end.state.clamp.holds_as(Clamp.of_base(side.body)):
+            film, side, before = self._film(place), self.side, None
+            if not film.clamp.holds_as(Clamp.of_base(side.body)):
                 # what is held since then is held where it was
-                same = (
-                    k for k in range(place, -1, -1) if not self.ends[k].state.clamp.holds_as(end.state.clamp)
-                )
+                same = (k for k in range(place, -1, -1) if not self._film(k).clamp.holds_as(film.clamp))
                 since = next(same, -1)
                 before = self._pair(since, mesh) if since >= 0 and not self.ends[since].why_not else None
                 if before is None:
                     return None
-            along, clamp = before, mesh.clamp(end.state.clamp)
+            along, clamp = before, mesh.clamp(film.clamp)
             if before is not None:
-                clamp = mesh.clamp(end.state.clamp, (before.clamp, before.finer))
+                clamp = mesh.clamp(film.clamp, (before.clamp, before.finer))
                 if not self.ends[place - 1].why_not:
                     along = self._pair(place - 1, mesh)
-            side.restore_state(end.state)
-            rest = at_rest(side, end.state)
+            rest = self._at_rest(place, mesh)
             try:
                 finer = mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
             except ConvergenceError:
                 earlier = self._earlier(place, mesh)
                 if earlier is None:
                     raise
-                finer = mesh.followed(clamp, rest, earlier)
+                finer = mesh.followed(clamp, rest, earlier.finer)
             self._pairs[place] = Pair(rest, finer, clamp)
         return self._pairs[place]
 
-    def _earlier(self, place: int, mesh: FinerMesh) -> Equilibrium | None:
-        """Return the state at rest of the refined mesh one phase earlier, if it was held in the same way."""
+    def _at_rest(self, place: int, mesh: FinerMesh) -> Equilibrium:
+        """Return the film at rest at the end of a phase.
+
+        The film that a bent chain draws may have folds that no film has: then it is followed there.
+
+        Raises:
+            ConvergenceError: no equilibrium was found near that of the run.
+        """
+        side, film = self.side, self._film(place)
+        side.restore_state(film)
+        try:
+            return at_rest(side, film)
+        except ConvergenceError:
+            earlier = None if self.source is None else self._earlier(place, mesh)
+            if earlier is None:
+                raise
+            side.settle(earlier.rest)
+            return side.follow(earlier.rest, film.flange, film.loads)
+
+    def _earlier(self, place: int, mesh: FinerMesh) -> Pair | None:
+        """Return the states at rest one phase earlier, if the film was held in the same way."""
         if not place or self.ends[place - 1].why_not:
             return None
-        clamps = [self.ends[k].state.clamp for k in (place - 1, place)]
-        pair = self._pair(place - 1, mesh) if clamps[0].holds_as(clamps[1]) else None
-        return None if pair is None else pair.finer
+        clamps = [self._film(k).clamp for k in (place - 1, place)]
+        return self._pair(place - 1, mesh) if clamps[0].holds_as(clamps[1]) else None
 
     def _compared(self, place: int, mesh: FinerMesh) -> tuple[dict[str, Any], str]:
         """Return the parts of the bars; or why there are none.
@@ -286,33 +331,59 @@ class ErrorFinder:
         pair = None if end.why_not else self._pair(place, mesh)
         if pair is None:
             return {}, end.why_not or "rings are held where the run's mesh had them"
-        side.restore_state(end.state)
+        film = self._film(place)
+        side.restore_state(film)
         mesh.hold(pair.clamp)
-        frame = (end.state.flange.translation, end.state.flange.rotation[:, 2])
+        frame = (film.flange.translation, film.flange.rotation[:, 2])
         here = shape_figures(side, pair.rest.state.positions, frame)
         away = differences(here, shape_figures(mesh.side, pair.finer.state.positions, frame))
         if pair.rest.negative_pivots or pair.finer.negative_pivots:
             return {}, "a state at rest near it is unstable"
         if away["tip_m"] > _ELSEWHERE * here["length_m"]:
             return {}, "the refined mesh is on another branch"
-        away |= self._of_tension(end, pair, mesh, away["tip_m"])
-        return {
+        wanted = self._wanted(end)
+        away |= self._of_tension(wanted, pair, mesh, away["tip_m"])
+        of_section = {} if self.source is None else {"of_section": self._of_section(end, here, wanted, pair)}
+        return of_section | {
             "of_mesh": mesh_bars(away, frame_kind(side.body)),
-            "of_tick": {} if self._swings is None else self._of_tick(end, pair.rest, self._swings),
+            "of_tick": {} if self._swings is None else self._of_tick(end.ticks, film, pair.rest),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
 
-    def _of_tension(self, end: PhaseEnd, pair: Pair, mesh: FinerMesh, tip_m: float) -> dict[str, float]:
-        """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
+    def _wanted(self, end: PhaseEnd) -> TipTarget | None:
+        """Return the target that cables bring the tip to in a phase, if there is one."""
         target = self._parts.plan.phases[end.phase].phase.tip_target
-        if target is None or target.reach_with != "cables":
+        return wanted_tip(target) if target is not None and target.reach_with == "cables" else None
+
+    def _of_tension(
+        self, wanted: TipTarget | None, pair: Pair, mesh: FinerMesh, tip_m: float
+    ) -> dict[str, float]:
+        """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
+        if wanted is None:
             return {}
-        wanted, sides = wanted_tip(target), ((self.side, pair.rest), (mesh.side, pair.finer))
         with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
+            sides = ((self.side, pair.rest), (mesh.side, pair.finer))
             pulled = [each.find_tensions(at, wanted).loads for each, at in sides]
             slope = self.side.tension_slope(pair.rest, wanted)
             return {"cable_tension_N": tension_apart(tension_difference(*pulled), slope * tip_m)}
         return {}
+
+    def _of_section(
+        self, end: PhaseEnd, here: dict[str, Any], wanted: TipTarget | None, pair: Pair
+    ) -> dict[str, float]:
+        """Return how far the chain of a section model is off its film, where both are at rest."""
+        source, state = self.source, end.state
+        assert source is not None, "of a run with a section model"
+        assert isinstance(state, SectionArmState), "of a run with a section model"
+        rest = source.chain_at_rest(state)
+        frame = (state.flange.translation, state.flange.rotation[:, 2])
+        own = shape_figures(self.side, rest.state.positions, frame)
+        away = differences(own | {"volume_m3": sum(source.chain.volumes_m3)}, here)
+        if wanted is not None:
+            with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
+                pulled = source.chain.find_tensions(rest, wanted), self.side.find_tensions(pair.rest, wanted)
+                away["cable_tension_N"] = tension_difference(*(each.loads for each in pulled))
+        return away
 
     def _of_solver(self, side: SoftArm, rest: Equilibrium) -> float:
         """Return how far what the solver leaves moves the tip [m]."""
@@ -324,16 +395,14 @@ class ErrorFinder:
             return math.inf
         return tolerance_N * float(np.linalg.norm(solver.linear.solve_all(tip_pulls(side.body))))
 
-    def _of_tick(self, end: PhaseEnd, rest: Equilibrium, swings: Swings) -> dict[str, float]:
+    def _of_tick(self, ticks: int, film: SoftArmState, rest: Equilibrium) -> dict[str, float]:
         """Return how far ticks may have brought the figures off, besides those at rest."""
-        side, shape, modes = self.side, end.state.soft.positions, Modes.of(self.side, rest)
-        if modes is None:
+        side, shape, modes, swings = self.side, film.soft.positions, Modes.of(self.side, rest), self._swings
+        if modes is None or swings is None:
             return dict.fromkeys(FIGURES, math.inf)
-        frame = (end.state.flange.translation, end.state.flange.rotation[:, 2])
+        frame = (film.flange.translation, film.flange.rotation[:, 2])
         now = shape_figures(side, shape, frame)
-        off = [
-            differences(now, shape_figures(side, shape + by, frame)) for by in swings.apart(modes, end.ticks)
-        ]
+        off = [differences(now, shape_figures(side, shape + by, frame)) for by in swings.apart(modes, ticks)]
         return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
 
 

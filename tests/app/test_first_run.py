@@ -86,6 +86,8 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     others = replace(lumped, fidelity="section"), replace(lumped, model=replace(lumped.model, closed=False))
     cables = tuple(replace(cable, losses="directed") for cable in arm.soft_robot.cables)
     others += (replace(lumped, soft_robot=replace(arm.soft_robot, cables=cables)),)
+    lossy = replace(arm.soft_robot, film=replace(arm.soft_robot.film, loss_factor=0.05))
+    others += (replace(lumped, soft_robot=lossy),)
     some = (*kernel_modules(lumped), *(module for other in others for module in kernel_modules(other)))
     named: list[str] = []
     for module in (*compilation.common_modules(), *some, *contact_modules(), colours):

@@ -89,7 +89,7 @@ def test_a_cube_is_held_without_creep() -> None:
 def test_ten_grams_between_pads_are_stable_at_every_tick_length(tick_s: float) -> None:
     grasp = Grasp(0.01, tick_s)
     path = []
-    for _ in range(round(0.3 / tick_s)):
+    for _ in range(round(0.5 / tick_s)):  # at 1 ms it gives way aside by 0.1 mm before it lies still
         grasp.tick()
         path.append(grasp.cube_position - GRASP)
     assert np.abs(path).max() < 2e-3

@@ -274,9 +274,9 @@ def test_a_search_for_the_flange_names_the_section_that_held_it_back() -> None:
     arm, _ = arms()
     here = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
     for share in np.linspace(0.0, 1.0, 9)[1:]:
-        here = arm.follow(here, FLANGE, Loads((20e3,), (20.0 * share, 0.0)))
+        here = arm.follow(here, FLANGE, Loads((20e3,), (25.0 * share, 0.0)))
     level = TipTarget(np.array([0.4, 0.1, 0.4]), direction=np.array([1.0, 0.0, 0.0]))
-    reason = r"the limit of 1 iterations was reached; on the way section 2 of 4 .* its model ends at .*lumped"
+    reason = r"the limit of 1 iterations was reached; on the way section 3 of 4 .* its model ends at .*lumped"
     with pytest.raises(UnreachableError, match=reason):
         arm.find_flange_pose(here, level, TargetOptions(iterations_max=1))
 
@@ -312,7 +312,7 @@ def test_pushed_back_it_leans_aside_as_the_film_does(leaves: bool) -> None:
     here = arm.follow(begin, FLANGE, pushed_back(11.0))
     first = here.branchings[0]
     # the film buckles at 10.31 N; the section model 3 % before, as its stiffness is off by as much
-    assert 11.0 * first.load_factor == pytest.approx(10.03, rel=0.006)
+    assert 11.0 * first.load_factor == pytest.approx(9.97, rel=0.006)
     assert first.place.endswith("outer")
     arm.settle(here)
     stands = arm.footing(arm.shape_now(), FLANGE, here.loads)
@@ -342,5 +342,5 @@ def test_sealed_gas_stiffens_it_as_it_does_the_film() -> None:
             footing = arm.footing(arm.shape_now(), SIDEWAYS, loads)
             assert footing is not None
             found.append(footing.lowest_frequency_Hz)
-        # bent, its volume changes as it swings, by little
-        assert 1.001 * found[0] < found[1] < 1.005 * found[0]
+        # bent, its volume changes as it swings, by little: 0.26 % of the film, 0.06 % of the section model
+        assert 1.0005 * found[0] < found[1] < 1.005 * found[0]

@@ -47,7 +47,7 @@ def test_windows_are_the_same_of_both_runs() -> None:
         assert force_error(here, there) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_with_an_arm_errors_are_of_first_order_in_the_tick() -> None:
+def test_with_an_arm_errors_are_of_second_order_in_the_tick() -> None:
     turn = {"axis": [0.0, 1.0, 0.0], "angle_rad": -0.2}
     changes = {
         "soft_robot": {"file": "hexagon_arm", "stack": {"units": 2}, "cable": []},
@@ -64,9 +64,9 @@ def test_with_an_arm_errors_are_of_first_order_in_the_tick() -> None:
         trace(load_scenario(scenario, {"clock.tick_s": tick_s}), build) for tick_s in (2e-3, 1e-3, 5e-4)
     )
     first, second = (error(coarse, middle), error(middle, fine))
-    assert first.tip_error_m / second.tip_error_m == pytest.approx(2.0, abs=0.1)
-    assert first.force_error_N / second.force_error_N == pytest.approx(2.0, abs=0.25)
-    assert second.tip_error_m > 1e-6
+    assert first.tip_error_m / second.tip_error_m == pytest.approx(4.0, abs=0.2)
+    assert first.force_error_N / second.force_error_N == pytest.approx(4.0, abs=0.5)
+    assert second.tip_error_m > 1e-8  # far above what the solver leaves
 
 
 def error(here: Curve, there: Curve) -> Measured:

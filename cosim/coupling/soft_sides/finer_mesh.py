@@ -14,17 +14,16 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.state import Clamp, Equilibrium
 
 _SAME_PLACE_M = 1e-9
 ITERATIONS_MAX = 600
 """Of each try to find a state at rest, on either mesh."""
-_WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed
 
 
 def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
@@ -93,7 +92,7 @@ class FinerMesh:
             coarse, finer = before
             turn = flange.rotation @ finer.world_from_flange.rotation.T
             wanted += (finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)) @ turn.T
-        start, loads = self._start(wanted, flange), self._loads(rest)
+        start, loads = side.in_shape(wanted, flange), self._loads(rest)
         return self._spent(lambda: side.rest_near(start, flange, loads, ITERATIONS_MAX))
 
     def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium) -> Equilibrium:
@@ -128,18 +127,6 @@ class FinerMesh:
         self.iterations += found.iterations
         self.side.settle(found)
         return found
-
-    def _start(self, wanted: Array, world_from_flange: Pose) -> SoftState:
-        """Return a shape (n, 3) [m] as a state whose hinges have followed it from the drawn one."""
-        drawn = SoftState.drawn(self.side.body, world_from_flange)
-        memory, system = drawn.memory, self.side.equilibrium_solver.solver.system
-        slack = Loads((), (0.0,) * len(self.side.body.cables))
-        for k in range(1, _WAY + 1):
-            between = drawn.positions + k / _WAY * (wanted - drawn.positions)
-            share = system.segment_share(between, slack)
-            system.evaluate(between, slack, share, memory, hessian=False)
-            memory = system.advanced(between, system.memory)
-        return SoftState.at_rest(np.ascontiguousarray(wanted), memory)
 
     def _spread(self, force: Array) -> Array:
         """Return forces (n, 3) [N] on the nodes of the run's mesh as the refined one bears them.

@@ -100,6 +100,7 @@ class SoftArmState:
             raise InputError(f"the saved loads have {len(self.loads.cable_length_m)} cables with a length")
 
 
+_WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed
 _PIECES_MAX = 16
 _SAFETY = 1.2
 _RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
@@ -309,7 +310,7 @@ class SoftArm(SoftSide):
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
         bound, before = self.dynamics.substep_error_m, self.state
         if bound is None:
-            return step_or_halves(self._step, self._restart, begin, end, step_s, aim)
+            return step_or_halves(self._step, self.restart, begin, end, step_s, aim)
         if aim is not None and aim.start is not None:  # again: cut as it was the first time
             return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
         order = 2 if self.dynamics.integrator == "bdf2" else 1
@@ -329,14 +330,14 @@ class SoftArm(SoftSide):
         """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
         length, here, spent, worst = step_s / pieces, begin, 0, 0.0
         if length != self._piece_s:
-            self._restart()
+            self.restart()
             self._piece_s = length
         part = None if aim is None else StepAim(aim.tolerance_N)
         for k in range(1, pieces + 1):
             fraction, before = k / pieces, self.state
             flange = pose_within(self._flange_before, begin[0], end[0], fraction)
             here, last = (flange, begin[1].interpolated(end[1], fraction)), here
-            spent += step_or_halves(self._step, self._restart, last, here, length, part)
+            spent += step_or_halves(self._step, self.restart, last, here, length, part)
             worst = max(worst, step_error(self.dynamics.integrator, before, self.state, length))
         return spent, worst
 
@@ -350,7 +351,7 @@ class SoftArm(SoftSide):
         self._work[1] += self._system.lost_at_eyelets(after.positions, before.memory, after.memory)
         return result.iterations
 
-    def _restart(self) -> None:
+    def restart(self) -> None:
         """Let the next step be the first one of a two-step integrator."""
         self.state = replace(self.state, earlier=None)
 
@@ -393,6 +394,18 @@ class SoftArm(SoftSide):
             with self.effort.search("where it comes to rest"):
                 found = self.equilibrium_solver.slide(state, world_from_flange, loads)
         return replace(found, iterations=spent + found.iterations)
+
+    def in_shape(self, positions: Array, world_from_flange: Pose) -> SoftState:
+        """Return a shape (n, 3) [m] as a state at rest, whose hinges have followed it from the drawn one."""
+        drawn = SoftState.drawn(self.body, world_from_flange)
+        memory, system = drawn.memory, self.equilibrium_solver.solver.system
+        slack = Loads((), (0.0,) * len(self.body.cables))
+        for k in range(1, _WAY + 1):
+            between = drawn.positions + k / _WAY * (positions - drawn.positions)
+            share = system.segment_share(between, slack)
+            system.evaluate(between, slack, share, memory, hessian=False)
+            memory = system.advanced(between, system.memory)
+        return SoftState.at_rest(np.ascontiguousarray(positions), memory)
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium beside one that is not; one that is stable as it is."""

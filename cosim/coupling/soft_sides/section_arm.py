@@ -245,7 +245,7 @@ class SectionArm(SoftSide):
         self._begin = (self._last, self._flange, self._loads)
         try:
             iterations = step_or_halves(
-                self._step, self._restart, self._begin[1:], (flange, loads), step_s, aim
+                self._step, self.restart, self._begin[1:], (flange, loads), step_s, aim
             )
         except ConvergenceError:
             self._last = self._begin[0]
@@ -261,7 +261,7 @@ class SectionArm(SoftSide):
         self._last = self._stepper.step(task, loads, self._last.pressure_Pa, aim)
         return self._last.iterations
 
-    def _restart(self) -> None:
+    def restart(self) -> None:
         """Let the next step be the first one of a two-step integrator."""
         self._last = replace(self._last, chain=replace(self._last.chain, earlier=None))
 

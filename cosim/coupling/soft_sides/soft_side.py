@@ -297,6 +297,9 @@ class SoftSide(ABC):
         """
         self.state = before
 
+    def restart(self) -> None:
+        """Let the next step be the first one of a two-step integrator."""
+
     def searching(self, place: str) -> AbstractContextManager[None]:
         """Let searches within say where they are, while they last; those that take no time say nothing.
 

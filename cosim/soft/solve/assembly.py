@@ -38,6 +38,7 @@ from cosim.soft.film.step_arrays import (
     FilmSlots,
     StepBed,
 )
+from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
@@ -522,11 +523,48 @@ def _advancing(body: SoftBody) -> list[tuple[Element, slice]]:
     return [(element, own) for element, own in pairs if element.remembers_steps]
 
 
-def elastic_energy(body: SoftBody, made: list[tuple[SoftSystem, Array]], positions: Array) -> float:
-    """Return the elastic energy [J] of a body at positions (n, 3) [m]; its system is kept in `made`."""
-    if not made:
-        system = SoftSystem(body)
-        made.append((system, system.fresh(body.first_memory())))
-    (system, memory), x = made[0], np.array(positions, order="C")
-    loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
-    return system.evaluate(x, loads, system.segment_share(x, loads), memory, hessian=False)
+@final
+class FilmEnergies:
+    """What a body's film holds and loses, at shapes that are given; made when it is first asked for.
+
+    Another process makes its own.
+
+    Args:
+        body: the film.
+        tick_s: [s], of the run.
+    """
+
+    def __init__(self, body: SoftBody, tick_s: float) -> None:
+        self._body, self._tick_s = body, tick_s
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FilmEnergies, (self._body, self._tick_s)
+
+    @cached_property
+    def _system(self) -> tuple[SoftSystem, Array]:
+        system = SoftSystem(self._body)
+        return system, system.fresh(self._body.first_memory())
+
+    @cached_property
+    def _rates(self) -> StrainRates | None:
+        return StrainRates.of(self._body, self._system[0].film)
+
+    def elastic(self, positions: Array) -> float:
+        """Return the elastic energy [J] at positions (n, 3) [m]."""
+        (system, memory), x = self._system, np.array(positions, order="C")
+        loads = Loads((), (0.0,) * len(self._body.cables), (0.0, 0.0, 0.0))
+        return system.evaluate(x, loads, system.segment_share(x, loads), memory, hessian=False)
+
+    def resisted(self, positions: Array, two_steps: bool) -> float:
+        """Return the power [W] that materials lose in a tick.
+
+        Args:
+            positions: (3, n, 3) [m] two ticks before its end, one before, and there.
+            two_steps: whether its step looks back over both.
+        """
+        rates = self._rates
+        if rates is None:
+            return 0.0
+        span = 2.0 * self._tick_s / 3.0 if two_steps else self._tick_s
+        rates.begin(positions[1].copy(), positions[0].copy() if two_steps else None, span)
+        return 2.0 * rates.potential(positions[2].copy()) / span

@@ -1,0 +1,67 @@
+"""The film that a section model was condensed from, held and loaded as the chain of a run is.
+
+At the end of a phase the film is put into the chain's shape, and both come to rest under the same loads: how
+far they are apart then is the error of the section model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
+from cosim.reduced.solve.clamp import FrameClamp
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+
+
+@final
+class SourceFilm:
+    """Puts the film where the chain is.
+
+    Args:
+        chain: of the run.
+        film: new, on the mesh that its sections were condensed from.
+    """
+
+    def __init__(self, chain: SectionArm, film: SoftArm) -> None:
+        self.chain, self.film = chain, film
+        self._clamps: list[tuple[FrameClamp, Clamp]] = []
+
+    def state(self, saved: SectionArmState) -> SoftArmState:
+        """Return the film in the shape of a chain: rings that are held there are held as they are."""
+        chain, film = self.chain, self.film
+        chain.restore_state(saved)
+        shape = chain.state.positions
+        film.hold(self._clamp(saved.clamp, shape, saved.flange))
+        soft = film.in_shape(shape, saved.flange)
+        return replace(film.save_state(), soft=soft, flange=saved.flange, loads=saved.loads)
+
+    def _clamp(self, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
+        """Return what holds the film as some frames are held; the same one for the same frames."""
+        for known, clamp in self._clamps:
+            if np.array_equal(known.held, frames.held) and np.array_equal(known.offsets, frames.offsets):
+                return clamp
+        held = np.zeros(shape.shape, dtype=bool)
+        for ring, whole in zip(self.chain.section.frames.rings, frames.held[1:], strict=True):
+            held[ring] = whole
+        clamp = Clamp.of_base(self.film.body)
+        clamp = clamp.holding(held, shape, flange) if held.any() else clamp
+        self._clamps.append((frames, clamp))
+        return clamp
+
+    def chain_at_rest(self, saved: SectionArmState) -> Equilibrium:
+        """Return where the chain comes to rest, with the loads of a state; it is there then.
+
+        Raises:
+            ConvergenceError: no equilibrium was found near it.
+        """
+        chain = self.chain
+        chain.restore_state(saved)
+        begin = SoftState.at_rest(chain.state.positions, chain.state.memory)
+        found = chain.solve(begin, saved.flange, saved.loads)
+        chain.settle(found)
+        return found
