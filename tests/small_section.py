@@ -7,9 +7,12 @@ from functools import cache
 
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
+from cosim.config.rules import file_of
 from cosim.reduced.fit.fitting import Effort, build_model
 from cosim.reduced.section_model import SectionBody
 from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.solve.self_contact import FilmContactLaw
 
 UNITS = 3
 ROBOT = (
@@ -20,14 +23,14 @@ ROBOT = (
 """The same arm in a scenario file."""
 
 
-def on_a_ur5e(pressure_Pa: float, phases: str) -> str:
+def on_a_ur5e(pressure_Pa: float, phases: str, robot: str = ROBOT, published: bool = True) -> str:
     """Return the text of a scenario in which it hangs from a UR5e, and starts at a pressure."""
     return f"""
 schema = 2
 title = "Three units on a UR5e"
 robot = "ur5e"
-soft_robot = {ROBOT}
-model.published = true
+soft_robot = {robot}
+model.published = {str(published).lower()}
 fidelity = "section"
 
 [start]
@@ -50,3 +53,22 @@ def body() -> SoftBody:
 def section() -> SectionBody:
     """Return its section model, up to 40 kPa."""
     return SectionBody(body(), build_model(body(), 40e3, effort=Effort(levels=12, samples=24, intervals=7)))
+
+
+FRAMED = """{ file = "hexagon_arm", stack = { units = 2 }, cable = [
+  { name = "right", corner = 0, units = [1, 2], capstan_factor = 0.8 },
+  { name = "left", corner = 1, units = [1, 2], capstan_factor = 0.8 }] }"""
+"""Two units of the default arm; at 30 kPa they press on one another where they bend."""
+LAW = FilmContactLaw(ContactLaw(3e8), 0.0, throughout=False)
+
+
+@cache
+def framed_section() -> SectionBody:
+    """Return their section model, up to 33 kPa."""
+    scenario = load_scenario("ur5e_hexagon_arm")
+    robot = file_of(scenario, "units")
+    cables = tuple(replace(cable, units=(1, 2)) for cable in robot.cables)
+    small = replace(robot, stack=replace(robot.stack, units=2), cables=cables)
+    film = build_soft_body(small, scenario.model)
+    effort = Effort(levels=8, samples=24, intervals=4)
+    return SectionBody(film, build_model(film, 33e3, LAW, effort))

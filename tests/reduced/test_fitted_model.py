@@ -8,22 +8,15 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Mask, Pose
-from cosim.build.soft_body import build_soft_body
-from cosim.config.loading import load_scenario
-from cosim.config.rules import file_of
-from cosim.reduced.fit.fitting import Effort, build_model
-from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.newton import ChainSolver
-from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
-from tests.small_section import body, section
+from tests.small_section import LAW, body, framed_section, section
 
 LEANING = (4.0, 0.0, 9.0)
 TOLERANCE_N = 1e-6
@@ -84,18 +77,9 @@ def test_a_chain_that_cannot_move_is_in_equilibrium() -> None:
     np.testing.assert_array_equal(found.frames, start)
 
 
-def two_units() -> SoftBody:
-    """Return the first two units of the default arm: at 30 kPa they press on one another where they bend."""
-    scenario = load_scenario("ur5e_hexagon_arm")
-    robot = file_of(scenario, "units")
-    cables = tuple(replace(cable, units=(1, 2)) for cable in robot.cables)
-    small = replace(robot, stack=replace(robot.stack, units=2), cables=cables)
-    return build_soft_body(small, scenario.model)
-
-
 def test_units_that_press_on_one_another_carry_in_the_chain_as_in_the_film() -> None:
-    film, loads = two_units(), Loads((30e3,), (5.0, 0.0))
-    law = FilmContactLaw(ContactLaw(3e8), 0.0, throughout=False)
+    chain, law, loads = framed_section(), LAW, Loads((30e3,), (5.0, 0.0))
+    film = chain.body
 
     def film_tip(films: FilmContactLaw | None) -> Array:
         clamp, contact = Clamp.of_base(film), None if films is None else SelfContact(film, films)
@@ -104,8 +88,6 @@ def test_units_that_press_on_one_another_carry_in_the_chain_as_in_the_film() -> 
         begin = solver.solve(SoftState.drawn(film, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
         return film.tip_position(solver.follow(begin, Pose(), loads).state.positions)
 
-    effort = Effort(levels=8, samples=24, intervals=4)
-    chain = SectionBody(film, build_model(film, 33e3, law, effort))
     solver, frames = ChainSolver(chain), chain.straight(30e3)
     able = np.arange(len(frames)) > 0
     for pull in (1.0, 2.0, 3.0, 4.0, 5.0):

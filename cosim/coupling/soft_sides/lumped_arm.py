@@ -351,10 +351,6 @@ class SoftArm(SoftSide):
         self._work[1] += self._system.lost_at_eyelets(after.positions, before.memory, after.memory)
         return result.iterations
 
-    def restart(self) -> None:
-        """Let the next step be the first one of a two-step integrator."""
-        self.state = replace(self.state, earlier=None)
-
     def hang(self, world_from_flange: Pose, gravity: tuple[float, float, float]) -> Equilibrium:
         """Return the equilibrium hung up without pressure and tension."""
         drawn = SoftState.drawn(self.body, world_from_flange)  # an arm may have turned the flange as it could

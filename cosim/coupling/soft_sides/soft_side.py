@@ -21,7 +21,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias, final
 
 import numpy as np
@@ -299,6 +299,7 @@ class SoftSide(ABC):
 
     def restart(self) -> None:
         """Let the next step be the first one of a two-step integrator."""
+        self.state = replace(self.state, earlier=None)
 
     def searching(self, place: str) -> AbstractContextManager[None]:
         """Let searches within say where they are, while they last; those that take no time say nothing.
