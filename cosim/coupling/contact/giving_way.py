@@ -95,9 +95,6 @@ class Yielding(Protocol):
     def restore(self, before: SoftState) -> None:
         """Undo the last step."""
 
-    def restart(self) -> None:
-        """Let the next step be the first one of a two-step integrator."""
-
 
 @final
 @dataclass(frozen=True)
@@ -428,9 +425,6 @@ class LightBodies:
     def advance(self, flange: Pose, loads: Loads, aim: StepAim | None = None) -> SoftReply:
         """Take the soft step with the contacts that are there, and load the bodies.
 
-        A step that looks back over a hit may find nothing on which film and bodies agree: then it looks back
-        over one step alone, by implicit Euler, against which the film is softer.
-
         Args:
             flange: its pose at the end.
             loads: then, contacts not counted.
@@ -439,17 +433,6 @@ class LightBodies:
         Raises:
             ConvergenceError: the film's step has no solution, or bodies and film do not agree.
         """
-        before = self._soft.state
-        try:
-            return self._advance(flange, loads, aim)
-        except ConvergenceError:
-            if before.earlier is None:
-                raise
-        self._soft.restore(before)
-        self._soft.restart()
-        return self._advance(flange, loads, aim)
-
-    def _advance(self, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
         tick = flange, loads, self._tick_s
         step = _Step(self._exchange, self._soft, tick, aim)
         light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()

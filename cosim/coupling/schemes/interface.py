@@ -17,7 +17,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, SixNumbers, Wrench, cross
+from cosim.base.frames import Array, Pose, SixNumbers, Wrench, cross
 from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -26,7 +26,7 @@ from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N, RigidSide, hand_over
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
-from cosim.errors import InputError
+from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
@@ -246,13 +246,29 @@ class Interface:
         """
         soft, flange, tick_s = self.soft, self.scene.flange_pose, self.scene.tick_s
         if self.light is not None:
-            reply = self.light.advance(flange, loads, aim)
+            reply = self._advance_with(self.light, flange, loads, aim)
         elif aim is None:
             reply = soft.advance(flange, loads, tick_s)
         else:
             reply = soft.advance_closely(flange, loads, tick_s, aim)
         self.wrench = reply.wrench
         return reply
+
+    def _advance_with(self, light: LightBodies, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
+        """Take the soft step with bodies that may give way.
+
+        A step that looks back over a hit may find nothing on which film and bodies agree: then it looks back
+        over one step alone, by implicit Euler, in which the film is softer.
+        """
+        soft, before = self.soft, self.soft.state
+        try:
+            return light.advance(flange, loads, aim)
+        except ConvergenceError:
+            if before.earlier is None:
+                raise
+        soft.restore(before)
+        soft.restart()
+        return light.advance(flange, loads, aim)
 
     def take_reply(self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None) -> None:
         """Fill the row of the tick in progress with what `advance_soft` has returned, and hand it over.
