@@ -84,7 +84,7 @@ def overlap_line(summary: dict[str, Any]) -> str:
     if force_N:
         return f"none: films press on one another with up to {force_N:.3g} N, {1e3 * depth_m:.2g} mm deep"
     row = next((row for row in summary["modelled"] if row["what"] == _ITSELF), None)
-    if row is None or row["included"]:
+    if row is None or (row["included"] and summary["section_model"] is None):
         return "none: films do not touch one another"
     return f"none was seen; {_ITSELF}: {row['reason']}"
 
