@@ -9,8 +9,7 @@ Measured on the reference arm (CPU time of the first run from an empty cache; re
 | with calls by address as well | 86 s | 1.03 |
 | with device functions as intermediate code as well | 41 s | 1.00 |
 
-Since then kernels have grown; with large records read where they lie (`RecordAt`) the first run took 72 s.
-It takes 0.79 of that since contact and the film's terms are read so too, and flags compared by what is set.
+Since then kernels have grown; the first run takes 72 s, with large records read where they lie (`RecordAt`).
 
 Any numba other than `KNOWN` compiles in its public way instead; results are the same up to rounding.
 """
@@ -78,10 +77,9 @@ if KNOWN:
     from numba.core.targetconfig import ConfigStack, TargetConfig
     from numba.np.arrayobj import make_array, populate_array
 
-    def _same_flags(flags: Any, other: Any) -> Any:
-        if flags is other or not isinstance(other, TargetConfig):
-            return flags is other
-        return flags._values == other._values or flags.values() == other.values()  # what is set, then all
+    def _same_flags(flags: Any, other: Any) -> bool:
+        same = flags is other or flags._values == other._values  # what is set, before all the defaults
+        return same or bool(flags.values() == other.values())
 
     # asked for with every call that is typed: 5 to 8 % of the first run; numba's own hash is of names alone
     TargetConfig.__eq__, TargetConfig.__hash__ = _same_flags, lambda _flags: 0  # type: ignore[method-assign]
