@@ -74,15 +74,8 @@ if KNOWN:
     from numba.core.codegen import CPUCodeLibrary
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
-    from numba.core.targetconfig import ConfigStack, TargetConfig
+    from numba.core.targetconfig import ConfigStack
     from numba.np.arrayobj import make_array, populate_array
-
-    def _same_flags(flags: Any, other: Any) -> bool:
-        same = flags is other or flags._values == other._values  # what is set, before all the defaults
-        return same or bool(flags.values() == other.values())
-
-    # asked for with every call that is typed: 5 to 8 % of the first run; numba's own hash is of names alone
-    TargetConfig.__eq__, TargetConfig.__hash__ = _same_flags, lambda _flags: 0  # type: ignore[method-assign]
 
     @final
     class IntermediateCode(CPUCodeLibrary):

@@ -269,7 +269,7 @@ class SoftModel:
 
     @property
     def finer(self) -> Callable[[int], SoftArm] | str:
-        """What returns the film with every triangle divided into four so many times; or why there is none."""
+        """What returns the film at a number of refinements; or why it cannot be refined."""
         scenario = self._scenario
         if scenario.fidelity == "rigid":
             return "the shape is frozen"

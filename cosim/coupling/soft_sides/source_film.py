@@ -1,7 +1,8 @@
 """The film that a section model was condensed from, held and loaded as the chain of a run is.
 
 At the end of a phase the film is put into the chain's shape, and both come to rest under the same loads: how
-far they are apart then is the error of the section model.
+far they are apart then is the error of the section model. It knows both soft sides, which do not know one
+another, and so stands by itself.
 """
 
 from __future__ import annotations
