@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from cosim.app.api import plan_path as plan_path
     from cosim.app.api import run as run
     from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.ended_run import load_run as load_run
     from cosim.app.ended_run import picture as picture
+    from cosim.app.motion import payload_torque as payload_torque
+    from cosim.app.motion import plan_path as plan_path
+    from cosim.app.motion import run_path as run_path
     from cosim.app.progress import ProgressBar as ProgressBar
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
@@ -52,10 +54,11 @@ if TYPE_CHECKING:
     from cosim.sweeps.table import plot_sweep as plot_sweep
 
 _NAMES = {
-    "cosim.app.api": "plan_path run",
+    "cosim.app.api": "run",
     "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",
+    "cosim.app.motion": "payload_torque plan_path run_path",
     "cosim.app.progress": "ProgressBar",
     "cosim.app.simulation": "SavedState Simulation",
     "cosim.base.frames": "Pose",

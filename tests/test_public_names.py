@@ -48,9 +48,11 @@ EXPECTED = {
     "picture",
     "open_sweep",
     "plot_sweep",
+    "payload_torque",
     "plan_path",
     "register_kind",
     "run",
+    "run_path",
     "sweep",
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")

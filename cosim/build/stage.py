@@ -347,6 +347,9 @@ def stage_of(
         tip_paths=parts.tip_paths,
         decay=_decay(scenario),
         energy=_energy(scenario, body),
+        soft_mass_kg=body.mass_kg,
+        mounted=carrier.mounted,
+        sliding=carrier.sliding,
     )
 
 

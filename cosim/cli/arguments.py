@@ -87,18 +87,21 @@ def _add_export(commands: Any) -> None:
     export.add_argument("--csv", action="store_true", help="all curves as one table, arrays.csv")
     export.add_argument("--vtk", action="store_true", help="the deformed film, film.pvd and its .vtp files")
     export.add_argument("--plot", action="store_true", help="the usual curves, curves.png")
+    export.add_argument("--bag", action="store_true", help="a ROS 2 bag of MCAP, for Foxglove too: bag/")
     times = "times of the film (default: all frames of the recording)"
     _add_list(export, "--at", "times_s", "SECONDS", times, type=float, nargs="+")
     export.add_argument("--out", metavar="DIR", type=Path, help="where to (default: the run's directory)")
 
 
 def _add_export_path(commands: Any) -> None:
-    path = commands.add_parser("export-path", help="write a planned tip path for a robot's controller")
-    path.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
-    path.add_argument(
-        "files", metavar="FILE", type=Path, nargs="+", help=".csv: a table; .script: URScript of servoj"
-    )
-    path.add_argument("--phase", metavar="NAME", help="that has the path (default: the only one)")
+    path = commands.add_parser("export-path", help="write a motion for a robot's controller")
+    source = "to plan: its name or .toml file; or the directory of a run"
+    path.add_argument("scenario", metavar="SCENARIO|DIR", help=source)
+    files = ".csv: a table; .script: URScript of servoj; .yaml: a JointTrajectory of ROS 2"
+    path.add_argument("files", metavar="FILE", type=Path, nargs="+", help=files)
+    default = "default: the only one with a tip path; of a run the whole of it"
+    path.add_argument("--phase", metavar="NAME", help=f"which phase ({default})")
+    path.add_argument("--whole", action="store_true", help="all phases of the scenario")
     path.add_argument(
         "--rate", metavar="HZ", type=float, default=500.0, help="rows per second (default: 500)"
     )

@@ -5,13 +5,15 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from cosim.app.ended_run import load_run
+from cosim.app.motion import payload_torque, plan_path, run_path
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import write_whole
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
@@ -24,11 +26,13 @@ from cosim.config.loading import load_file
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
-from cosim.config.toml.reading import blamed_on
+from cosim.config.toml.reading import blamed_on, parse_assignment
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
 from cosim.results.exports import COLLECTION, write_csv, write_film
-from cosim.results.result import figure_kind
+from cosim.results.joint_table import check_name
+from cosim.results.result import RunResult, figure_kind
+from cosim.results.ros_bag import BAG, check_bags, write_bag
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
@@ -158,49 +162,98 @@ def _checked(name: str, fine: str) -> bool:
     return not faults
 
 
+def export_path_command(source: str, files: Sequence[Path], options: argparse.Namespace) -> None:
+    """Write the motion of a scenario's plan, or of a run, into files for robots' controllers.
+
+    Args:
+        source: name or path of a scenario, or the directory of a run.
+        files: each ends in what is to be in it.
+        options: `phase`, `whole`, `rate` and `assignments` of the command line.
+
+    Raises:
+        InputError: there is no such scenario, run or phase, or a file's name says nothing.
+        OutputError: a file cannot be written.
+    """
+    for file in files:
+        check_name(file)
+    if Path(source).is_dir():
+        if options.assignments:
+            raise InputError(f"--set changes a scenario; {source} is a run that has been")
+        table = run_path(source, phase=options.phase, rate_Hz=options.rate)
+    else:
+        overrides = dict(map(parse_assignment, options.assignments))
+        which: dict[str, Any] = {"phase": options.phase, "whole": options.whole}
+        table = plan_path(source, rate_Hz=options.rate, overrides=overrides, **which)
+    for file in files:
+        table.write(file)
+        print(printable(f"{file}, {len(table.time_s)} rows at {options.rate:g} Hz"))
+    if table.payload is not None:
+        for line in repr(payload_torque(source)).split("\n"):
+            print(printable(f"payload: {line}"))
+
+
 CSV: Final = "arrays.csv"
 PLOT: Final = "curves.png"
 
 
 def export_command(
-    directory: Path, out: Path | None, *, csv: bool, vtk: bool, plot: bool, times_s: Sequence[float] = ()
+    directory: Path, out: Path | None, wanted: Collection[str], times_s: Sequence[float] = ()
 ) -> None:
     """Write files of a run for other programs, and print where they are.
 
     Args:
         directory: of the run.
         out: directory of the files; None: that of the run.
-        csv: all that has a row per tick, as a table.
-        vtk: the deformed film.
-        plot: the usual curves.
+        wanted: of `EXPORTS`.
         times_s: of the film; none: all frames.
 
     Raises:
         InputError: there is no such run or time, or nothing was asked for.
         OutputError: a file cannot be written.
     """
-    if not (csv or vtk or plot):
-        raise InputError("export: say what to write: --csv, --vtk, --plot, or several of them")
-    if times_s and not vtk:
+    if not wanted:
+        raise InputError(f"export: say what to write: --{', --'.join(EXPORTS)}, or several of them")
+    if times_s and "vtk" not in wanted:
         raise InputError("--at: chooses times of the film; give --vtk as well")
-    if plot:
+    if "plot" in wanted:
         figure_kind()
+    if "bag" in wanted:
+        check_bags()
     result = load_run(directory)
     with OutputDirectory(directory if out is None else out) as target:
         target.make()
-        if csv:
-            target.claim(CSV)
-            write_csv(result, target.path / CSV)
-            _tell(target.path / CSV)
-        if plot:
-            target.claim(PLOT)
-            with writing(target.path / PLOT):
-                result.plot().savefig(target.path / PLOT, dpi=110)
-            _tell(target.path / PLOT)
-        if vtk:
-            written = write_film(result, target.path, times_s, target.claim)
-            _tell(target.path / COLLECTION, f", {len(written) - 1} times; open it in ParaView")
+        for kind in EXPORTS:
+            if kind in wanted:
+                _tell(*EXPORTS[kind](result, target, times_s))
 
 
-def _tell(path: Path, more: str = "") -> None:
+def _export_csv(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
+    target.claim(CSV)
+    write_csv(result, target.path / CSV)
+    return target.path / CSV, ""
+
+
+def _export_plot(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
+    target.claim(PLOT)
+    with writing(target.path / PLOT):
+        result.plot().savefig(target.path / PLOT, dpi=110)
+    return target.path / PLOT, ""
+
+
+def _export_film(result: RunResult, target: OutputDirectory, times_s: Sequence[float]) -> tuple[Path, str]:
+    written = write_film(result, target.path, times_s, target.claim)
+    return target.path / COLLECTION, f", {len(written) - 1} times; open it in ParaView"
+
+
+def _export_bag(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
+    target.claim(BAG)
+    messages = write_bag(result, target.path / BAG)
+    return target.path / BAG, f", {messages} messages; ros2 bag play, or open its .mcap in Foxglove"
+
+
+EXPORTS: Final = {"csv": _export_csv, "vtk": _export_film, "plot": _export_plot, "bag": _export_bag}
+"""What `cosim export` writes, each by the option of its name."""
+
+
+def _tell(path: Path, more: str) -> None:
     print(printable(f"{path}{more}"))

@@ -268,25 +268,17 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from cosim.cli.files import export_command  # here, because it loads numpy
+    from cosim.cli.files import EXPORTS, export_command  # here, because it loads numpy
 
-    wanted = {key: vars(options)[key] for key in ("csv", "vtk", "plot", "times_s")}
-    export_command(options.directory, options.out, **wanted)
+    wanted = [kind for kind in EXPORTS if vars(options)[kind]]
+    export_command(options.directory, options.out, wanted, options.times_s)
     return EXIT_DONE
 
 
 def _export_path(options: argparse.Namespace) -> int:
-    from cosim.app.api import plan_path  # here, because they load numpy and pydantic
-    from cosim.config.toml.reading import parse_assignment
-    from cosim.results.joint_table import check_name
+    from cosim.cli.files import export_path_command  # here, because it loads numpy and pydantic
 
-    for file in options.files:
-        check_name(file)
-    overrides = dict(map(parse_assignment, options.assignments))
-    table = plan_path(options.scenario, phase=options.phase, rate_Hz=options.rate, overrides=overrides)
-    for file in options.files:
-        table.write(file)
-        print(printable(f"{file}, {len(table.time_s)} rows at {options.rate:g} Hz"))
+    export_path_command(options.scenario, options.files, options)
     return EXIT_DONE
 
 

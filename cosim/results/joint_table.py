@@ -1,9 +1,10 @@
-"""Planned joint angles and commands at the rate of a robot's controller: as a table, a CSV file, URScript."""
+"""Joint angles and commands at the rate of a robot's controller: as a table, CSV, URScript, for ROS 2."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,15 @@ from cosim.errors import InputError
 
 CSV: Final = ".csv"
 URSCRIPT: Final = ".script"
+TRAJECTORY: Final = ".yaml"
+TOLD_EVERY_s: Final = 0.5
+"""How often URScript is told of the payload, which it changes evenly until the next time."""
+PAYLOAD: Final = (
+    "payload.mass_kg", "payload.center_x_m", "payload.center_y_m", "payload.center_z_m",
+    "payload.inertia_xx_kg_m2", "payload.inertia_yy_kg_m2", "payload.inertia_zz_kg_m2",
+    "payload.inertia_xy_kg_m2", "payload.inertia_xz_kg_m2", "payload.inertia_yz_kg_m2",
+)  # fmt: skip
+"""Columns of what hangs on the flange: centre in the flange frame, inertia about the centre, flange axes."""
 _TIME: Final = "time_s"
 _LOOKAHEAD_s: Final = 0.1
 _GAIN: Final = 300
@@ -29,12 +39,13 @@ _UR_JOINTS: Final = 6
 @final
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """What a phase asks of a robot, at a fixed rate.
+    """What is asked of a robot, at a fixed rate.
 
     Args:
-        name: of the phase.
+        name: of the phase, or of the scenario.
         columns: after the time: joints end in ".position_rad" (sliding ones in ".position_m"), cables in
-            ".tension_N", chambers in ".pressure_Pa".
+            ".tension_N" or ".length_m" (what is off the drum), chambers in ".pressure_Pa"; of a run also
+            those of `PAYLOAD`.
         time_s: (n,), from 0 on.
         values: (n, columns) [rad, m, N, Pa], as their names end.
     """
@@ -52,6 +63,14 @@ class JointTable:
         )
 
     @property
+    def payload(self) -> Array | None:
+        """(n, 10) of `PAYLOAD`; None where the table does not know it."""
+        if PAYLOAD[0] not in self.columns:
+            return None
+        first = self.columns.index(PAYLOAD[0])
+        return self.values[:, first : first + len(PAYLOAD)]
+
+    @property
     def joints(self) -> Array:
         """(n, joints) [rad], of sliding ones [m]."""
         return self.values[:, : len(self.joint_names)]
@@ -67,6 +86,9 @@ class JointTable:
     def urscript_text(self) -> str:
         """Return a program for the controller of a UR arm: a move to the begin, then `servoj` at every step.
 
+        Where the payload is known, `set_target_payload` tells of it before the move, and every 0.5 s what it
+        will be 0.5 s later (PolyScope 5.10 and later).
+
         Raises:
             InputError: the arm has other joints than a UR.
         """
@@ -79,24 +101,56 @@ class JointTable:
         step_s = float(self.time_s[1] - self.time_s[0])
         end = f"0, 0, {step_s:.9g}, {_LOOKAHEAD_s:g}, {_GAIN}"
         rows = ["[" + ", ".join(f"{angle:.9f}" for angle in row) + "]" for row in self.joints.tolist()]
+        first, ahead = self._payload_calls(step_s)
+        calls = [line for k, row in enumerate(rows) for line in (*ahead[k], f"  servoj({row}, {end})")]
         return "\n".join(
             [
                 f"# phase {self.name}: {len(rows)} points, {step_s:.9g} s apart; joints "
                 f"{', '.join(self.joint_names)}",
                 f"def {self.name.replace('-', '_')}():",
+                *first,
                 f"  movej({rows[0]}, {_APPROACH})",
-                *(f"  servoj({row}, {end})" for row in rows),
+                *calls,
                 f"  stopj({_STOP_rad_s2:g})",
                 "end",
                 "",
             ]
         )
 
+    def _payload_calls(self, step_s: float) -> tuple[list[str], list[list[str]]]:
+        """Return lines that tell of the payload: before the move, and before every row, in most rows none."""
+        payload = self.payload
+        ahead: list[list[str]] = [[] for _ in self.time_s]
+        if payload is None:
+            return [], ahead
+        every, last = max(round(TOLD_EVERY_s / step_s), 1), len(payload) - 1
+        for k in range(0, last, every):
+            ahead[k].append(_payload_call(payload[min(k + every, last)], every * step_s))
+        return [_payload_call(payload[0], 0.0)], ahead
+
+    def trajectory_text(self) -> str:
+        """Return a `trajectory_msgs/msg/JointTrajectory` of ROS 2 as YAML, as `ros2 topic pub` takes it.
+
+        Positions, and velocities by central differences; tensions and pressures have no place in it.
+        """
+        speed = np.gradient(self.joints, self.time_s, axis=0)
+        lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}"]
+        lines += [f"joint_names: {json.dumps(self.joint_names)}", "points:"]
+        for time_s, place, rate in zip(
+            self.time_s.tolist(), self.joints.tolist(), speed.tolist(), strict=True
+        ):
+            sec, nanosec = divmod(round(1e9 * time_s), 10**9)
+            lines.append(
+                f"- {{positions: {place}, velocities: {rate}, accelerations: [], effort: [], "
+                f"time_from_start: {{sec: {sec}, nanosec: {nanosec}}}}}"
+            )
+        return "\n".join([*lines, ""])
+
     def write(self, path: str | Path) -> None:
-        """Write a .csv file, or a .script file of URScript.
+        """Write a .csv file, a .script file of URScript, or a .yaml file of a ROS 2 trajectory.
 
         Args:
-            path: of the file; its ending says which of both.
+            path: of the file; its ending says which.
 
         Raises:
             InputError: the name ends otherwise, or the arm is no UR.
@@ -104,7 +158,8 @@ class JointTable:
         """
         path = Path(path)
         check_name(path)
-        text = self.csv_text() if path.suffix == CSV else self.urscript_text()
+        made = {CSV: self.csv_text, URSCRIPT: self.urscript_text, TRAJECTORY: self.trajectory_text}
+        text = made[path.suffix]()
         with writing(path):
             write_whole(path, text)
 
@@ -131,10 +186,18 @@ class JointTable:
         return cls(path.stem, tuple(heads[1:]), rows[:, 0], rows[:, 1:])
 
 
+def _payload_call(row: Array, within_s: float) -> str:
+    mass, *others = (f"{value:.6g}" for value in row.tolist())
+    return f"  set_target_payload({mass}, [{', '.join(others[:3])}], [{', '.join(others[3:])}], {within_s:g})"
+
+
 def check_name(path: Path) -> None:
     """Raise InputError where a file's name does not say what is to be in it."""
-    if path.suffix not in (CSV, URSCRIPT):
-        raise InputError(f"{path}: the name must end in {CSV}, or in {URSCRIPT} for URScript")
+    if path.suffix not in (CSV, URSCRIPT, TRAJECTORY):
+        raise InputError(
+            f"{path}: the name must end in {CSV}, in {URSCRIPT} for URScript, or in {TRAJECTORY} for a ROS 2 "
+            "trajectory"
+        )
 
 
 def sample_times(duration_s: float, rate_Hz: float) -> Array:

@@ -243,6 +243,8 @@ class RunResult(RigidColumns):
         flange_quaternion: (rows, 4), (w, x, y, z), world from flange.
         flange_force: (rows, 3) [N], that the soft robot exerts on the flange, world axes.
         flange_torque: (rows, 3) [N m], the same, about the flange's origin.
+        soft_center: (rows, 3) [m], centre of mass of the soft robot, world.
+        soft_inertia: (rows, 3, 3) [kg m^2], of the soft robot about that, world axes.
         tip_position: (rows, 3) [m], centre of the last hole ring.
         tip_direction: (rows, 3), its unit normal.
         sag_m: (rows,), distance of the tip from where a straight arm along the flange's axis would have it.
@@ -280,6 +282,8 @@ class RunResult(RigidColumns):
     flange_quaternion: Array
     flange_force: Array
     flange_torque: Array
+    soft_center: Array
+    soft_inertia: Array
     tip_position: Array
     tip_direction: Array
     sag_m: Array

@@ -123,6 +123,14 @@ class ArmCarrier(Carrier):
         return self._scene.body_names
 
     @property
+    def sliding(self) -> tuple[bool, ...]:
+        return tuple(self._arm.prismatic.tolist())
+
+    @property
+    def mounted(self) -> tuple[float, ...]:
+        return () if self._mounted is None else self._mounted.figures()
+
+    @property
     def shapes(self) -> tuple[BodyShape, ...]:
         return self._scene.shapes
 

@@ -82,6 +82,16 @@ class Carrier(ABC):
         return ()
 
     @property
+    def sliding(self) -> tuple[bool, ...]:
+        """(joints,), whether a joint slides."""
+        return ()
+
+    @property
+    def mounted(self) -> tuple[float, ...]:
+        """What is fixed to the flange beside the soft robot, as `RunInfo.mounted`."""
+        return ()
+
+    @property
     def shapes(self) -> tuple[BodyShape, ...]:
         """What is drawn of the rigid bodies."""
         return ()

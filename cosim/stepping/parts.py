@@ -269,7 +269,7 @@ class Parts:
     def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:
         """Return the present state as a snapshot."""
         carrier, soft, loads = self.carrier, self.soft, moment.loads
-        places, quaternions = carrier.body_poses()
+        (places, quaternions), mass = carrier.body_poses(), soft.mass_properties()
         devices = self.commands.report(moment.flange)
         wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
         footing = soft.footing(soft.shape_now(), moment.flange, loads) if moment.ends_phase else None
@@ -287,6 +287,8 @@ class Parts:
             film=UnreadFilmShape(self.shape_reader, soft.shape_now()),
             world_from_flange=moment.flange,
             flange_twist=moment.twist,
+            soft_center=mass.center,
+            soft_inertia=mass.inertia,
             chamber_pressure_Pa=np.array(soft.pressures_Pa),
             cable_tension_N=np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N,
             tip_target=None if wanted is None else wanted[0],

@@ -218,6 +218,10 @@ class RunInfo(Shown):
         tip_paths: that the tip follows, by the index of their phase.
         decay: of natural modes; None in statics.
         energy: masses, cables and steps for the energy balance; None for runs that have no balance.
+        soft_mass_kg: mass of the soft robot.
+        mounted: what else is fixed to the flange: (10,) mass [kg], centre (3,) [m] in the flange frame,
+            inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
+        sliding: (joints,), whether a joint slides.
     """
 
     scenario: str
@@ -248,6 +252,9 @@ class RunInfo(Shown):
     tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
     decay: Decay | None = None
     energy: EnergyParts | None = None
+    soft_mass_kg: float = 0.0
+    mounted: tuple[float, ...] = ()
+    sliding: tuple[bool, ...] = ()
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
@@ -297,6 +304,8 @@ class Snapshot(Shown):
         film: where it is, and what follows from that; read when asked for.
         world_from_flange: pose of the flange.
         flange_twist: of the flange origin, world axes.
+        soft_center: (3,) [m], centre of mass of the soft robot, world.
+        soft_inertia: (3, 3) [kg m^2], of the soft robot about that, world axes.
         chamber_pressure_Pa: (chambers,), gauge, in the order of `RunInfo.chamber_names`; of a sealed gas at
             its present volume.
         cable_tension_N: (cables,) at the base end.
@@ -323,6 +332,8 @@ class Snapshot(Shown):
     film: Film
     world_from_flange: Pose
     flange_twist: Twist
+    soft_center: Annotated[Array, (3,)]
+    soft_inertia: Annotated[Array, (3, 3)]
     chamber_pressure_Pa: Annotated[Array, ("chambers",)]
     cable_tension_N: Annotated[Array, ("cables",)]
     tip_target: Annotated[Array, (3,)] | None

@@ -33,7 +33,7 @@ _NONE: Final = np.zeros(0)
 _NOWHERE: Final = np.full(3, np.nan)
 _STACKED: Final = (
     "joint_position", "joint_velocity", "joint_torque", "joint_target", "body_position", "body_quaternion",
-    "body_contact_force", "chamber_pressure_Pa", "cable_tension_N",
+    "body_contact_force", "soft_center", "soft_inertia", "chamber_pressure_Pa", "cable_tension_N",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
 _BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing")
@@ -79,6 +79,8 @@ class TickBatch(RigidColumns):
         flange_position: (n, 3) [m], world.
         flange_rotation: (n, 3, 3), world from flange.
         flange_twist: (n, 6), linear [m/s] and angular [rad/s], of its origin, world axes.
+        soft_center: (n, 3) [m], centre of mass of the soft robot, world.
+        soft_inertia: (n, 3, 3) [kg m^2], about that, world axes.
         chamber_pressure_Pa: (n, chambers), gauge.
         cable_tension_N: (n, cables), at the base end.
         tip_target: (n, 3) [m], world; what is free, or not given at all, is not a number.
@@ -99,6 +101,8 @@ class TickBatch(RigidColumns):
     flange_position: Array
     flange_rotation: Array
     flange_twist: Array
+    soft_center: Array
+    soft_inertia: Array
     chamber_pressure_Pa: Array
     cable_tension_N: Array
     tip_target: Array
@@ -190,6 +194,8 @@ class TickBatch(RigidColumns):
             flange_position=ticks.origin[1 : n + 1],
             flange_rotation=ticks.axes[1 : n + 1],
             flange_twist=ticks.twist[:n],
+            soft_center=taken.center,
+            soft_inertia=taken.inertia,
             chamber_pressure_Pa=taken.pressure_Pa[:n],
             wrench=taken.wrench,
             energy_J=np.zeros((n, 0)),

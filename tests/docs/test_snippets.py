@@ -32,10 +32,12 @@ LONG = {
         "phase.hold.duration_s": 0.1,
     },
     "mine.toml": {"model.published": True, "clock.tick_s": 0.01},
+    "light_hexagon_arm": {"model.published": True, "clock.tick_s": 0.01},
 }
 """Scenarios that take too long for a test, and what is changed for it."""
 OTHERS = (
-    "dask ", "OMP_NUM_THREADS=1 dask ", "make", "python3", ".venv/bin/", "source", "python benchmarks/",
+    "dask ", "OMP_NUM_THREADS=1 dask ", "pip install ", "make", "python3", ".venv/bin/", "source",
+    "python benchmarks/",
 )  # fmt: skip
 """What shell blocks may hold besides: installing, the Makefile's targets and benchmarks, tested elsewhere."""
 NOT_HERE = re.compile(

@@ -92,6 +92,8 @@ def make_snapshot(stage: RunInfo, tick: int, **changes: Any) -> Snapshot:
         "film": FilmShape(nodes, np.array([1e-4 * (1.0 + time)]), tip, turn[:, 2], 0.01 * time),
         "world_from_flange": flange,
         "flange_twist": Twist(),
+        "soft_center": flange.translation,
+        "soft_inertia": np.zeros((3, 3)),
         "chamber_pressure_Pa": np.array([1e4 * time]),
         "cable_tension_N": np.array([3.0, 0.0]) * late,
         "tip_target": np.array([0.3, 0.0, 0.4]) if late else None,

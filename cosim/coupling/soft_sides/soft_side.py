@@ -128,6 +128,11 @@ class MassProperties:
         reduced = self.mass_kg * other.mass_kg / mass
         return MassProperties(mass, center, self.inertia + other.inertia - reduced * offset @ offset)
 
+    def figures(self) -> tuple[float, ...]:
+        """Return (10,): mass, centre, inertia xx, yy, zz, xy, xz, yz."""
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.inertia.tolist()
+        return (self.mass_kg, *self.center.tolist(), xx, yy, zz, xy, xz, yz)
+
     def in_frame(self, world_from_frame: Pose) -> tuple[Array, Array]:
         """Return centre (3,) and inertia (3, 3) in a frame's coordinates."""
         rotation = world_from_frame.rotation

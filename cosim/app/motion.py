@@ -1,0 +1,328 @@
+"""The motion of a robot for its controller: as planned, or as a run had it, with the payload on the flange.
+
+A soft robot's centre of mass moves as it inflates and bends. A controller that is told of it once gives wrong
+torques elsewhere: by Y (p_set - p), with Y of the arm's inverse dynamics and the payload's parameters p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+
+from cosim.app.driver import log, prepared
+from cosim.app.ended_run import load_run
+from cosim.app.run_files import SCENARIO
+from cosim.base.frames import Array, IntArray, rotations_from_quaternions
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.errors import InputError
+from cosim.results.joint_table import PAYLOAD, JointTable, TOLD_EVERY_s, sample_times
+from cosim.results.result import RunResult
+from cosim.telemetry.snapshot import RunInfo
+
+if TYPE_CHECKING:
+    from cosim.plan.plan import PhasePlan
+    from cosim.stepping.stepped_run import SteppedRun
+
+_RATE_Hz: Final = 500.0
+
+
+def plan_path(
+    scenario: str | Path | Scenario,
+    *,
+    phase: str | None = None,
+    whole: bool = False,
+    rate_Hz: float = _RATE_Hz,
+    overrides: Mapping[str, Any] | None = None,
+) -> JointTable:
+    """Return the joint angles, tensions and pressures that a scenario asks for; nothing is run.
+
+    Of a single phase, that is its ramp; of a whole scenario, all ramps and the times to settle after them.
+    What only a run knows is not there: sealed gas, controllers, the payload; see `run_path`.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        phase: which; None for the only one with a tip path.
+        whole: all phases, one after the other.
+        rate_Hz: of the controller, rows per second.
+        overrides: values by key path.
+
+    Raises:
+        InputError: the scenario is wrong, has no arm or no such phase, or its path cannot be followed.
+    """
+    checked = load_scenario(scenario, overrides)
+    wanted = [entry.name for entry in checked.phases]
+    if not whole:
+        wanted = [_phase_of(checked, phase)]
+    elif phase is not None:
+        raise InputError(f"{checked.name}: give a phase ({phase!r}) or the whole, not both")
+    run = _planned(prepared(checked, log, recording=False))
+    if not run.stage.joint_names:
+        raise InputError(f"{checked.name}: has no arm whose joints could be written")
+    rows = _rows([entry for entry in run.plan.phases if entry.phase.name in wanted], whole, rate_Hz)
+    return _table(checked.name if whole else wanted[0], run, rows, checked.soft_robot.cable_names())
+
+
+def _phase_of(scenario: Scenario, phase: str | None) -> str:
+    names = [entry.name for entry in scenario.phases]
+    if phase is not None and phase not in names:
+        raise InputError(f"{scenario.name}: has no phase {phase!r}; it has {', '.join(names) or 'none'}")
+    along = [entry.name for entry in scenario.phases if entry.tip_path is not None]
+    if phase is None and len(along) != 1:
+        raise InputError(
+            f"{scenario.name}: {len(along)} phases have a tip_path; name a phase ({', '.join(names)}), or "
+            "take the whole (--whole, whole=True)"
+        )
+    return phase or along[0]
+
+
+def _planned(scenario: Scenario) -> SteppedRun:
+    from cosim.build.simulation import build  # here: wrong input is refused before MuJoCo is imported
+
+    return build(scenario)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Instants of phases one after the other.
+
+    Args:
+        time_s: (n,), from 0 on.
+        phases: with their first row and the one after their last.
+        within_s: (n,), since the begin of the row's phase.
+    """
+
+    time_s: Array
+    phases: Sequence[tuple[PhasePlan, int, int]]
+    within_s: Array
+
+
+def _rows(phases: Sequence[PhasePlan], settles: bool, rate_Hz: float) -> _Rows:
+    lasting = [p.phase.duration_s + (p.phase.settle_s if settles else 0.0) for p in phases]
+    ends = np.cumsum(lasting)
+    time_s = sample_times(float(ends[-1]), rate_Hz)
+    which = np.minimum(np.searchsorted(ends, time_s, side="left"), len(phases) - 1)
+    first = np.searchsorted(which, np.arange(len(phases) + 1))
+    placed = [(p, first[k], first[k + 1]) for k, p in enumerate(phases) if first[k] < first[k + 1]]
+    return _Rows(time_s, placed, time_s - (ends - lasting)[which])
+
+
+def _table(name: str, run: SteppedRun, rows: _Rows, cables: Sequence[str]) -> JointTable:
+    from cosim.plan.motion import progress
+    from cosim.plan.plan import CommandRamp
+
+    joints, asked = [], []
+    for planned, first, end in rows.phases:
+        phase, times = planned.phase, rows.within_s[first:end]
+        instants = [progress(phase.ramp, min(t, phase.duration_s), phase.duration_s) for t in times.tolist()]
+        ramp = CommandRamp(planned.begin, planned.end)
+        joints.append(planned.joints.through(instants).position)
+        asked += [ramp.at(instant.value) for instant in instants]
+    tension = np.array([command.cable_tension_N for command in asked]).reshape(len(asked), -1)
+    length = np.array([command.cable_length_m for command in asked], float).reshape(len(asked), -1)
+    pressure = np.array([command.pressure_Pa for command in asked]).reshape(len(asked), -1)
+    given = [k for k in range(pressure.shape[1]) if not any(p.gas[k].sealed for p, _, _ in rows.phases)]
+    heads, columns = _of_cables(cables, tension, length)
+    chambers = run.stage.chamber_names
+    return JointTable(
+        name,
+        (*_joint_heads(run.stage), *heads, *(f"{chambers[k]}.pressure_Pa" for k in given)),
+        rows.time_s,
+        np.hstack([np.concatenate(joints), columns, pressure[:, given]]),
+    )
+
+
+def _joint_heads(stage: RunInfo) -> list[str]:
+    pairs = zip(stage.joint_names, stage.sliding, strict=True)
+    return [f"{name}.position_{'m' if slides else 'rad'}" for name, slides in pairs]
+
+
+def _of_cables(names: Sequence[str], tension_N: Array, length_m: Array) -> tuple[list[str], Array]:
+    """Return heads and columns of cables: the length where it is commanded throughout, the tension else."""
+    by_length = np.isfinite(length_m).all(axis=0) & np.ones(len(names), dtype=bool)
+    units = ["length_m" if drum else "tension_N" for drum in by_length.tolist()]
+    heads = [f"{name}.{unit}" for name, unit in zip(names, units, strict=True)]
+    return heads, np.where(by_length, length_m, tension_N)
+
+
+def run_path(
+    run: RunResult | str | Path, *, phase: str | None = None, rate_Hz: float = _RATE_Hz
+) -> JointTable:
+    """Return what the joints were asked for in a run, what the soft robot had, and the payload on the flange.
+
+    Joints between ticks by a cubic spline, all else linearly. Pressures and tensions are those that the run
+    had, whoever gave them. The payload is the soft robot in its shape at that instant and what else is on the
+    flange, without objects that it holds.
+
+    Args:
+        run: its result, or its directory.
+        phase: which; None for the whole run.
+        rate_Hz: of the controller, rows per second.
+
+    Raises:
+        InputError: there is no such run or phase, it has no arm, or no time.
+    """
+    result = run if isinstance(run, RunResult) else load_run(run)
+    stage = result.stage
+    if not stage.joint_names or stage.mode != "dynamic":
+        lacks = "no time" if stage.joint_names else "no arm whose joints could be written"
+        raise InputError(f"{stage.scenario}: the run has {lacks}")
+    if phase is not None and phase not in stage.phase_names:
+        raise InputError(f"the run has no phase {phase!r}; it has {', '.join(stage.phase_names)}")
+    ticks = np.arange(len(result.tick))
+    if phase is not None:
+        ticks = np.flatnonzero(result.phase == stage.phase_names.index(phase))
+        ticks = np.concatenate([[max(ticks[0] - 1, 0)], ticks]) if len(ticks) else ticks
+    ticks = np.unique(ticks)
+    if len(ticks) < _FEWEST:
+        raise InputError(f"{stage.scenario}: the run has {len(ticks)} ticks to write; at least {_FEWEST}")
+    return _sampled(result, ticks, phase or stage.scenario, rate_Hz)
+
+
+_FEWEST: Final = 4
+
+
+def _sampled(result: RunResult, ticks: IntArray, name: str, rate_Hz: float) -> JointTable:
+    from scipy.interpolate import CubicSpline
+
+    stage, time_s = result.stage, result.time_s[ticks] - result.time_s[ticks[0]]
+    tension, drums = result.cable_tension_N[ticks], result.cable_unstretched_m[ticks]
+    drums = drums if drums.size else np.full(tension.shape, np.nan)
+    cables, along = _of_cables(stage.cable_names, tension, drums)
+    chambers = [f"{chamber}.pressure_Pa" for chamber in stage.chamber_names]
+    at = sample_times(float(time_s[-1]), rate_Hz)
+    within = np.minimum(at, time_s[-1])
+    others = np.hstack([along, result.chamber_pressure_Pa[ticks], payload_rows(result)[ticks]])
+    columns = [np.interp(within, time_s, column) for column in others.T]
+    angles = CubicSpline(time_s, result.joint_target[ticks])(within)
+    heads = (*_joint_heads(stage), *cables, *chambers, *PAYLOAD)
+    return JointTable(name, heads, at, np.column_stack([angles, *columns]))
+
+
+def payload_rows(result: RunResult) -> Array:
+    """Return what hangs on the flange at every tick, as the columns of `PAYLOAD` (rows, 10).
+
+    Of the soft robot and what is fixed beside it, as one rigid body, in the flange frame; inertia about the
+    centre of mass. Sums are of m, m c and the inertia about the flange's origin, I + m (c.c 1 - c c^T).
+
+    Args:
+        result: of a run.
+    """
+    turn = rotations_from_quaternions(result.flange_quaternion)
+    center = np.einsum("nji,nj->ni", turn, result.soft_center - result.flange_position)
+    inertia = np.einsum("nji,njk,nkl->nil", turn, result.soft_inertia, turn)
+    mass = result.stage.soft_mass_kg
+    moment, about = mass * center, inertia + mass * _parallel(center)
+    if result.stage.mounted:
+        other, x, y, z, xx, yy, zz, xy, xz, yz = result.stage.mounted
+        place, own = np.array([x, y, z]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        mass, moment = mass + other, moment + other * place
+        about = about + own + other * _parallel(place[None])
+    center = moment / mass
+    inertia = about - mass * _parallel(center)
+    six = inertia[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+    return np.column_stack([np.full(len(center), mass), center, six])
+
+
+def _parallel(points: Array) -> Array:
+    """Return (n, 3, 3): what a unit mass at points (n, 3) adds to the inertia."""
+    squares = np.einsum("ni,ni->n", points, points)[:, None, None] * np.eye(3)
+    return np.asarray(squares - np.einsum("ni,nj->nij", points, points))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PayloadTorque:
+    """The torque by which a controller is wrong that thinks of the soft robot as a rigid payload.
+
+    Args:
+        time_s: (rows,) of the run.
+        joint_names: base to flange.
+        fixed: (10,), the one payload with least squares of wrong torque over the run, as `PAYLOAD`.
+        by_fixed: (rows, joints) [N m], wrong with that.
+        by_schedule: (rows, joints) [N m], wrong with the payload of that instant, told every 0.5 s.
+    """
+
+    time_s: Array
+    joint_names: tuple[str, ...]
+    fixed: Array
+    by_fixed: Array
+    by_schedule: Array
+
+    def __repr__(self) -> str:
+        """Return a line for each of both: largest wrong torque, its joint and instant."""
+        rows = {"one payload": self.by_fixed, f"told every {TOLD_EVERY_s:g} s": self.by_schedule}
+        return "\n".join(f"{name}: {self._largest(wrong)}" for name, wrong in rows.items())
+
+    def _largest(self, wrong: Array) -> str:
+        row, joint = np.unravel_index(int(np.argmax(np.abs(wrong))), wrong.shape)
+        return (
+            f"wrong by up to {abs(wrong[row, joint]):.3g} N m ({self.joint_names[joint]}, "
+            f"{self.time_s[row]:.3g} s), root mean square {np.sqrt(np.mean(wrong**2)):.3g} N m"
+        )
+
+
+def payload_torque(run: RunResult | str | Path) -> PayloadTorque:
+    """Return how wrong the torque of a controller is that takes the soft robot for a rigid payload.
+
+    With q of the run, Y p the torque of a payload p by inverse dynamics, w what the soft robot exerts on the
+    flange and p_m what is fixed beside it: wrong = Y p_set - (Y p_m - J^T w).
+
+    Args:
+        run: its result, or its directory; the arm is that of the scenario there.
+
+    Raises:
+        InputError: there is no such run, it has no files, no arm, or no time.
+    """
+    from cosim.build.arms import placed_arm  # here: engines are loaded where they are needed
+    from cosim.kinematics.arm import Arm
+
+    result = run if isinstance(run, RunResult) else load_run(run)
+    if result.directory is None or result.stage.mode != "dynamic" or not result.stage.joint_names:
+        raise InputError(f"{result.stage.scenario}: needs a run in time of an arm, with files (out=...)")
+    scenario = load_scenario(result.directory / SCENARIO)
+    arm = Arm(placed_arm(scenario.robot, scenario.arm_base), gravity=scenario.gravity_m_s2)
+    q, speed = result.joint_position, result.joint_velocity
+    pushing = np.gradient(speed, result.time_s, axis=0)
+    _, by_payload = arm.torque_rows(q, speed, pushing, np.zeros(q.shape[1]))
+    wrench = np.hstack([result.flange_force, result.flange_torque])
+    true = -np.stack([arm.jacobian(row).T @ load for row, load in zip(q, wrench, strict=True)])
+    if result.stage.mounted:
+        true += by_payload @ _parameters(np.array(result.stage.mounted))
+    figures = payload_rows(result)
+    told = np.arange(0.0, result.time_s[-1] + TOLD_EVERY_s, TOLD_EVERY_s)
+    columns = [np.interp(result.time_s, told, np.interp(told, result.time_s, c)) for c in figures.T]
+    scheduled = np.stack([_parameters(row) for row in np.column_stack(columns)])
+    fixed = _best_fixed(by_payload, true, figures)
+    return PayloadTorque(
+        result.time_s,
+        result.stage.joint_names,
+        fixed,
+        by_payload @ _parameters(fixed) - true,
+        np.einsum("njk,nk->nj", by_payload, scheduled) - true,
+    )
+
+
+def _best_fixed(by_payload: Array, true: Array, figures: Array) -> Array:
+    """Return the payload (10,) of mean mass and inertia whose centre makes the least wrong torque."""
+    from scipy.optimize import least_squares
+
+    mass, center, inertia = np.split(figures.mean(axis=0), (1, 4))
+
+    def wrong(place: Array) -> Array:
+        return np.ravel(by_payload @ _parameters(np.concatenate([mass, place, inertia])) - true)
+
+    return np.concatenate([mass, least_squares(wrong, center).x, inertia])
+
+
+def _parameters(figures: Array) -> Array:
+    from cosim.kinematics.arm import inertial_parameters
+
+    mass, x, y, z, xx, yy, zz, xy, xz, yz = figures.tolist()
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return inertial_parameters(mass, np.array([x, y, z]), inertia)

@@ -1,0 +1,234 @@
+"""A run as a ROS 2 bag of MCAP: for `ros2 bag play`, for readers of bags, and for Foxglove.
+
+Times are those of the run, from 0 on. Frames: `world`, `flange`, and one for every body of the scene.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, rotations_from_quaternions
+from cosim.base.resources import writing
+from cosim.errors import InputError
+from cosim.results.result import RunResult, frame_rows
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+BAG: Final = "bag"
+"""Name of the folder, and of the .mcap file in it."""
+FILM_PER_s: Final = 10.0
+"""How often the film is in the bag, at most; a picture of it takes some 100 kB."""
+_WORLD, _FLANGE, _TIP = "world", "flange", "tip"
+_TRIANGLES: Final = 11  # TRIANGLE_LIST of visualization_msgs/msg/Marker
+_FILM_COLOUR: Final = (0.85, 0.6, 0.3, 0.9)
+_METADATA: Final = "metadata.yaml"
+
+Message = tuple[str, str, Any]
+"""Topic, kind, and what is said."""
+
+
+def check_bags() -> Any:
+    """Return the library that writes bags.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import rosbags.rosbag2
+    except ImportError:
+        raise InputError("bags need rosbags: pip install 'cosim[bag]'") from None
+    return rosbags.rosbag2
+
+
+def write_bag(result: RunResult, folder: Path) -> int:
+    """Write a run as a bag and return how many messages it has.
+
+    Args:
+        result: of a run.
+        folder: of the bag; one that is there already is replaced.
+
+    Raises:
+        InputError: rosbags is not installed, the run has no time, or something else is in the folder.
+        OutputError: it cannot be written.
+    """
+    library = check_bags()
+    from rosbags.typesys import Stores, get_typestore
+
+    if result.stage.mode != "dynamic":
+        raise InputError(f"{result.stage.scenario}: a run in statics has no time, which bags are about")
+    if folder.exists() and any(entry.name not in (_METADATA, f"{BAG}.mcap") for entry in folder.iterdir()):
+        raise InputError(f"{folder}: holds other files than those of a bag; move them away")
+    store, count = get_typestore(Stores.ROS2_HUMBLE), 0
+    with writing(folder):
+        shutil.rmtree(folder, ignore_errors=True)
+        plugin = library.StoragePlugin.MCAP
+        with library.Writer(folder, version=library.Writer.VERSION_LATEST, storage_plugin=plugin) as bag:
+            connections: dict[str, Any] = {}
+            for time_s, (topic, kind, message) in _Messages(result, store).all():
+                if topic not in connections:
+                    connections[topic] = bag.add_connection(topic, kind, typestore=store)
+                bag.write(connections[topic], _ns(time_s), store.serialize_cdr(message, kind))
+                count += 1
+    return count
+
+
+def _ns(time_s: float) -> int:
+    return round(1e9 * time_s)
+
+
+@final
+class _Messages:
+    """What is said of a run, tick by tick.
+
+    Args:
+        result: of the run.
+        store: of ROS's kinds of messages.
+    """
+
+    def __init__(self, result: RunResult, store: Typestore) -> None:
+        self._result, self._types = result, store.types
+        every = frame_rows(result.frame_time_s, FILM_PER_s)
+        self._film = dict(zip(result.frame_tick[every].tolist(), every.tolist(), strict=True))
+        self._turns = rotations_from_quaternions(result.flange_quaternion)
+        self._tip = [_facing(direction) for direction in result.tip_direction]
+
+    def all(self) -> Iterator[tuple[float, Message]]:
+        """Yield instants [s] and messages, in order."""
+        makers: Sequence[Callable[[int], Iterator[Message]]] = (
+            self._joints, self._poses, self._wrench, self._numbers, self._shape,
+        )  # fmt: skip
+        for row, time_s in enumerate(self._result.time_s.tolist()):
+            for make in makers:
+                for message in make(row):
+                    yield time_s, message
+
+    def _of(self, kind: str, **values: Any) -> Any:
+        return self._types[kind](**values)
+
+    def _header(self, row: int, frame: str) -> Any:
+        sec, nanosec = divmod(_ns(float(self._result.time_s[row])), 10**9)
+        stamp = self._of("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self._of("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def _vector(self, values: Array, kind: str = "geometry_msgs/msg/Vector3") -> Any:
+        x, y, z = values.tolist()
+        return self._of(kind, x=x, y=y, z=z)
+
+    def _turn(self, quaternion: Array) -> Any:
+        w, x, y, z = quaternion.tolist()
+        return self._of("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+    def _joints(self, row: int) -> Iterator[Message]:
+        run, kind = self._result, "sensor_msgs/msg/JointState"
+        if not run.stage.joint_names:
+            return
+        had = (run.joint_position[row], run.joint_velocity[row], run.joint_torque[row])
+        asked = (run.joint_target[row], np.zeros(0), np.zeros(0))
+        for topic, (position, velocity, effort) in (("/joint_states", had), ("/joint_targets", asked)):
+            arrays = {"position": position, "velocity": velocity, "effort": effort}
+            names = list(run.stage.joint_names)
+            yield topic, kind, self._of(kind, header=self._header(row, ""), name=names, **arrays)
+
+    def _poses(self, row: int) -> Iterator[Message]:
+        run, kind = self._result, "geometry_msgs/msg/TransformStamped"
+        frames = [(_FLANGE, run.flange_position[row], run.flange_quaternion[row])]
+        frames += [(_TIP, run.tip_position[row], self._tip[row])]
+        frames += zip(run.stage.body_names, run.body_position[row], run.body_quaternion[row], strict=True)
+        header, moved = self._header(row, _WORLD), []
+        for name, place, turn in frames:
+            transform = self._of(
+                "geometry_msgs/msg/Transform", translation=self._vector(place), rotation=self._turn(turn)
+            )
+            moved.append(self._of(kind, header=header, child_frame_id=name, transform=transform))
+        yield "/tf", "tf2_msgs/msg/TFMessage", self._of("tf2_msgs/msg/TFMessage", transforms=moved)
+        pose = self._of(
+            "geometry_msgs/msg/Pose",
+            position=self._vector(run.tip_position[row], "geometry_msgs/msg/Point"),
+            orientation=self._turn(self._tip[row]),
+        )
+        kind = "geometry_msgs/msg/PoseStamped"
+        yield "/tip_pose", kind, self._of(kind, header=header, pose=pose)
+
+    def _wrench(self, row: int) -> Iterator[Message]:
+        run, kind, turn = self._result, "geometry_msgs/msg/WrenchStamped", self._turns[row].T
+        force, torque = turn @ run.flange_force[row], turn @ run.flange_torque[row]
+        both = {"force": self._vector(force), "torque": self._vector(torque)}
+        wrench = self._of("geometry_msgs/msg/Wrench", **both)
+        yield "/flange_wrench", kind, self._of(kind, header=self._header(row, _FLANGE), wrench=wrench)
+
+    def _numbers(self, row: int) -> Iterator[Message]:
+        run, kind = self._result, "std_msgs/msg/Float64"
+        pressures = zip(run.stage.chamber_names, run.chamber_pressure_Pa[row].tolist(), strict=True)
+        tensions = zip(run.stage.cable_names, run.cable_tension_N[row].tolist(), strict=True)
+        told = [(f"/pressure_Pa/{_topic(name)}", value) for name, value in pressures]
+        told += [(f"/tension_N/{_topic(name)}", value) for name, value in tensions]
+        for topic, value in told:
+            yield topic, kind, self._of(kind, data=value)
+
+    def _shape(self, row: int) -> Iterator[Message]:
+        run, kind = self._result, "visualization_msgs/msg/Marker"
+        frame = self._film.get(int(run.tick[row]))
+        if frame is None or not len(run.stage.soft_triangles):
+            return
+        point = self._types["geometry_msgs/msg/Point"]
+        corners = run.node_position[frame][run.stage.soft_triangles.ravel()]
+        still = self._of(
+            "geometry_msgs/msg/Pose",
+            position=point(x=0.0, y=0.0, z=0.0),
+            orientation=self._turn(np.array([1.0, 0.0, 0.0, 0.0])),
+        )
+        colour = self._of("std_msgs/msg/ColorRGBA", **dict(zip("rgba", _FILM_COLOUR, strict=True)))
+        texture = self._of(
+            "sensor_msgs/msg/CompressedImage", header=self._header(row, ""), format="", data=_NO_BYTES
+        )
+        mesh = self._of("visualization_msgs/msg/MeshFile", filename="", data=_NO_BYTES)
+        yield (
+            "/film",
+            kind,
+            self._of(
+                kind,
+                header=self._header(row, _WORLD),
+                ns="film",
+                id=0,
+                type=_TRIANGLES,
+                action=0,
+                pose=still,
+                scale=self._vector(np.ones(3)),
+                color=colour,
+                lifetime=self._of("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+                frame_locked=False,
+                points=[point(x=x, y=y, z=z) for x, y, z in corners.tolist()],
+                colors=[],
+                texture_resource="",
+                texture=texture,
+                uv_coordinates=[],
+                text="",
+                mesh_resource="",
+                mesh_file=mesh,
+                mesh_use_embedded_materials=False,
+            ),
+        )
+
+
+_NO_BYTES: Final = np.zeros(0, np.uint8)
+
+
+def _topic(name: str) -> str:
+    """Return a name as a part of a topic: letters, digits and '_', no digit first."""
+    kept = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in name)
+    return kept if kept[:1].isalpha() else f"_{kept}"
+
+
+def _facing(direction: Array) -> Array:
+    """Return the quaternion (w, x, y, z) of the shortest turn from z to a unit direction (3,)."""
+    x, y, z = direction.tolist()
+    if z < -1.0 + 1e-12:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    turn = np.array([1.0 + z, -y, x, 0.0])
+    return np.asarray(turn / np.linalg.norm(turn))
