@@ -2,8 +2,8 @@
 
     python publish_motion.py way.yaml way.csv
 
-The trajectory goes to the joints' controller once. What the soft robot is asked for goes out row by row, as an array
-in the order of the columns of way.csv that it prints. Needs rclpy, of a ROS 2 installation.
+The trajectory goes to the joints' controller once. What the soft robot is asked for goes out row by row, as
+an array in the order of the columns that it prints. Needs rclpy, of a ROS 2 installation.
 """
 
 import csv
