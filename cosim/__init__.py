@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cosim.app.motion import plan_path as plan_path
     from cosim.app.motion import run_path as run_path
     from cosim.app.progress import ProgressBar as ProgressBar
+    from cosim.app.replay import replay as replay
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.base.frames import Pose as Pose
@@ -60,6 +61,7 @@ _NAMES = {
     "cosim.app.ended_run": "load_run picture",
     "cosim.app.motion": "payload_torque plan_path run_path",
     "cosim.app.progress": "ProgressBar",
+    "cosim.app.replay": "replay",
     "cosim.app.simulation": "SavedState Simulation",
     "cosim.base.frames": "Pose",
     "cosim.base.kept_parts": "KeptParts",

@@ -51,6 +51,7 @@ EXPECTED = {
     "payload_torque",
     "plan_path",
     "register_kind",
+    "replay",
     "run",
     "run_path",
     "sweep",

@@ -27,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
     _add_files(commands)
     _add_export(commands)
     _add_export_path(commands)
+    _add_compare(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
@@ -106,6 +107,20 @@ def _add_export_path(commands: Any) -> None:
         "--rate", metavar="HZ", type=float, default=500.0, help="rows per second (default: 500)"
     )
     _add_changes(path)
+
+
+def _add_compare(commands: Any) -> None:
+    compare = commands.add_parser(
+        "compare", help="replay what a robot was asked for, and compare what was measured"
+    )
+    compare.add_argument(
+        "scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file"
+    )
+    compare.add_argument(
+        "file", metavar="FILE", type=Path, help=".csv as export-path writes it, with measured columns"
+    )
+    compare.add_argument("--plot", metavar="FILE", type=Path, help="draw both: a .png file")
+    _add_changes(compare)
 
 
 def _add_changes(command: Any, meaning: str = "change a value of the scenario first") -> None:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from cosim.app.ended_run import load_run
 from cosim.app.motion import payload_torque, plan_path, run_path
+from cosim.app.replay import drawn, replay
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import write_whole
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
@@ -30,7 +31,7 @@ from cosim.config.toml.reading import blamed_on, parse_assignment
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
 from cosim.results.exports import COLLECTION, write_csv, write_film
-from cosim.results.joint_table import check_name
+from cosim.results.joint_table import JointTable, check_name
 from cosim.results.result import RunResult, figure_kind
 from cosim.results.ros_bag import BAG, check_bags, write_bag
 
@@ -190,6 +191,31 @@ def export_path_command(source: str, files: Sequence[Path], options: argparse.Na
     if table.payload is not None:
         for line in repr(payload_torque(source)).split("\n"):
             print(printable(f"payload: {line}"))
+
+
+def compare_command(scenario: str, file: Path, plot: Path | None, assignments: Sequence[str]) -> None:
+    """Replay a table on a scenario's robot, and print how what was measured differs.
+
+    Args:
+        scenario: name, or path of a .toml file.
+        file: of the table.
+        plot: to draw into; None: nothing is drawn.
+        assignments: KEY=VALUE.
+
+    Raises:
+        InputError: the scenario or the table is wrong.
+        OutputError: the picture cannot be written.
+    """
+    if plot is not None:
+        figure_kind()
+    rows = JointTable.read(file)
+    found = replay(scenario, rows, overrides=dict(map(parse_assignment, assignments)))
+    for line in repr(found).split("\n"):
+        print(printable(line))
+    if plot is not None:
+        with writing(plot):
+            drawn(found, rows).savefig(plot, dpi=110)
+        _tell(plot, "")
 
 
 CSV: Final = "arrays.csv"

@@ -128,6 +128,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _replay(options)
         case "export-path":
             return _export_path(options)
+        case "compare":
+            return _compare(options)
         case "list":
             return _list(options.kind)
         case "view" | "video":
@@ -279,6 +281,13 @@ def _export_path(options: argparse.Namespace) -> int:
     from cosim.cli.files import export_path_command  # here, because it loads numpy and pydantic
 
     export_path_command(options.scenario, options.files, options)
+    return EXIT_DONE
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from cosim.cli.files import compare_command  # here, because it loads numpy and pydantic
+
+    compare_command(options.scenario, options.file, options.plot, options.assignments)
     return EXIT_DONE
 
 

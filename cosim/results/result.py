@@ -27,7 +27,7 @@ from cosim.errors import InputError
 from cosim.telemetry.energy_terms import TERMS
 from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo
-from cosim.telemetry.summary import SummaryBuilder, phase_cells, reason_of
+from cosim.telemetry.summary import Status, SummaryBuilder, phase_cells, reason_of
 from cosim.telemetry.tick_batch import RigidColumns, TickBatch
 
 _ENTRY: Final = re.compile(r"\(([^)]*)\)(?: \[([^\]]*)\])?,? ?(.*)")
@@ -453,13 +453,14 @@ def _joined(parts: list[Any]) -> Any:
 
 
 def result_of(
-    stage: RunInfo, frames_per_s: float, batches: Iterable[TickBatch], error: BaseException
+    stage: RunInfo, frames_per_s: float, batches: Iterable[TickBatch], error: BaseException | None = None
 ) -> RunResult:
-    """Return what a run that has been stepped by hand shows of some ticks, before an error ended it."""
+    """Return what a run that has been stepped by hand shows of some ticks, and of the error that ended it."""
     arrays, summary = ResultBuilder(frames_per_s), SummaryBuilder(stage, 0.0, __version__)
     arrays.open(stage)
     began = time.perf_counter()
     for batch in batches:
         arrays.observe(summary.observe(batch))
-    figures = summary.finish("failed", reason_of(error), time.perf_counter() - began)
+    ended: tuple[Status, str | None] = ("completed", None) if error is None else ("failed", reason_of(error))
+    figures = summary.finish(*ended, time.perf_counter() - began)
     return arrays.result(figures, None)

@@ -1,0 +1,101 @@
+"""What a robot was asked for drives a scenario, and what was measured is compared with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.app.replay import APPROACH_s, Replayed, SETTLE_s
+from cosim.build import soft_model
+from cosim.cli.main import main
+from cosim.errors import InputError
+from cosim.results.joint_table import JointTable
+from tests.small_section import on_a_ur5e, section
+
+DELAY_s, NOISE_RAD = 0.04, 2e-3
+PHASES = """
+[[phase]]
+name = "swing"
+duration_s = 1.0
+settle_s = 0.6
+pressure_Pa = 25e3
+cable_tension_N = [1.0, 0.0]
+flange_shift_m = [0.1, 0.0, 0.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, JointTable, Replayed]:
+    """Return a scenario, the table of its plan, and a replay of that."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("replay")
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        patch.setattr(soft_model, "build_model", lambda *_: section().model)
+        file = folder / "small.toml"
+        file.write_text(on_a_ur5e(20e3, PHASES), encoding="utf-8")
+        table = cosim.plan_path(file, whole=True, rate_Hz=125.0)
+        return file, table, cosim.replay(file, table)
+
+
+@pytest.fixture(autouse=True)
+def _built_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+
+
+def measured(asked: tuple[Path, JointTable, Replayed]) -> JointTable:
+    """Return the table with a joint and the tip as somebody would have measured them: late and noisy."""
+    _, table, found = asked
+    run = found.result
+    since, late = run.time_s - found.begin_s, table.time_s - DELAY_s
+    noise = np.random.default_rng(4).normal(size=len(late)) * NOISE_RAD
+    joint = np.interp(late, since, run.joint_position[:, 1]) + noise
+    tip = np.interp(late, since, run.tip_position[:, 0]) + 0.003
+    columns = (*table.columns, "shoulder_lift_joint.measured_rad", "tip.x_m")
+    return replace(table, columns=columns, values=np.column_stack([table.values, joint, tip]))
+
+
+def test_a_replayed_plan_moves_as_the_planned_run(asked: tuple[Path, JointTable, Replayed]) -> None:
+    file, _, found = asked
+    planned = cosim.run(file)
+    assert found.begin_s == APPROACH_s + SETTLE_s
+    first = int(np.argmin(np.abs(found.result.time_s - found.begin_s)))
+    count = len(planned.tick)
+    assert len(found.result.tick) == first + count
+    # servos know the speed of the rows, not their acceleration, which costs them some 0.8 mrad
+    np.testing.assert_allclose(found.result.joint_position[first:], planned.joint_position, atol=1.2e-3)
+    np.testing.assert_allclose(found.result.tip_position[first:], planned.tip_position, atol=1.2e-3)
+    np.testing.assert_allclose(found.result.pressure_Pa[-1], 25e3)
+    np.testing.assert_allclose(found.result.cable_tension_N[-1], [1.0, 0.0])
+    assert not found.compared
+    assert "nothing was measured" in repr(found)
+
+
+def test_delay_noise_and_offset_of_what_was_measured_are_found(
+    asked: tuple[Path, JointTable, Replayed], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured(asked).write(tmp_path / "bench.csv")
+    found = cosim.replay(asked[0], tmp_path / "bench.csv")
+    joint, tip = found.compared
+    assert joint.delay_s == pytest.approx(DELAY_s, rel=0.1)
+    assert joint.rms == pytest.approx(NOISE_RAD, rel=0.1)
+    assert joint.rms_undelayed > 2.0 * joint.rms
+    assert abs(joint.bias) < 0.2 * NOISE_RAD
+    assert tip.bias == pytest.approx(0.003, rel=0.1)
+    assert (
+        main(["compare", str(asked[0]), str(tmp_path / "bench.csv"), "--plot", str(tmp_path / "b.png")]) == 0
+    )
+    said = capsys.readouterr().out
+    assert "shoulder_lift_joint.measured_rad: rms 0.00" in said
+    assert (tmp_path / "b.png").stat().st_size > 1000
+
+
+def test_joints_of_another_arm_are_refused(asked: tuple[Path, JointTable, Replayed]) -> None:
+    file, table, _ = asked
+    columns = ("elbow.position_rad", *table.columns[1:])
+    with pytest.raises(InputError, match=r"has the joints elbow, .*; the arm has shoulder_pan_joint"):
+        cosim.replay(file, replace(table, columns=columns))
