@@ -72,9 +72,9 @@ class Runs:
         scenario = self.scenario(name, model, changes)
         if phases is not None:
             scenario = replace(scenario, phases=scenario.phases[:phases])
-        began = time.process_time()
+        began, key = time.process_time(), (name, model)
         result = cosim.run(scenario, error=False)
-        self.seconds[name, model] = time.process_time() - began
+        self.seconds[key] = self.seconds.get(key, 0.0) + time.process_time() - began
         return result
 
     def each(self, name: str, changes: Mapping[str, Any] | None = None) -> Iterator[tuple[RunResult, str]]:
@@ -105,15 +105,17 @@ def _at(x: Array, y: Array, at: float) -> float:
 
 
 def inflation(axes: Axes, runs: Runs, name: str, pressures_kPa: Sequence[int]) -> list[Row]:
-    """Return lengths [mm] of a stack at pressures."""
+    """Return lengths [mm] of a stack at pressures, and the last one over its stored length."""
     rows = [Row(f"length at {p} kPa [mm]") for p in pressures_kPa]
+    ratio = Row(f"length at {pressures_kPa[-1]} kPa over stored length")
     for result, model in runs.each(name):
         pressure, length = 1e-3 * result.pressure_Pa, 1e3 * result.tip_position[:, 2]
         axes.plot(pressure, length, color=COLOURS[model], label=model)
         for row, at in zip(rows, pressures_kPa, strict=True):
             row.values[model] = _at(pressure, length, at)
+        ratio.values[model] = result.summary["phases"][-1]["extension_ratio"]
     axes.set(xlabel="pressure [kPa]", ylabel="length [mm]")
-    return rows
+    return [*rows, ratio]
 
 
 def three_unit_inflation(axes: Axes, runs: Runs) -> list[Row]:
@@ -235,14 +237,15 @@ def hexagon_arm_bending(axes: Axes, runs: Runs) -> list[Row]:
     """Path of the tip, seen from above, through six directions; the paper pulls one cable."""
     name = "hexagon_arm_bending"
     directions = ("a", "ab", "b", "bc", "c", "ca")
-    rows = [Row("length at 40 kPa [mm]"), *(Row(f"tip aside, {cables} at 30 N [mm]") for cables in directions)]
+    rows = [Row("length at 40 kPa [mm]"), Row("length over stored length"), *(Row(f"tip aside, {cables} at 30 N [mm]") for cables in directions)]
     for model in runs.models:
         # with open ends the round fails in its third direction: no stable equilibrium follows
         result = runs.run(name, model, {}, phases=2 if model == "solved" else None)
         x, y, z = 1e3 * result.tip_position.T
         axes.plot(x, y, color=COLOURS[model], label=model)
         rows[0].values[model] = float(z[in_phase(result, "inflate")][-1])
-        for row, phase in zip(rows[1:], directions, strict=True):
+        rows[1].values[model] = result.summary["phases"][0]["extension_ratio"]
+        for row, phase in zip(rows[2:], directions, strict=True):
             if phase in result.stage.phase_names[: result.phase.max() + 1]:
                 row.values[model] = float(np.hypot(x, y)[in_phase(result, phase)][-1])
     axes.set(xlabel="tip x [mm]", ylabel="tip y [mm]", aspect="equal")
@@ -293,26 +296,28 @@ def hexagon_arm_angles(axes: Axes, runs: Runs) -> list[Row]:
             continue
         angle, tension = static_tensions(statics_of_angles(runs, model))
         axes.plot(angle, tension, color=COLOURS[model], label=f"{model}, statics")
-        held = held_tensions(runs.run(name, model, {}))
+        # a variant is asked for its statics alone
+        held = {} if runs.change is not None else held_tensions(runs.run(name, model, {}))
         axes.plot(list(held), list(held.values()), "o", color=COLOURS[model], label=f"{model}, bang-bang")
         for k, target in enumerate(ANGLES_deg):
-            rows[2 * k].values[model] = held[target]
             rows[2 * k + 1].values[model] = _at(angle, tension, target)
+            if held:
+                rows[2 * k].values[model] = held[target]
     axes.set(xlabel="bending angle [deg]", ylabel="tension of each cable [N]", xlim=(-2, 55))
     return rows
 
 
 def gripper_finger_closing(axes: Axes, runs: Runs) -> list[Row]:
     """Path of the tip in the finger's plane."""
-    rows = [Row("tip outwards at 3 N [mm]"), Row("tip z at 3 N [mm]")]
+    rows = [Row(f"tip {way} at {t:g} N [mm]") for t in (0.6, 3.0) for way in ("outwards", "upwards")]
     for result, model in runs.each("gripper_finger_closing"):
         _, y, z = 1e3 * result.tip_position.T
         axes.plot(y, z, color=COLOURS[model], label=model)
-        for tension in (0.6, 3.0):
-            row = int(np.argmax(result.cable_tension_N[:, 0] >= tension - 1e-9))
-            axes.plot(y[row], z[row], "o", ms=4, color=COLOURS[model])
-            axes.annotate(f"{tension:g} N", (y[row], z[row]))
-        rows[0].values[model], rows[1].values[model] = float(y[-1]), float(z[-1])
+        for k, tension in enumerate((0.6, 3.0)):
+            at = int(np.argmax(result.cable_tension_N[:, 0] >= tension - 1e-9))
+            axes.plot(y[at], z[at], "o", ms=4, color=COLOURS[model])
+            axes.annotate(f"{tension:g} N", (y[at], z[at]))
+            rows[2 * k].values[model], rows[2 * k + 1].values[model] = float(y[at]), float(z[at])
     axes.set(xlabel="tip, outwards from the gripper's axis [mm]", ylabel="tip z [mm]", aspect="equal")
     return rows
 

@@ -318,6 +318,7 @@ def stage_of(
     """
     ticks, tick_s = _steps(parts)
     scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
+    robot = modelled_robot(scenario)
     return RunInfo(
         scenario=scenario.name,
         title=scenario.title,
@@ -347,6 +348,7 @@ def stage_of(
         tip_paths=parts.tip_paths,
         decay=_decay(scenario),
         energy=_energy(scenario, body),
+        stored_m=None if robot is None else robot.stored_m,
     )
 
 

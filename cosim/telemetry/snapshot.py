@@ -218,6 +218,7 @@ class RunInfo(Shown):
         tip_paths: that the tip follows, by the index of their phase.
         decay: of natural modes; None in statics.
         energy: masses, cables and steps for the energy balance; None for runs that have no balance.
+        stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
     """
 
     scenario: str
@@ -248,6 +249,7 @@ class RunInfo(Shown):
     tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
     decay: Decay | None = None
     energy: EnergyParts | None = None
+    stored_m: float | None = None
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""

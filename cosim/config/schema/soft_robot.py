@@ -517,6 +517,18 @@ class SoftRobotTable:
     known: KnownTable = KnownTable()
     schema: Literal[2] = 2
 
+    @property
+    def stored_m(self) -> float | None:
+        """Length of a single stack of units laid flat [m]: frame height and two films a unit.
+
+        Without frames each unit is as high as it is drawn. None for copies, attachments and other bodies.
+        """
+        if self.stack is None or self.copies is not None or self.attachments:
+            return None
+        frame_m = self.stiffener.height_m
+        unit_m = self.stack.unit_height_m if frame_m is None else frame_m + 2.0 * self.film.thickness_m
+        return self.stack.units * unit_m
+
     def cable_names(self) -> tuple[str, ...]:
         """Return the names of all cables, copy by copy, then those of attachments."""
         own = tuple(cable.name for cable in self.cables)
