@@ -1,10 +1,10 @@
 """Every figure of the paper: its code's output, its model, and the default robots, as tables and pictures.
 
-    python benchmarks/paper.py [--pictures DIR] [--markdown FILE] [--causes] [FIGURE ...]
+    python benchmarks/paper.py [--pictures DIR] [--markdown FILE] [--causes | --frames] [FIGURE ...]
 
-Some minutes on one core. One PNG per figure goes to docs/paper/. With --causes each figure is run with the
-default robot as it comes nearer to the published model, one part after another, to show which part makes
-which difference.
+Two minutes on one core. One PNG per figure goes to docs/paper/. With --causes each figure is run with plain film
+on the paper's mesh, and with one part of the default robot after another added, which shows what makes which
+difference (four minutes); with --frames, with frames of other widths.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -31,6 +31,7 @@ from cosim.build.soft_body import published_robot
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable, StiffenerTable
+from cosim.errors import SolverError
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 COLUMNS: Final = ("code", "solved", "published", "default")
@@ -89,19 +90,34 @@ def table(rows: Sequence[Row]) -> str:
     lines = [f"| | {' | '.join(COLUMNS)} | default / published |", "|---|---|---|---|---|---|"]
     for row in rows:
         cells = [cell(row.values.get(column)) for column in COLUMNS]
-        ratio = row.values["default"] / row.values["published"]
-        lines.append(f"| {row.name} | {' | '.join(cells)} | {ratio:.2f} |")
+        both = row.values.get("default"), row.values.get("published")
+        ratio = "" if None in both else f"{row.values['default'] / row.values['published']:.2f}"
+        lines.append(f"| {row.name} | {' | '.join(cells)} | {ratio} |")
     return "\n".join(lines)
 
 
-def causes(name: str) -> str:
-    """Return as Markdown what each part of the default robot does to a figure's numbers."""
-    lines, heads = [], list(STEPS)
+def _with_width(width_mm: float) -> Callable[[Scenario], Scenario]:
+    """Return what gives a scenario's robot frames of another width."""
+
+    def changed(scenario: Scenario) -> Scenario:
+        robot = _robot(scenario)
+        frame = replace(robot.stiffener, width_m=1e-3 * width_mm)
+        return replace(scenario, soft_robot=replace(robot, stiffener=frame))
+
+    return changed
+
+
+FRAMES: Final = {f"{width_mm:g} mm wide": _with_width(width_mm) for width_mm in (1.5, 2.0, 2.5, 3.0, 3.5)}
+
+
+def variants(name: str, steps: Mapping[str, Callable[[Scenario], Scenario] | None]) -> str:
+    """Return as Markdown what changes of the default robot do to a figure's numbers."""
+    heads = list(steps)
     found: dict[str, list[str]] = {}
     for step in heads:
         try:
-            rows = FIGURES[name](plt.figure().gca(), Runs(STEPS[step], ("default",)))
-        except Exception as error:
+            rows = FIGURES[name](plt.figure().gca(), Runs(steps[step], ("default",)))
+        except SolverError as error:
             print(f"    {name}, {step}: {error}", file=sys.stderr)
             continue
         finally:
@@ -132,12 +148,16 @@ def main() -> int:
     parser.add_argument("--pictures", type=Path, default=ROOT / "docs" / "paper", help="folder of the PNGs")
     parser.add_argument("--markdown", type=Path, help="file that gets the tables as well")
     parser.add_argument("--causes", action="store_true", help="which part makes which difference")
+    parser.add_argument("--frames", action="store_true", help="the same for the width of the frames")
     options = parser.parse_args()
     options.pictures.mkdir(parents=True, exist_ok=True)
     texts = []
     for name in options.figures or FIGURES:
         runs = Runs()
-        text = causes(name) if options.causes else table(drawn(name, runs, options.pictures))
+        if options.causes or options.frames:
+            text = variants(name, STEPS if options.causes else FRAMES)
+        else:
+            text = table(drawn(name, runs, options.pictures))
         seconds = ", ".join(f"{scenario} {model} {s:.1f}" for (scenario, model), s in runs.seconds.items())
         texts.append(f"## {name}\n\n{text}\n" + (f"\nCPU seconds: {seconds}\n" if seconds else ""))
         print(texts[-1], flush=True)
