@@ -87,9 +87,10 @@ def cell(value: float | None) -> str:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows of a figure as Markdown."""
-    lines = [f"| | {' | '.join(COLUMNS)} | default / published |", "|---|---|---|---|---|---|"]
+    columns = list(COLUMNS if "published" in rows[0].values else rows[0].values)
+    lines = [f"| | {' | '.join(columns)} | default / published |", "|---" * (len(columns) + 2) + "|"]
     for row in rows:
-        cells = [cell(row.values.get(column)) for column in COLUMNS]
+        cells = [cell(row.values.get(column)) for column in columns]
         both = row.values.get("default"), row.values.get("published")
         ratio = "" if None in both else f"{row.values['default'] / row.values['published']:.2f}"
         lines.append(f"| {row.name} | {' | '.join(cells)} | {ratio} |")
@@ -122,7 +123,7 @@ def variants(name: str, steps: Mapping[str, Callable[[Scenario], Scenario] | Non
             continue
         finally:
             plt.close()
-        for row in rows:
+        for row in (row for row in rows if row.values):
             found.setdefault(row.name, [""] * len(heads))[heads.index(step)] = cell(row.values.get("default"))
     lines = [f"| {name} | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     lines += [f"| {row} | {' | '.join(cells)} |" for row, cells in found.items()]

@@ -329,6 +329,28 @@ def gripper_finger_closing(axes: Axes, runs: Runs) -> list[Row]:
     return rows
 
 
+def hexagon_arm_torsion(axes: Axes, runs: Runs) -> list[Row]:
+    """Angle over tension of three spiral cables, on the scenario's mesh and on those next to it."""
+    name = "hexagon_arm_torsion"
+    rows = [Row(f"twist at {tension} N a cable [deg]") for tension in (5, 10, 15, 20)]
+    meshes = {"default": None, "coarser": 0, "finer": 2}
+    for words, refine in meshes.items():
+        changes = {} if refine is None else {"soft_robot.stack.refine": refine}
+        result = runs.run(name, "default", changes)
+        scenario = runs.scenario(name, "default", changes)
+        assert isinstance(scenario.soft_robot, SoftRobotTable)
+        tip = build_soft_body(scenario.soft_robot, scenario.model).rings["tip"]
+        place = in_phase(result, "twist")
+        arm = result.node_position[place, tip[0], :2] - result.tip_position[place, :2]
+        angle = np.degrees(np.unwrap(np.arctan2(arm[:, 1], arm[:, 0])))
+        angle, tension = angle[0] - angle, result.cable_tension_N[place, 0]
+        axes.plot(tension, angle, label="default" if refine is None else f"refine = {refine}")
+        for row, at in zip(rows, (5, 10, 15, 20), strict=True):
+            row.values[words] = _at(tension, angle, at)
+    axes.set(xlabel="tension of each cable [N]", ylabel="twist of the tip [deg]")
+    return rows
+
+
 def paper_figure_9(axes: Axes, runs: Runs) -> list[Row]:
     """Place of the tip of the arm on a UR5e: inflated, turned, lifted."""
     stages = {"inflate": "inflate", "turn": "rotate", "lift": "cable"}
@@ -360,4 +382,5 @@ FIGURES: Final[dict[str, Figure]] = {
     "hexagon_arm_angles": hexagon_arm_angles,
     "gripper_finger_closing": gripper_finger_closing,
     "paper_figure_9": paper_figure_9,
+    "hexagon_arm_torsion": hexagon_arm_torsion,
 }

@@ -48,6 +48,7 @@ VARIANTS: Final[dict[str, Mapping[str, Any]]] = {
     "friction 1.0 instead of 0.8": {"contact.film_friction": 1.0},
     "friction 1.6": {"contact.film_friction": 1.6},
     "no frames": {"soft_robot.stiffener": {"kind": "none"}},
+    "no contact of units": {"contact.self_contact": False},
     "plain film, no frames (published)": {"model.published": True},
     "published, no loss": {"model.published": True, **_cables(capstan_factor=1.0)},
     "40 kPa": {"phase.inflate.pressure_Pa": 40e3},
