@@ -2,9 +2,9 @@
 
     python benchmarks/paper.py [--pictures DIR] [--markdown FILE] [--causes | --frames] [FIGURE ...]
 
-Two minutes on one core. One PNG per figure goes to docs/paper/. With --causes each figure is run with plain film
-on the paper's mesh, and with one part of the default robot after another added, which shows what makes which
-difference (four minutes); with --frames, with frames of other widths.
+Two minutes on one core. One PNG per figure goes to docs/paper/. With --causes each figure is run with plain
+film on the paper's mesh, and with one part of the default robot after another added, which shows what makes
+which difference (four minutes); with --frames, with frames of other widths.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable, StiffenerTable
 from cosim.errors import SolverError
+from cosim.soft.elements.material import FilmLaw
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 COLUMNS: Final = ("code", "solved", "published", "default")
@@ -42,7 +43,7 @@ def _robot(scenario: Scenario) -> SoftRobotTable:
     return scenario.soft_robot
 
 
-def _bare(scenario: Scenario, law: str, graded: bool) -> Scenario:
+def _bare(scenario: Scenario, law: FilmLaw, graded: bool) -> Scenario:
     """Return a scenario with bare film of a law on the paper's mesh, or on the robot's."""
     own = _robot(scenario)
     robot = published_robot(own)

@@ -1,6 +1,7 @@
 """The paper's examples at true equilibrium: our nodes against those of an independent solution.
 
-    python benchmarks/paper_examples.py [--json FILE] [--law LAW] [--lagged] [--closed] [--all-hinges] [EXAMPLE ...]
+    python benchmarks/paper_examples.py [--json FILE] [--law LAW] [--lagged] [--closed] [--all-hinges]
+        [EXAMPLE ...]
 
 Mesh, hinges, supports, routes and increments are read from tests/reference/*.npz and followed stage by stage.
 The references are the paper's lumped model (its public code: Sim-FAST by Y. Zhu, CC-BY 4.0) with a correct
@@ -312,7 +313,8 @@ def main() -> int:
         for row in compare(example, model):
             rows.append(row)
             print(f"{row.example:<26}{row.stage:<9}{1e3 * row.error_m:>11.1e}{100 * row.share:>16.1e}"
-                  f"{1e3 * row.own_output_m:>20.3f}{1e3 * row.tip_error_m:>14.1e}{row.iterations:>12}{row.seconds:>7.1f}")  # fmt: skip
+                  f"{1e3 * row.own_output_m:>20.3f}{1e3 * row.tip_error_m:>14.1e}{row.iterations:>12}"
+                  f"{row.seconds:>7.1f}")  # fmt: skip
     if options.json:
         entries = [{**asdict(row), "share_of_extension": row.share} for row in rows]
         options.json.write_text(json.dumps({"bound": BOUND, "rows": entries}, indent=2) + "\n")

@@ -231,7 +231,11 @@ def bending_angle_tip_load(axes: Axes, runs: Runs) -> list[Row]:
             # towards the load is positive
             angle = np.degrees(np.arctan2(result.tip_direction[place, 1], result.tip_direction[place, 2]))
             axes.plot(
-                result.cable_tension_N[place, 0], angle, line, color=COLOURS[model], label=f"{model}, {force} N"
+                result.cable_tension_N[place, 0],
+                angle,
+                line,
+                color=COLOURS[model],
+                label=f"{model}, {force} N",
             )
             pair[0].values[model], pair[1].values[model] = float(angle[0]), float(angle[-1])
         rows += pair
@@ -244,7 +248,11 @@ def hexagon_arm_bending(axes: Axes, runs: Runs) -> list[Row]:
     """Path of the tip, seen from above, through six directions; the paper pulls one cable."""
     name = "hexagon_arm_bending"
     directions = ("a", "ab", "b", "bc", "c", "ca")
-    rows = [Row("length at 40 kPa [mm]"), Row("length over stored length"), *(Row(f"tip aside, {cables} at 30 N [mm]") for cables in directions)]
+    rows = [
+        Row("length at 40 kPa [mm]"),
+        Row("length over stored length"),
+        *(Row(f"tip aside, {cables} at 30 N [mm]") for cables in directions),
+    ]
     for model in runs.models:
         # with open ends the round fails in its third direction: no stable equilibrium follows
         result = runs.run(name, model, {}, phases=2 if model == "solved" else None)
@@ -360,7 +368,10 @@ def paper_figure_9(axes: Axes, runs: Runs) -> list[Row]:
         axes.plot(x, z, color=COLOURS[model], label=model)
         for k, phase in enumerate(stages):
             place = in_phase(result, phase)
-            rows[2 * k].values[model], rows[2 * k + 1].values[model] = float(x[place][-1]), float(z[place][-1])
+            rows[2 * k].values[model], rows[2 * k + 1].values[model] = (
+                float(x[place][-1]),
+                float(z[place][-1]),
+            )
     data = reference("UR_Pneumatic")
     for k, stage in enumerate(stages.values()):
         tip = 1e3 * data[f"X_end_{stage}_m"][data["tip_ring_nodes"][0]].mean(axis=0)

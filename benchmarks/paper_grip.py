@@ -2,9 +2,9 @@
 
     python benchmarks/paper_grip.py [--mass 200] [VARIANT ...]
 
-The roll of `gripper_lifts_roll`, closed with 3 N a cable at 30 kPa, lifted by 0.2 m and held for 2 s (10 to 20 CPU
-seconds a row). "code's loss": 0.35 N at every eyelet but the first, as in Three_Finger_Gripper.m, whatever the
-tension: 0.35 N more is pulled at the base, since the first eyelet takes its share here.
+The roll of `gripper_lifts_roll`, closed with 3 N a cable at 30 kPa, lifted by 0.2 m and held for 2 s (10 to 20
+CPU seconds a row). "code's loss": 0.35 N at every eyelet but the first, as in Three_Finger_Gripper.m, whatever
+the tension: 0.35 N more is pulled at the base, since the first eyelet takes its share here.
 """
 
 from __future__ import annotations
@@ -38,7 +38,10 @@ def _pull(tension_N: float) -> dict[str, Any]:
     return {"phase.close.cable_tension_N": [tension_N] * 6}
 
 
-_CODE: Final = {**_cables(capstan_factor=1.0, eyelet_loss_N=LOSS_N, losses="directed"), **_pull(PAPER_N + LOSS_N)}
+_CODE: Final = {
+    **_cables(capstan_factor=1.0, eyelet_loss_N=LOSS_N, losses="directed"),
+    **_pull(PAPER_N + LOSS_N),
+}
 VARIANTS: Final[dict[str, Mapping[str, Any]]] = {
     "default": {},
     "no loss": _cables(capstan_factor=1.0),

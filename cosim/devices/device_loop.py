@@ -21,7 +21,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.schema.scenario import ControllerTable, Scenario
+from cosim.config.schema.scenario import ControllerTable, Scenario, WinchTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import (
     CommandsAhead,
@@ -146,10 +146,14 @@ def _cables(scenario: Scenario) -> str:
     if not scenario.winches:
         return "lengths commanded in places, without a winch: at once"
     return "; ".join(
-        f"winch {winch.name} on {', '.join(winch.cables)}{' by one motor' if winch.one_motor else ''}, {1e6 * winch.step_m:.3g} um a step, at most "
-        f"{1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
+        f"winch {winch.name} on {', '.join(winch.cables)}{_one_motor(winch)}, {1e6 * winch.step_m:.3g} um a step, "
+        f"at most {1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
         for winch in scenario.winches
     )
+
+
+def _one_motor(winch: WinchTable) -> str:
+    return " by one motor" if winch.one_motor else ""
 
 
 def _controllers(scenario: Scenario) -> str:

@@ -12,7 +12,7 @@ from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 
 NAME = "hexagon_arm_torsion"
-EVERY_INCREMENT = {"recording.frames_per_s": 1e4}
+EVERY_INCREMENT = {"recording.frames_per_s": 1e4, "soft_robot.stack.refine": 0}
 
 
 def twist_rad(turn: int) -> tuple[float, float]:

@@ -126,7 +126,9 @@ def test_cables_of_one_motor_that_are_commanded_differently_are_refused(tmp_path
             scenario(tmp_path, INFLATE, PULL + wrong, ONE_MOTOR)
     feedback = CONTROLLER + 'commands = "cable_shortening_m"\n'
     with pytest.raises(cosim.ScenarioError, match=r"one_motor: .*'bend' moves only some"):
-        scenario(tmp_path, ONE_MOTOR, feedback, INFLATE, PULL + "control_bending_angle_rad = { bend = 0.1 }\n")
+        scenario(
+            tmp_path, ONE_MOTOR, feedback, INFLATE, PULL + "control_bending_angle_rad = { bend = 0.1 }\n"
+        )
     given = scenario(tmp_path, PYTHON, INFLATE, PULL + 'control = ["mine"]\n', ONE_MOTOR)
     with pytest.raises(cosim.InputError, match=r"one motor winds its 2 cables, which are commanded"):
         cosim.run(given, controllers={"mine": Shorten()})

@@ -334,8 +334,8 @@ class WinchTable:
     Args:
         name: of the winch.
         cables: names.
-        one_motor: one drum winds all of them by the same length, against the sum of their tensions, as one motor
-            closes three fingers; otherwise each cable has a motor.
+        one_motor: one drum winds all of them by the same length, against the sum of their tensions, as one
+            motor closes three fingers; otherwise each cable has a motor.
         step_angle_rad: of the motor, per commanded (micro)step.
         gear_ratio: turns of the motor per turn of the drum.
         drum_radius_m: to the middle of the cable.

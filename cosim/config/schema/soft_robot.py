@@ -263,8 +263,8 @@ class CableTable:
     Args:
         name: of the cable; tensions and lengths are given by it.
         corner: 0 to sides - 1, of the first of its units; counted about the flange's z axis.
-        corners_per_unit: by how many corners the cable turns about that axis from unit to unit; not 0: a spiral,
-            which twists the stack.
+        corners_per_unit: by how many corners the cable turns about that axis from unit to unit; not 0: a
+            spiral, which twists the stack.
         units: first and last unit with an eyelet, counted from 1.
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
