@@ -2,9 +2,9 @@
 
     python benchmarks/paper_grip.py [--mass 200] [VARIANT ...]
 
-The roll of `gripper_lifts_roll`, closed with 3 N a cable at 30 kPa, lifted by 0.2 m and held for 2 s (10 to 20
-CPU seconds a row). "code's loss": 0.35 N at every eyelet but the first, as in Three_Finger_Gripper.m, whatever
-the tension: 0.35 N more is pulled at the base, since the first eyelet takes its share here.
+The roll of `gripper_lifts_roll`, closed with 3 N a cable at 30 kPa, lifted by 0.2 m and held for 2 s (10 to
+20 CPU seconds a row). "code's loss": 0.35 N at every eyelet but the first, as in Three_Finger_Gripper.m,
+whatever the tension: 0.35 N more is pulled at the base, since the first eyelet takes its share here.
 """
 
 from __future__ import annotations

@@ -146,7 +146,8 @@ def _cables(scenario: Scenario) -> str:
     if not scenario.winches:
         return "lengths commanded in places, without a winch: at once"
     return "; ".join(
-        f"winch {winch.name} on {', '.join(winch.cables)}{_one_motor(winch)}, {1e6 * winch.step_m:.3g} um a step, "
+        f"winch {winch.name} on {', '.join(winch.cables)}{_one_motor(winch)}, "
+        f"{1e6 * winch.step_m:.3g} um a step, "
         f"at most {1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
         for winch in scenario.winches
     )
