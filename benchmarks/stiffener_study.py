@@ -137,29 +137,24 @@ def frame(section: str) -> list[str]:
     ]  # fmt: skip
 
 
-def stored_m(robot: SoftRobotTable) -> float:
-    """Return the length of a stack laid flat [m]: of each unit its frame and two films."""
-    assert robot.stack is not None
-    assert robot.stiffener.height_m is not None
-    return robot.stack.units * (robot.stiffener.height_m + 2.0 * robot.film.thickness_m)
-
-
 def shipped() -> list[tuple[str, float]]:
     """Return lengths over stored ones of the square core and the hexagonal arm as they come."""
     core = load_scenario("three_unit_inflation", {"model.published": False})
     assert isinstance(core.soft_robot, SoftRobotTable)
+    assert core.soft_robot.stored_m is not None
     sample = OpenSpecimen(build_soft_body(core.soft_robot, core.model))
     for pressure in STEPS_KPA[: STEPS_KPA.index(10.0) + 1]:
         sample.load_to(1e3 * pressure)
     drawn_m = np.linalg.norm(sample.body.tip_position(sample.body.positions))
     scenario = load_scenario("ur5e_hexagon_arm")
     assert isinstance(scenario.soft_robot, SoftRobotTable)
+    assert scenario.soft_robot.stored_m is not None
     phases = [{**phase, "increments": 30} for phase in to_table(scenario)["phase"][:2]]
     arm = run("ur5e_hexagon_arm", overrides={"mode": "quasistatic", "phase": phases})
     arm_m = scenario.start.flange.position_m[2] - float(arm.tip_position[-1, 2])
     return [
-        ("square_core, 10 kPa", float(drawn_m + sample.extension_m) / stored_m(core.soft_robot)),
-        ("ur5e_hexagon_arm, 30 kPa", arm_m / stored_m(scenario.soft_robot)),
+        ("square_core, 10 kPa", float(drawn_m + sample.extension_m) / core.soft_robot.stored_m),
+        ("ur5e_hexagon_arm, 30 kPa", arm_m / scenario.soft_robot.stored_m),
     ]
 
 

@@ -235,8 +235,12 @@ def cable_route(mesh: NamedMesh, table: CableTable) -> IntArray:
     """Return the nodes of a mesh that a cable leads through, base to tip."""
     if table.units is None:
         return mesh.line(table.line or "")
-    first, last = table.units
-    return mesh.line(f"corner_{table.corner}")[first - 1 : last]
+    (first, last), begin = table.units, table.corner or 0
+    sides = sum(name.startswith("corner_") for name in mesh.lines)
+    corners = (begin + table.corners_per_unit * k for k in range(last - first + 1))
+    return np.array([
+        mesh.line(f"corner_{corner % sides}")[unit] for unit, corner in enumerate(corners, start=first - 1)
+    ])  # fmt: skip
 
 
 LEAST_RING: Final = 3

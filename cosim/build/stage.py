@@ -318,6 +318,7 @@ def stage_of(
     """
     ticks, tick_s = _steps(parts)
     scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
+    robot = modelled_robot(scenario)
     return RunInfo(
         scenario=scenario.name,
         title=scenario.title,
@@ -350,6 +351,7 @@ def stage_of(
         soft_mass_kg=body.mass_kg,
         mounted=carrier.mounted,
         sliding=carrier.sliding,
+        stored_m=None if robot is None else robot.stored_m,
     )
 
 

@@ -21,7 +21,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.schema.scenario import ControllerTable, Scenario
+from cosim.config.schema.scenario import ControllerTable, Scenario, WinchTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import (
     CommandsAhead,
@@ -45,7 +45,7 @@ from cosim.devices.controller import (
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral
 from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpDriveState, PumpState
-from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, orders_of
+from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, drums_of, orders_of
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
     ChamberGas,
@@ -146,10 +146,15 @@ def _cables(scenario: Scenario) -> str:
     if not scenario.winches:
         return "lengths commanded in places, without a winch: at once"
     return "; ".join(
-        f"winch {winch.name} on {', '.join(winch.cables)}, {1e6 * winch.step_m:.3g} um a step, at most "
-        f"{1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
+        f"winch {winch.name} on {', '.join(winch.cables)}{_one_motor(winch)}, "
+        f"{1e6 * winch.step_m:.3g} um a step, "
+        f"at most {1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
         for winch in scenario.winches
     )
+
+
+def _one_motor(winch: WinchTable) -> str:
+    return " by one motor" if winch.one_motor else ""
 
 
 def _controllers(scenario: Scenario) -> str:
@@ -205,6 +210,7 @@ class Actuation:
         tensions = scenario.start.cable_tension_N or (0.0,) * len(self._names)
         triples = zip(body.cables, self._names, tensions, strict=True)
         self.cables = [CableDrive(cable, winches.get(name), tension) for cable, name, tension in triples]
+        self._drums = drums_of(scenario.winches, dict(zip(self._names, self.cables, strict=True)))
         chambers = scenario.soft_robot.chamber_names()
         places = [chambers.index(entry.chamber or chambers[0]) for entry in scenario.pumps]
         self.pumps = [
@@ -288,7 +294,9 @@ class Actuation:
         self._work_pumps(gas, soft, pressures)
         triples = zip(self.cables, self._orders, commanded, strict=True)
         for drive, order, command in triples:
-            drive.move(order, load_factor, command, soft.state.positions, self._tick_s)
+            drive.move(order, load_factor, command, soft.state.positions)
+        for drum in self._drums:
+            drum.turn(soft.state.positions, self._tick_s)
         return twist
 
     def driven(self, planned: SoftCommand) -> SoftCommand:

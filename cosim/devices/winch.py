@@ -7,7 +7,8 @@ follows unless the cable pulls too hard: steps that would lift the tension above
 F = stall torque x gear ratio / drum radius are lost, and a tension above it drags the drum back by whole
 steps. Nothing tells the driver: it goes on from its count, so the length stays wrong by what was lost.
 Within a tick the eyelets count as fixed, a step of l lifts the tension by k l (k the cable's stiffness): near
-stall the motor is therefore slowed down to (F - T) / (k tick), never taken beyond.
+stall the motor is therefore slowed down to (F - T) / (k tick), never taken beyond. Of several cables on one
+drum T is the sum of their tensions, and k that of their stiffnesses.
 
 What commands one cable through a run: its tension, or its unstretched length, by a winch or at once.
 
@@ -17,16 +18,20 @@ What is asked of cables and pumps: by a phase, and from outside in its place.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
 
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import WinchTable
+from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan
 from cosim.soft.elements.cable import Cable, base_tension, stretch_at
 
 _MOST_STEPS: Final = 2.0**53
 """That whole numbers count; a winch that is asked for more winds for ever anyway."""
+_ALIKE_STEPS: Final = 0.5
+"""By how much the lengths commanded of cables on one drum may differ, in steps."""
 
 
 @final
@@ -147,21 +152,15 @@ class CableDrive:
         self.state = replace(state, begin=state.wanted)
 
     def move(
-        self,
-        order: Order | None,
-        load_factor: float,
-        commanded: Order | None,
-        positions: Array,
-        step_s: float,
+        self, order: Order | None, load_factor: float, commanded: Order | None, positions: Array
     ) -> None:
-        """Go on to the end of a tick.
+        """Take over what is wanted at the end of a tick; a winch turns afterwards, see `Drum`.
 
         Args:
             order: what the phase asks; None: all stays.
             load_factor: of the phase's ramp, 0 to 1.
             commanded: by a controller, in place of the ramp; None: the ramp.
             positions: (n, 3) [m], at the start of the tick.
-            step_s: length of the tick.
         """
         if commanded is not None:
             state, wanted = self._prepared(commanded, positions), commanded[1]
@@ -171,11 +170,7 @@ class CableDrive:
             end = _end(order, state.begin)
             wanted = end if load_factor >= 1.0 else state.begin + load_factor * (end - state.begin)
         state = replace(state, wanted=wanted)
-        if state.length_m is not None and self.winch is not None and state.winch is not None:
-            tension = base_tension(self.cable, positions, state.length_m)
-            turned = state.winch.advanced(self.winch, wanted, tension, self.cable.stiffness_N_m, step_s)
-            state = replace(state, length_m=turned.length_m(self.winch), winch=turned)
-        elif state.length_m is not None:
+        if state.length_m is not None and state.winch is None:
             state = replace(state, length_m=wanted)
         self.state = state
 
@@ -189,6 +184,65 @@ class CableDrive:
         length = self.unstretched_m(positions)
         winch = None if self.winch is None else WinchState(length)
         return CableDriveState(length, length, length, winch)
+
+
+@final
+@dataclass(frozen=True)
+class Drum:
+    """One motor with the cables that it winds, all by the same length.
+
+    Args:
+        winch: its kind.
+        drives: of its cables.
+    """
+
+    winch: WinchTable
+    drives: tuple[CableDrive, ...]
+
+    def turn(self, positions: Array, step_s: float) -> None:
+        """Turn for one tick towards what its cables are commanded.
+
+        Args:
+            positions: (n, 3) [m], at the start of the tick.
+            step_s: length of the tick.
+
+        Raises:
+            InputError: its cables are commanded differently.
+        """
+        states = [drive.state for drive in self.drives]
+        wound = [state.winch for state in states if state.winch is not None]
+        if not wound:
+            return
+        steps = [
+            (winch.unwound_m - state.wanted) / self.winch.step_m
+            for state, winch in zip(states, wound, strict=False)
+        ]
+        if len(wound) < len(states) or max(steps) - min(steps) > _ALIKE_STEPS:
+            raise InputError(
+                f"winch '{self.winch.name}': one motor winds its {len(states)} cables, which are commanded "
+                "differently; command the same shortening of all of them"
+            )
+        tension = sum(drive.tension_N(positions) for drive in self.drives)
+        stiffness = sum(drive.cable.stiffness_N_m for drive in self.drives)
+        turned = wound[0].advanced(self.winch, states[0].wanted, tension, stiffness, step_s)
+        for drive, own in zip(self.drives, wound, strict=True):
+            after = replace(turned, unwound_m=own.unwound_m)
+            drive.state = replace(drive.state, length_m=after.length_m(self.winch), winch=after)
+
+
+def drums_of(winches: Sequence[WinchTable], drives: Mapping[str, CableDrive]) -> tuple[Drum, ...]:
+    """Return the motors of winches.
+
+    Args:
+        winches: kinds.
+        drives: of all cables, by name.
+    """
+    groups = (
+        (winch, names)
+        for winch in winches
+        for names in ([winch.cables] if winch.one_motor else [(name,) for name in winch.cables])
+    )
+    return tuple(Drum(winch, tuple(drives[name] for name in names)) for winch, names in groups)
 
 
 def _end(order: Order | None, begin: float) -> float:

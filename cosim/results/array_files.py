@@ -160,7 +160,7 @@ class _naming:  # noqa: N801  # a context manager
 
 _NOT_KEPT: Final = (
     "membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths", "decay",
-    "energy",
+    "energy", "stored_m",
 )  # fmt: skip
 _KEPT: Final = tuple(field.name for field in fields(RunInfo) if field.name not in _NOT_KEPT)
 

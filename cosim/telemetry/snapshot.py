@@ -222,6 +222,7 @@ class RunInfo(Shown):
         mounted: what else is fixed to the flange: (10,) mass [kg], centre (3,) [m] in the flange frame,
             inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
         sliding: (joints,), whether a joint slides.
+        stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
     """
 
     scenario: str
@@ -255,6 +256,7 @@ class RunInfo(Shown):
     soft_mass_kg: float = 0.0
     mounted: tuple[float, ...] = ()
     sliding: tuple[bool, ...] = ()
+    stored_m: float | None = None
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""

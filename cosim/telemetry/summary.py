@@ -286,6 +286,8 @@ class SummaryBuilder:
         row["branchings"] = [*figures.branching_lines(own), *figures.undecided_warnings(own)]
         row |= figures.footing_figures(self._last.footing, own, self._stage.decay)
         row |= figures.elastic_figures(self._stage, self._last.node_position)
+        stored_m = self._stage.stored_m
+        row["extension_ratio"] = None if stored_m is None else row["length_m"] / stored_m
         parts, energy = self._stage.energy, self._energy
         row["energy"] = None if parts is None or energy is None else energy.figures(parts)
         path = self._stage.tip_paths.get(self._last.phase)

@@ -80,6 +80,60 @@ def test_a_winch_goes_in_steps_and_stalls(tmp_path: Path) -> None:
     assert weak.cable_tension_N[-1, 0] > 0.7 * stall_N
 
 
+ONE_MOTOR = WINCH.replace('name = "steppers"', 'name = "steppers"\none_motor = true')
+BOTH = "cable_shortening_m = { corner_0 = 0.006, corner_1 = 0.006 }\n"
+
+
+def test_one_motor_winds_its_cables_by_one_length_whatever_each_of_them_pulls(tmp_path: Path) -> None:
+    unlike = INFLATE + "cable_tension_N = [0.0, 0.2]\n"
+    result = cosim.run(scenario(tmp_path, unlike, PULL + BOTH, ONE_MOTOR))
+    wound = result.cable_unstretched_m[result.phase == 1]
+    assert wound[0, 1] - wound[0, 0] < -5e-4  # from wherever each of them is
+    np.testing.assert_allclose(wound[0] - wound[-1], 0.006, atol=0.03 * 0.01)
+    assert np.ptp(np.diff(wound, axis=0), axis=1).max() < 1e-12
+    pulls = result.cable_tension_N[-1]
+    assert pulls[1] > 1.2 * pulls[0] > 0.05
+    # it stalls by the sum: each alone would be wound
+    stall_N = 0.7 * float(pulls.sum())
+    assert stall_N > pulls.max()
+    changes = {
+        "winch.steppers.stall_torque_Nm": stall_N * 0.01,
+        "winch.steppers.step_angle_rad": 0.003,
+        **{f"soft_robot.cable.corner_{k}.stiffness_N_m": 200.0 for k in range(2)},
+    }
+    weak = cosim.run(scenario(tmp_path, unlike, PULL + BOTH, ONE_MOTOR), overrides=changes)
+    lost = last_phase(weak)["lost_steps"]
+    assert lost[0] == lost[1] > 0
+    assert 0.6 * stall_N < weak.cable_tension_N[-1].sum() <= stall_N * (1.0 + 1e-6)
+    alone = cosim.run(scenario(tmp_path, unlike, PULL + BOTH, WINCH), overrides=changes)
+    assert last_phase(alone)["lost_steps"] == [0, 0]
+
+
+@dataclass(frozen=True)
+class Shorten(Controller[float]):
+    """Commands one of two cables alone."""
+
+    def start(self, seen: Measurement) -> float:
+        return seen.cable_unstretched_m["corner_0"] - 0.002
+
+    def act(self, state: float, seen: Measurement) -> tuple[float, Command]:
+        return state, Command(cable_length_m={"corner_0": state})
+
+
+def test_cables_of_one_motor_that_are_commanded_differently_are_refused(tmp_path: Path) -> None:
+    for wrong in (SHORTER, SHORTER.replace(" }", ", corner_1 = 0.005 }"), "cable_length_m.corner_0 = 0.02\n"):
+        with pytest.raises(cosim.ScenarioError, match=r"winch\.steppers\.one_motor: .* the same cable_short"):
+            scenario(tmp_path, INFLATE, PULL + wrong, ONE_MOTOR)
+    feedback = CONTROLLER + 'commands = "cable_shortening_m"\n'
+    with pytest.raises(cosim.ScenarioError, match=r"one_motor: .*'bend' moves only some"):
+        scenario(
+            tmp_path, ONE_MOTOR, feedback, INFLATE, PULL + "control_bending_angle_rad = { bend = 0.1 }\n"
+        )
+    given = scenario(tmp_path, PYTHON, INFLATE, PULL + 'control = ["mine"]\n', ONE_MOTOR)
+    with pytest.raises(cosim.InputError, match=r"one motor winds its 2 cables, which are commanded"):
+        cosim.run(given, controllers={"mine": Shorten()})
+
+
 def test_from_tension_to_length_and_back_nothing_jumps(tmp_path: Path) -> None:
     hold = '[[phase]]\nname = "hold"\nduration_s = 0.2\ncable_shortening_m = { corner_0 = 0.0 }\n'
     let_go = '[[phase]]\nname = "let_go"\nduration_s = 0.2\ncable_tension_N = [0.0, 0.0]\n'

@@ -51,6 +51,18 @@ def last(result: RunResult, phase: str) -> int:
     return int(np.flatnonzero(result.phase == result.stage.phase_names.index(phase))[-1])
 
 
+def test_the_summary_says_how_many_times_its_stored_length_a_stack_is_long() -> None:
+    def ratio(changes: dict[str, object]) -> float:
+        phase = cosim.run("three_unit_inflation", overrides=changes, error=False).summary["phases"][-1]
+        return float(phase["extension_ratio"]) / float(phase["length_m"])
+
+    # three frames of 2.4 mm with two films of 0.11 mm each; as drawn, 2 mm a unit
+    assert ratio({"model.published": False}) == pytest.approx(1.0 / (3 * (2.4e-3 + 2 * 0.11e-3)))
+    assert ratio({}) == pytest.approx(1.0 / (3 * 2e-3))
+    copied = {"soft_robot.copies": {"count": 2, "radius_m": 0.1, "tilt_rad": 0.0}}
+    assert load_scenario("three_unit_inflation", copied).soft_robot.stored_m is None
+
+
 @pytest.mark.parametrize("name", SPECIMENS)
 def test_a_specimen_survives_being_written_and_read(name: str, tmp_path: Path) -> None:
     scenario = load_scenario(name)

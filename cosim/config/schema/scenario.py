@@ -329,11 +329,13 @@ class PumpTable:
 @final
 @dataclass(frozen=True)
 class WinchTable:
-    """Winches of one kind, one per cable, which go to the cable lengths that phases and controllers command.
+    """Winches of one kind, which go to the cable lengths that phases and controllers command.
 
     Args:
         name: of the winch.
         cables: names.
+        one_motor: one drum winds all of them by the same length, against the sum of their tensions, as one
+            motor closes three fingers; otherwise each cable has a motor.
         step_angle_rad: of the motor, per commanded (micro)step.
         gear_ratio: turns of the motor per turn of the drum.
         drum_radius_m: to the middle of the cable.
@@ -348,6 +350,7 @@ class WinchTable:
     step_rate_per_s: Positive
     stall_torque_Nm: Positive
     gear_ratio: Positive = 1.0
+    one_motor: bool = False
 
     @property
     def step_m(self) -> float:
@@ -361,7 +364,7 @@ class WinchTable:
 
     @property
     def stall_force_N(self) -> float:
-        """Tension F above which steps are lost."""
+        """Tension F, of all cables on a drum, above which steps are lost."""
         return self.stall_torque_Nm * self.gear_ratio / self.drum_radius_m
 
     @rule
@@ -379,6 +382,29 @@ class WinchTable:
                 wound[name] = winch.name
             if winch is self:
                 return
+
+    @rule
+    def _winds_all_alike(self, scenario: Scenario) -> Told:
+        if not self.one_motor:
+            return
+        for phase in scenario.phases:
+            given, lengths = phase.cable_shortening_m or {}, phase.cable_length_m or {}
+            changes = {given.get(name) for name in self.cables}
+            if len(changes) > 1 or not set(self.cables).isdisjoint(lengths):
+                yield (
+                    "one_motor",
+                    f"is true, and phase '{phase.name}' commands its cables differently; give all of "
+                    f"{listing(self.cables)} the same cable_shortening_m",
+                )
+        for entry in scenario.controllers:
+            if entry.commands == "cable_shortening_m" and 0 < len({*self.cables} & {*entry.cables}) < len(
+                {*self.cables}
+            ):
+                yield (
+                    "one_motor",
+                    f"is true, and controller '{entry.name}' moves only some of its cables; give it all of "
+                    f"{listing(self.cables)}",
+                )
 
 
 @final

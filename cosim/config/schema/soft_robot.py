@@ -256,13 +256,15 @@ LEAST_NODE_MASS_kg: Final = 1e-12
 @final
 @dataclass(frozen=True)
 class CableTable:
-    """A cable along one corner line of a stack, through the outer rings of a range of units, or another line.
+    """A cable through the outer rings of a range of units, along a corner line or around, or another line.
 
     Exactly one of capstan_factor and friction_coefficient is given; a constant loss comes on top.
 
     Args:
         name: of the cable; tensions and lengths are given by it.
-        corner: 0 to sides - 1; counted about the flange's z axis.
+        corner: 0 to sides - 1, of the first of its units; counted about the flange's z axis.
+        corners_per_unit: by how many corners the cable turns about that axis from unit to unit; not 0: a
+            spiral, which twists the stack.
         units: first and last unit with an eyelet, counted from 1.
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
@@ -276,6 +278,7 @@ class CableTable:
 
     name: Name
     corner: Annotated[int, Interval(ge=0)] | None = None
+    corners_per_unit: Annotated[int, Interval(ge=-2, le=2)] = 0
     units: UnitRange | None = None
     line: Name | None = None
     capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
@@ -304,8 +307,8 @@ class CableTable:
         if robot.stack is not None or robot.body is None:
             return
         names = robot.body.set_names()
-        if self.line is None or self.corner is not None or self.units is not None:
-            yield "", "runs along no stack of units: give line, without corner and units"
+        if self.line is None or self.corner is not None or self.units is not None or self.corners_per_unit:
+            yield "", "runs along no stack of units: give line, without corner, corners_per_unit and units"
         elif self.line not in names:
             yield "line", unknown_name_message("set", self.line, names)
 
@@ -516,6 +519,18 @@ class SoftRobotTable:
     elements: tuple[ElementTable, ...] = field(default=(), metadata={"alias": "element"})
     known: KnownTable = KnownTable()
     schema: Literal[2] = 2
+
+    @property
+    def stored_m(self) -> float | None:
+        """Length of a single stack of units laid flat [m]: frame height and two films a unit.
+
+        Without frames each unit is as high as it is drawn. None for copies, attachments and other bodies.
+        """
+        if self.stack is None or self.copies is not None or self.attachments:
+            return None
+        frame_m = self.stiffener.height_m
+        unit_m = self.stack.unit_height_m if frame_m is None else frame_m + 2.0 * self.film.thickness_m
+        return self.stack.units * unit_m
 
     def cable_names(self) -> tuple[str, ...]:
         """Return the names of all cables, copy by copy, then those of attachments."""
