@@ -22,6 +22,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
+from cosim.build.patterns import drawn_pattern
+from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
@@ -45,16 +47,18 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
-from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import (
     check_mesh,
     directed_edges,
+    hinges_of_sheets,
     interior_hinges,
     mean_beside,
     rims,
     triangle_area,
+    triangles_beside,
 )
 from cosim.soft.published.hinges import without_spring
 
@@ -381,7 +385,13 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
     if robot.stack is not None:
         return drawn_stack(robot.stack)
     assert robot.body is not None, "a checked robot has one of the two"
-    mesh: NamedMesh = drawn_mesh(robot.body) if isinstance(robot.body, MeshTable) else robot.body.mesh()
+    mesh: NamedMesh
+    if isinstance(robot.body, MeshTable):
+        mesh = drawn_mesh(robot.body)
+    elif isinstance(robot.body, PatternTable):
+        mesh = drawn_pattern(robot.body, robot.base[0])
+    else:
+        mesh = robot.body.mesh()
     for name in robot.body.set_names():
         mesh.ring(name)
     if len(mesh.ring(mesh.tip_ring)) < LEAST_RING:
@@ -465,20 +475,29 @@ def _hinges(
     a uniform stiffness scaled to the bending measure of the unrefined ones.
     """
     refined = mesh is not coarse
-    drawn = interior_hinges(coarse.triangles, coarse.seam)
+    drawn, beside = _folds(coarse)
     if not model.all_hinges:
-        drawn = drawn[~without_spring(coarse, drawn)]
-    hinges = interior_hinges(mesh.triangles, mesh.seam) if refined else drawn
-    factor = robot.hinge.stiffness_factor
+        kept = ~without_spring(coarse, drawn)
+        drawn, beside = drawn[kept], beside[kept]
+    hinges, beside = _folds(mesh) if refined else (drawn, beside)
+    factor = robot.hinge.stiffness_factor * mesh.face_values.get(BENDING_FACTOR, 1.0)
     if robot.hinge.rule == "shell":
-        rigidity = _of_triangles(robot, mesh, lambda film: factor * build_film(film).flexural_rigidity_Nm)
-        beside = mean_beside(mesh.triangles, hinges, rigidity)
-        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, beside)
-    stiffness = _of_triangles(robot, mesh, lambda film: factor * build_film(film).bending_stiffness_Nm)
-    uniform = mean_beside(mesh.triangles, hinges, stiffness)
+        rigidity = factor * _of_triangles(robot, mesh, lambda film: build_film(film).flexural_rigidity_Nm)
+        mean = mean_beside(beside, rigidity)
+        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, mean)
+    stiffness = factor * _of_triangles(robot, mesh, lambda film: build_film(film).bending_stiffness_Nm)
+    uniform = mean_beside(beside, stiffness)
     if refined:
         uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
+
+
+def _folds(mesh: NamedMesh) -> tuple[IntArray, IntArray]:
+    """Return the edges of a film that fold (h, 4), and the two triangles at each (h, 2)."""
+    if mesh.sheets:
+        return hinges_of_sheets(mesh.triangles, [mesh.face_groups[name] for name in mesh.sheets])
+    hinges = interior_hinges(mesh.triangles, mesh.seam)
+    return hinges, triangles_beside(mesh.triangles, hinges)
 
 
 def _stiffener(mesh: NamedMesh, table: StiffenerTable) -> FrameRings | BeamRings:

@@ -52,12 +52,14 @@ def directed_edges(triangles: IntArray) -> IntArray:
     return np.asarray(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
 
 
-def check_mesh(positions: Array, triangles: IntArray) -> None:
+def check_mesh(positions: Array, triangles: IntArray, sheets: Sequence[IntArray] = ()) -> None:
     """Refuse a surface on which the elements cannot work.
 
     Args:
         positions: (n, 3) [m].
         triangles: (m, 3) node indices.
+        sheets: places of the triangles of each sheet, where sheets are welded along edges and areas; each is
+            checked as a surface. None: all triangles are one surface.
 
     Raises:
         MeshError: a position is not finite; a triangle names a node that does not exist, repeats a
@@ -72,7 +74,10 @@ def check_mesh(positions: Array, triangles: IntArray) -> None:
         raise MeshError(f"triangles have shape {triangles.shape}; (triangles, 3), not empty, is needed")
     _check_nodes(positions, triangles)
     _check_shapes(positions, triangles)
-    _check_edges(triangles)
+    for places in sheets:
+        _check_edges(triangles[places])
+    if not sheets:
+        _check_edges(triangles)
 
 
 def _check_nodes(positions: Array, triangles: IntArray) -> None:
@@ -180,6 +185,23 @@ def triangles_beside(triangles: IntArray, hinges: IntArray) -> IntArray:
     return np.stack(found, axis=1)
 
 
+def hinges_of_sheets(triangles: IntArray, sheets: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
+    """Return the edges within sheets that fold, and the two triangles at each; none joins two sheets.
+
+    Args:
+        triangles: (m, 3) node indices.
+        sheets: places of the triangles of each sheet.
+
+    Returns:
+        (h, 4) as of `interior_hinges`, and (h, 2) places of the triangles with i and with l.
+    """
+    hinges = [interior_hinges(triangles[places]) for places in sheets]
+    beside = [
+        places[triangles_beside(triangles[places], own)] for places, own in zip(sheets, hinges, strict=True)
+    ]
+    return np.concatenate(hinges), np.concatenate(beside)
+
+
 def dihedral_angle(positions: Array, hinges: IntArray) -> Array:
     """Return the angle between the two triangles at each hinge.
 
@@ -277,17 +299,16 @@ def parts_of_groups(groups: Mapping[str, IntArray], parent: IntArray) -> dict[st
     return {name: np.flatnonzero(np.isin(parent, places)) for name, places in groups.items()}
 
 
-def mean_beside(triangles: IntArray, hinges: IntArray, values: Array) -> Array:
+def mean_beside(beside: IntArray, values: Array) -> Array:
     """Return the harmonic mean (h,) of the values of both triangles at each hinge: both bend by one moment.
 
     Args:
-        triangles: (m, 3) node indices.
-        hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
+        beside: (h, 2) places of the triangles at each hinge, see `triangles_beside`.
         values: (m,) of each triangle, not negative.
     """
-    first, second = values[triangles_beside(triangles, hinges)].T
+    first, second = values[beside].T
     # equal values are their mean to the last bit
-    ratio = np.divide(2.0 * second, first + second, out=np.zeros(len(hinges)), where=first + second > 0.0)
+    ratio = np.divide(2.0 * second, first + second, out=np.zeros(len(beside)), where=first + second > 0.0)
     return np.asarray(first * ratio)
 
 
