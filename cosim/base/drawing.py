@@ -1,7 +1,8 @@
 """Drawings from DXF and SVG files: lines by layer, in metres, curves as fine polylines.
 
-Blocks, nested transforms, arcs, bulges and splines are drawn out. A DXF file's layers have names; in an SVG file a
-layer is a group or line whose label or id is the layer's name, or the colour of its stroke, see `LAYER_COLOURS`.
+Blocks, nested transforms, arcs, bulges and splines are drawn out. A DXF file's layers have names; in an SVG
+file a layer is a group or line whose label or id is the layer's name, or the colour of its stroke, see
+`LAYER_COLOURS`.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ _LARGEST_M: Final = 100.0
 _LARGEST_BYTES: Final = 50_000_000
 _MOST_LINES: Final = 20_000
 _DEEPEST: Final = 16  # blocks within blocks
-_UNDRAWN: Final = ("TEXT", "MTEXT", "DIMENSION", "HATCH", "LEADER", "MULTILEADER", "ATTDEF", "ATTRIB", "IMAGE")
+_UNDRAWN: Final = (
+    "TEXT", "MTEXT", "DIMENSION", "HATCH", "LEADER", "MULTILEADER", "ATTDEF", "ATTRIB", "IMAGE",
+)  # fmt: skip
 
 
 @final
@@ -110,20 +113,21 @@ def read_drawing(path: Path, unit: str | None = None) -> Drawing:
     read = _read_dxf if path.suffix.lower() == ".dxf" else _read_svg
     found = read(path, unit)
     layers = {
-        name: tuple(line for line in (_cleaned(line) for line in lines)) for name, lines in found.layers.items()
+        name: tuple(line for line in (_cleaned(line) for line in lines))
+        for name, lines in found.layers.items()
     }
     for lines in layers.values():
         for line in lines:
             if not np.isfinite(line.points).all() or np.abs(line.points).max() > _LARGEST_M:
                 raise MeshError(
-                    f"{path.name}: {line.where} reaches beyond {_LARGEST_M:g} m; the drawing is in {found.unit}: "
-                    "is that its unit?"
+                    f"{path.name}: {line.where} reaches beyond {_LARGEST_M:g} m; the drawing is in "
+                    f"{found.unit}: is that its unit?"
                 )
     return replace(found, layers=layers)
 
 
 def _cleaned(line: DrawnLine) -> DrawnLine:
-    """Return a line without points that repeat the one before them; a closed one ends exactly as it begins."""
+    """Return a line without points that repeat the one before; a closed one ends exactly as it begins."""
     points = line.points
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     points = points[np.concatenate([[True], steps > 0.05 * SAME_PLACE_M])]
@@ -141,11 +145,13 @@ def _checked_unit(path: Path, stated: str | None, given: str | None) -> str:
     """
     if stated is None and given is None:
         raise MeshError(
-            f"{path.name}: states no unit: give body.unit, such as unit = 'mm' (DXF: header $INSUNITS; SVG: a width "
-            "in mm)"
+            f"{path.name}: states no unit: give body.unit, such as unit = 'mm' (DXF: header $INSUNITS; SVG: "
+            "a width in mm)"
         )
     if stated is not None and given is not None and stated != given:
-        raise MeshError(f"{path.name}: is in {stated}, body.unit says {given}: take away body.unit, or mend the file")
+        raise MeshError(
+            f"{path.name}: is in {stated}, body.unit says {given}: take away body.unit, or mend the file"
+        )
     return stated or given or ""
 
 
@@ -157,7 +163,9 @@ def _read_dxf(path: Path, given: str | None) -> Drawing:
         raise MeshError(f"{path.name}: is not a DXF file: {error!s:.120}") from error
     code = int(document.header.get("$INSUNITS", 0))
     if code and code not in _DXF_UNITS and given is None:
-        raise MeshError(f"{path.name}: has $INSUNITS {code}; read are 1 (in), 4 (mm), 5 (cm), 6 (m), or give body.unit")
+        raise MeshError(
+            f"{path.name}: has $INSUNITS {code}; read are 1 (in), 4 (mm), 5 (cm), 6 (m), or give body.unit"
+        )
     unit = _checked_unit(path, _DXF_UNITS.get(code), given)
     layers: dict[str, list[DrawnLine]] = {}
     left_out: dict[str, int] = {}
@@ -199,7 +207,9 @@ def _dxf_points(entity: Any, metres: float, where: str) -> Iterator[Array]:
     try:
         made = path.make_path(entity)
     except (TypeError, ValueError, ZeroDivisionError) as error:
-        raise MeshError(f"{where}: cannot be drawn as a line: explode it, or move it to another layer") from error
+        raise MeshError(
+            f"{where}: cannot be drawn as a line: explode it, or move it to another layer"
+        ) from error
     for piece in made.sub_paths():
         points = np.array([(p.x, p.y) for p in piece.flattening(_SAGITTA_M / metres, segments=4)])
         if len(points):

@@ -1,4 +1,4 @@
-"""Cut patterns as a source of soft bodies: the one place that turns their tables into sheets, seams and sets."""
+"""Cut patterns as a source of soft bodies: turns their tables into sheets, seams and sets."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.drawing import DrawnLine, Drawing, read_drawing
+from cosim.base.drawing import Drawing, DrawnLine, read_drawing
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.errors import MeshError
 from cosim.soft.geometry.cut_pattern import CutPattern, NodeChoice, Placing, flat_film, inflatable
@@ -54,10 +54,13 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         seal = (*cut, *holes, *seal)
     elif not seal:
         raise MeshError(
-            f"{name}: layer SEAL is empty: draw the seams on it, or set body.edge = 'sealed' if all edges are welded"
+            f"{name}: layer SEAL is empty: draw the seams on it, or set body.edge = 'sealed' if all edges "
+            "are welded"
         )
     if "FRAME" in read.layers:
-        raise MeshError(f"{name}: layer FRAME has lines; printed frames on patterns are not modelled: take them away")
+        raise MeshError(
+            f"{name}: layer FRAME has lines; printed frames on patterns are not modelled: take them away"
+        )
     return CutPattern(
         cut=(*cut, *holes),
         seal=seal,
@@ -85,7 +88,8 @@ def _from_points(table: PatternTable) -> CutPattern:
         corners = np.concatenate([corners, corners[:1]])
     cut = (DrawnLine(corners, "outline_m"),)
     seams = tuple(
-        DrawnLine(np.array(points), f"seams_m[{place}]") for place, points in enumerate(table.seams_m, start=1)
+        DrawnLine(np.array(points), f"seams_m[{place}]")
+        for place, points in enumerate(table.seams_m, start=1)
     )
     return CutPattern(
         cut=cut,

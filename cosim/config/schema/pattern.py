@@ -1,4 +1,4 @@
-"""Schema of cut patterns, `[body] kind = "pattern"`: two sheets welded along seams, from a drawing or from points."""
+"""Schema of cut patterns, `[body] kind = "pattern"`: two sheets welded along seams."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class PatternSetTable:
 
     Args:
         name: of the set; base, tip, cables, supports and forces name it.
-        layer: of the drawing: nodes on its open lines and within its closed ones. Of a layer whose name begins
-            with CABLE: the corners of its lines, in order from the base to the tip.
+        layer: of the drawing: nodes on its open lines and within its closed ones. Of a layer whose name
+            begins with CABLE: the corners of its lines, in order from the base to the tip.
         box_m: two opposite corners of a box: all nodes within.
         line_m: points of a line: all nodes on it, in order.
         sheet: "front" faces whoever looks at the drawing; nodes on seams are of both.
@@ -67,8 +67,8 @@ class PatternTable(BodySourceTable):
         outline_m: corners of the sheets, in place of a drawing.
         seams_m: points of each further seam, in place of a drawing.
         port_m: a point within the chamber, in place of a drawing.
-        edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only; "sealed": along all edges of
-            the sheets as well.
+        edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only; "sealed": along all edges
+            of the sheets as well.
         seam_width_m: of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of the triangles' edges; omitted: a quarter of the largest distance to a seam.
         along: direction in the drawing that leads away from the base.

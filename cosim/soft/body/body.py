@@ -379,8 +379,8 @@ class SoftBody:
     def tip_direction(self, positions: Array) -> Array:
         """Return the unit normal (3,) of the tip ring, pointing away from the body.
 
-        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap. Of a tip that is a line in the
-        drawn shape: the direction of the centre line there.
+        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap. Of a tip that is a line
+        in the drawn shape: the direction of the centre line there.
         """
         r = positions[self.tip]
         if self.tip_is_line:

@@ -1,30 +1,24 @@
 """Cut patterns: two equal sheets welded along seams, as a flat film with named nodes.
 
 Every area that a port leads into is a chamber, up to the seams around it. In every other area the sheets are
-welded flat: both lie on the same nodes, so they stretch and bend together and the gas between them has no volume.
-A seam is a line whose nodes both sheets share.
+welded flat: both lie on the same nodes, so they stretch and bend together and the gas between them has no
+volume. A seam is a line whose nodes both sheets share.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.base.extras import extra_module
 from cosim.base.drawing import SAME_PLACE_M, DrawnLine, in_mm
+from cosim.base.extras import extra_module
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
-from cosim.soft.geometry.flat_mesh import (
-    FlatLine,
-    FlatMesh,
-    LineKind,
-    mesh_sheet,
-    signed_area,
-)
+from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.surface import directed_edges
 
@@ -86,8 +80,8 @@ class Placing:
 
     Args:
         along: direction of the drawing that leads away from the base.
-        upright: whether that is the flange's z axis, the sheets in its xz plane; otherwise the sheets lie in its
-            xy plane, and that direction is its y axis.
+        upright: whether that is the flange's z axis, the sheets in its xz plane; otherwise the sheets lie
+            in its xy plane, and that direction is its y axis.
         base: name of the set whose middle comes to the flange's origin.
         tip: name of the set at the free end.
     """
@@ -122,9 +116,12 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     """Return the mesh of a pattern's sheets, with the chambers that its ports lead into.
 
     Raises:
-        MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a seam
-            does not close, or a set has no nodes. The message has the place in the drawing.
+        MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
+            seam does not close, or a set has no nodes. The message has the place in the drawing.
     """
+    both = with_ends_met([*pattern.cut, *pattern.seal])
+    cut, seal = both[: len(pattern.cut)], both[len(pattern.cut) :]
+    pattern = replace(pattern, cut=tuple(cut), seal=tuple(seal))
     sheet = _sheet(pattern.cut)
     lines = [FlatLine(line.points, LineKind.CUT) for line in pattern.cut]
     lines += [FlatLine(points, LineKind.SEAL) for points in _seams(pattern, sheet)]
@@ -143,6 +140,31 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     shared = _shared(mesh, chamber)
     sets = {choice.name: _chosen(choice, mesh, edge_m) for choice in pattern.sets}
     return FlatFilm(mesh, chamber, shared, _depth(mesh, chamber), sets)
+
+
+def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
+    """Return lines whose open ends lie exactly on what they nearly touch, `SAME_PLACE_M` at most away."""
+    shapely = extra_module("shapely", "pattern")
+    found = [DrawnLine(np.array(line.points), line.where) for line in lines]
+    for k, line in enumerate(found):
+        if line.closed or len(line.points) < 2:
+            continue
+        for end in (0, -1):
+            point = shapely.Point(*line.points[end])
+            others = [other.points for j, other in enumerate(found) if j != k and len(other.points) > 1]
+            others += [line.points[2:] if end == 0 else line.points[:-2]] if len(line.points) > 3 else []
+            if not others:
+                continue
+            corners = np.concatenate(others)
+            away = np.linalg.norm(corners - line.points[end], axis=1)
+            if away.min() < SAME_PLACE_M:
+                line.points[end] = corners[np.argmin(away)]
+                continue
+            walls = shapely.MultiLineString([points for points in others if len(points) > 1])
+            if shapely.distance(point, walls) < SAME_PLACE_M:
+                near = shapely.shortest_line(walls, point)
+                line.points[end] = np.array(near.coords)[0]
+    return found
 
 
 def _sheet(cut: Sequence[DrawnLine]) -> Any:
@@ -165,7 +187,9 @@ def _sheet(cut: Sequence[DrawnLine]) -> Any:
         sheet = sheet.symmetric_difference(ring)
     if sheet.is_empty or sheet.geom_type != "Polygon":
         count = len(getattr(sheet, "geoms", ()))
-        raise MeshError(f"layer CUT has {count} outlines side by side; a pattern has one outline, with holes in it")
+        raise MeshError(
+            f"layer CUT has {count} outlines side by side; a pattern has one outline, with holes in it"
+        )
     return sheet
 
 
@@ -197,7 +221,9 @@ def _check_within(line: DrawnLine, sheet: Any) -> None:
     outside = shapely.difference(shapely.LineString(line.points), sheet.buffer(2.0 * SAME_PLACE_M))
     if not outside.is_empty:
         point = np.array(outside.representative_point().coords[0])
-        raise MeshError(f"{line.where or 'a seam'} leaves the outline at {in_mm(point)}: draw it within layer CUT")
+        raise MeshError(
+            f"{line.where or 'a seam'} leaves the outline at {in_mm(point)}: draw it within layer CUT"
+        )
 
 
 def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:
@@ -264,8 +290,8 @@ def _chambers(mesh: FlatMesh, ports: Sequence[DrawnLine], sheet: Any) -> IntArra
             if here in open_edges:
                 middle = mesh.positions[list(open_edges[here])].mean(axis=0)
                 raise MeshError(
-                    f"the chamber of {port.where or 'the port'} is open at {in_mm(middle)}: no seam closes it "
-                    "there; draw it on layer SEAL, or set body.edge = 'sealed' if all edges are welded"
+                    f"the chamber of {port.where or 'the port'} is open at {in_mm(middle)}: no seam closes "
+                    "it there; draw it on layer SEAL, or set body.edge = 'sealed' if all edges are welded"
                 )
             for other in beside[here]:
                 if chamber[other] < 0:
@@ -285,7 +311,9 @@ def _triangle_at(mesh: FlatMesh, port: DrawnLine) -> int:
     inside = np.minimum.reduce([turn(a, b), turn(b, c), turn(c, a)])
     best = int(np.argmax(inside))
     if inside[best] < 0.0:
-        raise MeshError(f"{port.where or 'the port'} at {in_mm(point)} is outside the sheet: move it inside layer CUT")
+        raise MeshError(
+            f"{port.where or 'the port'} at {in_mm(point)} is outside the sheet: move it inside layer CUT"
+        )
     return best
 
 
@@ -414,10 +442,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         tip_ring=placing.tip,
         lines=sets,
         face_groups=groups,
-        face_values={
-            "wrinkle_panel_m": np.full(2 * m, 2.0 * film.depth_m),
-            BENDING_FACTOR: bending,
-        },
+        face_values={"wrinkle_panel_m": np.full(2 * m, 2.0 * film.depth_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
     )
 

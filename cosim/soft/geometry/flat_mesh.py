@@ -1,9 +1,9 @@
 """Meshes of flat sheets: lines that must be edges, and points that must be nodes, within an outline.
 
-Lines are cut at their crossings, then divided into equal edges between their corners. A hexagonal lattice fills
-the sheet; a constrained Delaunay triangulation joins all nodes, is refined where angles are small, and free
-nodes move to the mean of their neighbours. What is mirror-symmetric is meshed on one side and mirrored, so that
-the mesh is too.
+Lines are cut at their crossings, then divided into equal edges between their corners. A hexagonal lattice
+fills the sheet; a constrained Delaunay triangulation joins all nodes, is refined where angles are small,
+and free nodes move to the mean of their neighbours. What is mirror-symmetric is meshed on one side and
+mirrored, so that the mesh is too.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _axes(sheet: Any, lines: Sequence[FlatLine]) -> list[tuple[int, float]]:
 
 
 def _half(sheet: Any, lines: list[FlatLine], axis: int, at_m: float) -> tuple[Any, list[FlatLine]]:
-    """Return what of a sheet and its lines lies beyond a coordinate's value, with a line where they are cut."""
+    """Return the part of a sheet and its lines beyond a coordinate's value, closed by a line there."""
     shapely = extra_module("shapely", "pattern")
     low, high = np.array(sheet.bounds[:2]) - 1.0, np.array(sheet.bounds[2:]) + 1.0
     low[axis] = at_m
@@ -202,14 +202,17 @@ def _divided(
             kinds[near] |= int(kind)
     found: list[Array] = []
     of_kind: list[int] = []
-    for chain, kind in _chains(ends, kinds, points):
+    for chain, kinds_there in _chains(ends, kinds, points):
         pieces = _resampled(chain, edge_m)
         found.append(np.stack([pieces[:-1], pieces[1:]], axis=1))
-        of_kind += [kind] * (len(pieces) - 1)
+        of_kind += [kinds_there] * (len(pieces) - 1)
     both = np.concatenate(found)
     flat = both.reshape(-1, 2)
     _, first, place = np.unique(
-        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64), axis=0, return_index=True, return_inverse=True
+        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
     )
     return flat[first], place.reshape(-1, 2), np.array(of_kind)
 
@@ -229,7 +232,10 @@ def _chains(ends: Array, kinds: IntArray, stops: Array) -> Iterable[tuple[Array,
     """
     flat = ends.reshape(-1, 2)
     _, first, place = np.unique(
-        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64), axis=0, return_index=True, return_inverse=True
+        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
     )
     x, pairs = flat[first], place.reshape(-1, 2)
     around: dict[int, list[int]] = {}
@@ -321,7 +327,9 @@ def _triangulated(
     origin = {(edge.v1, edge.v2): whole for edge, whole in made.piece_to_originals_iter()}
     fixed = [(edge.v1, edge.v2) for edge in made.fixed_edges_iter()]
     of_kind = [
-        int(np.bitwise_or.reduce([old[whole.v1, whole.v2] for whole in origin[pair]])) if pair in origin else old[pair]
+        int(np.bitwise_or.reduce([old[whole.v1, whole.v2] for whole in origin[pair]]))
+        if pair in origin
+        else old[pair]
         for pair in fixed
     ]
     new_edges = np.array(fixed, dtype=np.int64).reshape(-1, 2)
@@ -330,9 +338,7 @@ def _triangulated(
 
 def _constrained(positions: Array, edges: IntArray) -> Any:
     cdt = extra_module("pythoncdt", "pattern")
-    made = cdt.Triangulation(
-        cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
-    )
+    made = cdt.Triangulation(cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0)
     try:
         made.insert_vertices([cdt.V2d(x, y) for x, y in positions.tolist()])
         made.insert_edges([cdt.Edge(a, b) for a, b in edges.tolist()])
@@ -401,6 +407,8 @@ def _doubled(mesh: FlatMesh, axis: int, at_m: float) -> FlatMesh:
 def smallest_angles(positions: Array, triangles: IntArray) -> Array:
     """Return the smallest angle (m,) [rad] of each triangle, of positions (n, 2) or (n, 3) [m]."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
-    sides = np.sort([np.linalg.norm(b - c, axis=1), np.linalg.norm(c - a, axis=1), np.linalg.norm(a - b, axis=1)], 0)
+    sides = np.sort(
+        [np.linalg.norm(b - c, axis=1), np.linalg.norm(c - a, axis=1), np.linalg.norm(a - b, axis=1)], 0
+    )
     cosine = (sides[1] ** 2 + sides[2] ** 2 - sides[0] ** 2) / (2.0 * sides[1] * sides[2])
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -33,8 +33,8 @@ class NamedMesh:
         lines: nodes by name that a cable may lead through, base to tip.
         face_groups: places of triangles by name, such as of a material of their own.
         face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
-        sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds within
-            a sheet and turns freely between two. None: the film is one surface.
+        sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds
+            within a sheet and turns freely between two. None: the film is one surface.
 
     Raises:
         MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring or line names a node that does not
