@@ -159,8 +159,9 @@ def _read_dxf(path: Path, given: str | None) -> Drawing:
     ezdxf = extra_module("ezdxf", "pattern")
     try:
         document = ezdxf.readfile(path)
-    except (OSError, ezdxf.DXFError, UnicodeDecodeError, ValueError) as error:
-        raise MeshError(f"{path.name}: is not a DXF file: {error!s:.120}") from error
+    except Exception as error:  # whatever the parser stumbles over
+        problem = f"{error!s:.120}" or "it ends too early"
+        raise MeshError(f"{path.name}: is not a DXF file: {problem}") from error
     code = int(document.header.get("$INSUNITS", 0))
     if code and code not in _DXF_UNITS and given is None:
         raise MeshError(
@@ -227,7 +228,9 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
     known = stated in _METRES
     unit = _checked_unit(path, None if not known else given or stated, given)
     # a stated width has made px of its units; otherwise a px is the unit
-    metres = 0.0254 / _PX_PER_INCH if known else _METRES[unit]
+    metres = _METRES[unit]
+    if known:
+        metres *= float(width.strip().removesuffix(stated or "")) / float(document.width)
     layers: dict[str, list[DrawnLine]] = {}
     left_out: dict[str, int] = {}
     for layer, where, element in _svg_shapes(document, None):

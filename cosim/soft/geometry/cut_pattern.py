@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cosim.base.drawing import SAME_PLACE_M, DrawnLine, in_mm
 from cosim.base.extras import extra_module
@@ -145,26 +146,24 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
 def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
     """Return lines whose open ends lie exactly on what they nearly touch, `SAME_PLACE_M` at most away."""
     shapely = extra_module("shapely", "pattern")
-    found = [DrawnLine(np.array(line.points), line.where) for line in lines]
-    for k, line in enumerate(found):
-        if line.closed or len(line.points) < 2:
-            continue
-        for end in (0, -1):
-            point = shapely.Point(*line.points[end])
-            others = [other.points for j, other in enumerate(found) if j != k and len(other.points) > 1]
-            others += [line.points[2:] if end == 0 else line.points[:-2]] if len(line.points) > 3 else []
-            if not others:
-                continue
-            corners = np.concatenate(others)
-            away = np.linalg.norm(corners - line.points[end], axis=1)
-            if away.min() < SAME_PLACE_M:
-                line.points[end] = corners[np.argmin(away)]
-                continue
-            walls = shapely.MultiLineString([points for points in others if len(points) > 1])
-            if shapely.distance(point, walls) < SAME_PLACE_M:
-                near = shapely.shortest_line(walls, point)
-                line.points[end] = np.array(near.coords)[0]
-    return found
+    counts = [len(line.points) for line in lines]
+    points = np.concatenate([np.zeros((0, 2)), *(line.points for line in lines)])
+    last = np.cumsum(counts) - 1
+    is_open = [len(line.points) > 1 and not line.closed for line in lines]
+    ends = np.concatenate([last - counts + 1, last])[np.tile(is_open, 2)].astype(np.int64)
+    movable = np.zeros(len(points), dtype=bool)
+    movable[ends] = True
+    near = cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
+    for end, around in sorted(zip(ends.tolist(), near, strict=True)):
+        there = sorted(around, key=lambda other: (movable[other], other))
+        points[end] = points[there[0]]
+    walls = [shapely.LineString(part) for part in np.split(points, last[:-1] + 1) if len(part) > 1]
+    for end, around in zip(ends.tolist(), near, strict=True):
+        others = [wall for wall in walls if shapely.distance(shapely.Point(points[end]), wall) < SAME_PLACE_M]
+        if len(around) == 1 and len(others) > 1:  # on another line, between its corners
+            wall = max(others, key=lambda wall: shapely.distance(shapely.Point(points[end]), wall))
+            points[end] = np.array(shapely.shortest_line(wall, shapely.Point(points[end])).coords)[0]
+    return [replace(line, points=part) for line, part in zip(lines, np.split(points, last[:-1] + 1), strict=True)]
 
 
 def _sheet(cut: Sequence[DrawnLine]) -> Any:

@@ -15,6 +15,7 @@ from enum import IntFlag
 from typing import Any, Final, final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cosim.base.drawing import SAME_PLACE_M
 from cosim.base.extras import extra_module
@@ -128,7 +129,7 @@ def _axes(sheet: Any, lines: Sequence[FlatLine]) -> list[tuple[int, float]]:
             own = [line for line in lines if line.kind & kind]
             one = shapely.MultiLineString([line.points for line in own])
             other = shapely.MultiLineString([line.mirrored(axis, at_m).points for line in own])
-            alike = alike and (not own or shapely.hausdorff_distance(one, other, densify=0.2) < SAME_PLACE_M)
+            alike = alike and (not own or shapely.difference(one, other.buffer(SAME_PLACE_M)).is_empty)
         if alike:
             found.append((axis, at_m))
     return found
@@ -284,8 +285,6 @@ def _resampled(points: Array, edge_m: float) -> Array:
 
 def _away(points: Array, others: Array, distance_m: float) -> Mask:
     """Return which points (k,) are further than a distance from all others."""
-    from scipy.spatial import cKDTree  # here: other bodies do not need it
-
     if not len(others) or not len(points):
         return np.ones(len(points), dtype=bool)
     return np.asarray(cKDTree(others).query(points)[0] > distance_m)
