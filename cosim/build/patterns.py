@@ -30,7 +30,7 @@ def drawn_pattern(table: PatternTable, base: str) -> NamedMesh:
 def placing(table: PatternTable, base: str) -> Placing:
     """Return how a pattern lies on the flange."""
     own = base if base in table.set_names() else table.sets[0].name
-    return Placing(table.along, table.plane == "upright", own, table.tip)
+    return Placing(table.along, table.plane == "upright", own, table.tip, (own, *table.center))
 
 
 def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPattern:

@@ -53,12 +53,11 @@ from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import (
     check_mesh,
     directed_edges,
-    hinges_of_sheets,
     interior_hinges,
     mean_beside,
     rims,
+    rows_of,
     triangle_area,
-    triangles_beside,
 )
 from cosim.soft.published.hinges import without_spring
 
@@ -475,29 +474,33 @@ def _hinges(
     a uniform stiffness scaled to the bending measure of the unrefined ones.
     """
     refined = mesh is not coarse
-    drawn, beside = _folds(coarse)
+    drawn = _folds(coarse)
     if not model.all_hinges:
-        kept = ~without_spring(coarse, drawn)
-        drawn, beside = drawn[kept], beside[kept]
-    hinges, beside = _folds(mesh) if refined else (drawn, beside)
+        drawn = [(places, folds[~without_spring(coarse, folds)]) for places, folds in drawn]
+    sheets = _folds(mesh) if refined else drawn
+    hinges = rows_of([folds for _, folds in sheets])
     factor = robot.hinge.stiffness_factor * mesh.face_values.get(BENDING_FACTOR, 1.0)
     if robot.hinge.rule == "shell":
         rigidity = factor * _of_triangles(robot, mesh, lambda film: build_film(film).flexural_rigidity_Nm)
-        mean = mean_beside(beside, rigidity)
-        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, mean)
+        return hinges, rows_of([_shell(mesh, places, folds, rigidity) for places, folds in sheets])
     stiffness = factor * _of_triangles(robot, mesh, lambda film: build_film(film).bending_stiffness_Nm)
-    uniform = mean_beside(beside, stiffness)
+    uniform = rows_of([mean_beside(mesh.triangles[at], folds, stiffness[at]) for at, folds in sheets])
     if refined:
-        uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
+        before = rows_of([folds for _, folds in drawn])
+        uniform *= bending_measure(coarse.positions, before) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
 
 
-def _folds(mesh: NamedMesh) -> tuple[IntArray, IntArray]:
-    """Return the edges of a film that fold (h, 4), and the two triangles at each (h, 2)."""
-    if mesh.sheets:
-        return hinges_of_sheets(mesh.triangles, [mesh.face_groups[name] for name in mesh.sheets])
-    hinges = interior_hinges(mesh.triangles, mesh.seam)
-    return hinges, triangles_beside(mesh.triangles, hinges)
+def _folds(mesh: NamedMesh) -> list[tuple[IntArray, IntArray]]:
+    """Return the triangles (t,) of each sheet, or of the film that is one, and its edges that fold (h, 4)."""
+    sheets = [mesh.face_groups[name] for name in mesh.sheets] or [np.arange(len(mesh.triangles))]
+    return [(places, interior_hinges(mesh.triangles[places], mesh.seam)) for places in sheets]
+
+
+def _shell(mesh: NamedMesh, places: IntArray, folds: IntArray, rigidity: Array) -> Array:
+    """Return the stiffness (h,) [N m/rad] of a sheet's folds, from the rigidity (m,) of all triangles."""
+    triangles = mesh.triangles[places]
+    return shell_stiffness(mesh.positions, triangles, folds, mean_beside(triangles, folds, rigidity[places]))
 
 
 def _stiffener(mesh: NamedMesh, table: StiffenerTable) -> FrameRings | BeamRings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,9 @@ class Sheet:
 
     def port(self, x: float, y: float) -> Sheet:
         """Add a port."""
-        self.space.add_circle((self.scale * x, self.scale * y), self.scale * 1.0, dxfattribs={"layer": "PORT"})
+        self.space.add_circle(
+            (self.scale * x, self.scale * y), self.scale * 1.0, dxfattribs={"layer": "PORT"}
+        )
         return self
 
     def pouch(self, *without: str) -> Sheet:
@@ -82,7 +85,9 @@ def test_a_drawn_pouch_is_two_sheets_on_one_seam(tmp_path: Path) -> None:
     seam = np.flatnonzero(film.shared)
     assert len(mesh.positions) == 2 * len(x) - len(seam)
     assert np.isin(np.round(x[seam] / (0.04, 0.12), 9), (0.0, 1.0)).any(axis=1).all()
-    assert mesh.positions[mesh.ring("tip")].mean(axis=0) == pytest.approx((0.0, 0.0, 0.12 - x[film.sets["base"], 1].mean()))
+    assert mesh.positions[mesh.ring("tip")].mean(axis=0) == pytest.approx(
+        (0.0, 0.0, 0.12 - x[film.sets["base"], 1].mean())
+    )
 
 
 def test_the_mesh_of_a_symmetric_outline_is_symmetric(tmp_path: Path) -> None:
@@ -115,7 +120,8 @@ def test_an_area_without_a_port_is_welded_flat_and_an_inner_seam_is_gone_around(
     assert film.shared[film.mesh.triangles[welded]].all()
     x = film.mesh.positions
     line = (np.abs(x[:, 0] - 0.02) < 1e-9) & (x[:, 1] > 0.0299) & (x[:, 1] < 0.0501)
-    assert film.shared[line].all() and line.sum() >= 7
+    assert film.shared[line].all()
+    assert line.sum() >= 7
     mesh = drawn_pattern(sheet.table(tmp_path, mesh_m=0.003), "base")
     assert len(mesh.face_groups["welded"]) == 2 * welded.sum()
 
@@ -149,7 +155,9 @@ def test_arcs_bulges_splines_and_nested_blocks_are_drawn_out(tmp_path: Path) -> 
     points = np.concatenate([line.points for line in drawing.layers["CUT"]])
     assert points.min(axis=0) == pytest.approx((-0.015, -0.053), abs=1e-5)
     assert points.max(axis=0) == pytest.approx((0.025, 0.027), abs=1e-5)
-    film = flat_film(CutPattern(drawing.layers["CUT"], drawing.layers["SEAL"], (DrawnLine(np.array([[5e-3, 0.0]])),)))
+    film = flat_film(
+        CutPattern(drawing.layers["CUT"], drawing.layers["SEAL"], (DrawnLine(np.array([[5e-3, 0.0]])),))
+    )
     assert outline_length(film) == pytest.approx(2.0 * math.pi * 0.02 + 0.08, rel=5e-3)
 
 
@@ -252,7 +260,10 @@ def printed_frame(sheet: Sheet) -> None:
 @pytest.mark.parametrize(
     ("broken", "message"),
     [
-        (open_seam, r"chamber of CIRCLE #\w+ of layer PORT is open at \(0\.00, 6\d\.\d\d\) mm: no seam closes it"),
+        (
+            open_seam,
+            r"chamber of CIRCLE #\w+ of layer PORT is open at \(0\.00, 6\d\.\d\d\) mm: no seam closes it",
+        ),
         (crossing, r"LWPOLYLINE #\w+ of layer CUT crosses itself at \(20\.00, 60\.00\) mm"),
         (port_outside, r"CIRCLE #\w+ of layer PORT at \(55\.00, 60\.00\) mm is outside the sheet"),
         (second_port, r"at \(20\.00, 90\.00\) mm leads into the chamber of CIRCLE #\w+ of layer PORT"),
@@ -298,7 +309,7 @@ def test_ends_that_nearly_meet_are_joined(tmp_path: Path) -> None:
     corners: Array = np.array([*rectangle(), rectangle()[0]])
     sheet = Sheet().pouch("CUT", "SEAL")
     for layer in ("CUT", "SEAL"):
-        for k, (a, b) in enumerate(zip(corners[:-1], corners[1:], strict=True)):
+        for k, (a, b) in enumerate(pairwise(corners)):
             off = 0.006 * np.array([math.cos(k), math.sin(k)])
             sheet.line(layer, [tuple(a + off), tuple(b)])
     film = understood(sheet.table(tmp_path))

@@ -76,6 +76,8 @@ class PatternTable(BodySourceTable):
             towards -y. "flat": the sheets lie in the flange's xy plane, the front towards +z.
         sets: `[[body.set]]` in the file; the middle of the robot's first base comes to the flange's origin.
         tip: the set at the free end.
+        center: sets that the centre line runs through between base and tip; the tip's direction is that
+            from the last of them.
     """
 
     kind: Literal["pattern"] = "pattern"
@@ -91,6 +93,7 @@ class PatternTable(BodySourceTable):
     plane: Literal["upright", "flat"] = "upright"
     sets: Annotated[tuple[PatternSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
     tip: Name = "tip"
+    center: tuple[Name, ...] = ()
 
     @rule
     def _is_drawn_once(self) -> Told:
@@ -116,6 +119,8 @@ class PatternTable(BodySourceTable):
     def _has_its_tip(self) -> Told:
         if self.tip not in self.set_names():
             yield "tip", unknown_name_message("set", self.tip, self.set_names())
+        for name in [name for name in self.center if name not in self.set_names()][:1]:
+            yield "center", unknown_name_message("set", name, self.set_names())
 
     @rule
     def _has_layers(self) -> Told:

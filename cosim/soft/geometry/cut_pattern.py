@@ -85,12 +85,14 @@ class Placing:
             in its xy plane, and that direction is its y axis.
         base: name of the set whose middle comes to the flange's origin.
         tip: name of the set at the free end.
+        center: names of the sets that the centre line runs through before the tip.
     """
 
     along: Literal["+x", "-x", "+y", "-y"]
     upright: bool
     base: str
     tip: str
+    center: tuple[str, ...]
 
 
 @final
@@ -163,7 +165,9 @@ def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
         if len(around) == 1 and len(others) > 1:  # on another line, between its corners
             wall = max(others, key=lambda wall: shapely.distance(shapely.Point(points[end]), wall))
             points[end] = np.array(shapely.shortest_line(wall, shapely.Point(points[end])).coords)[0]
-    return [replace(line, points=part) for line, part in zip(lines, np.split(points, last[:-1] + 1), strict=True)]
+    return [
+        replace(line, points=part) for line, part in zip(lines, np.split(points, last[:-1] + 1), strict=True)
+    ]
 
 
 def _sheet(cut: Sequence[DrawnLine]) -> Any:
@@ -439,6 +443,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         caps=(),
         base_ring=placing.base,
         tip_ring=placing.tip,
+        center_rings=placing.center,
         lines=sets,
         face_groups=groups,
         face_values={"wrinkle_panel_m": np.full(2 * m, 2.0 * film.depth_m), BENDING_FACTOR: bending},

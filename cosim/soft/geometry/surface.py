@@ -185,23 +185,6 @@ def triangles_beside(triangles: IntArray, hinges: IntArray) -> IntArray:
     return np.stack(found, axis=1)
 
 
-def hinges_of_sheets(triangles: IntArray, sheets: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
-    """Return the edges within sheets that fold, and the two triangles at each; none joins two sheets.
-
-    Args:
-        triangles: (m, 3) node indices.
-        sheets: places of the triangles of each sheet.
-
-    Returns:
-        (h, 4) as of `interior_hinges`, and (h, 2) places of the triangles with i and with l.
-    """
-    hinges = [interior_hinges(triangles[places]) for places in sheets]
-    beside = [
-        places[triangles_beside(triangles[places], own)] for places, own in zip(sheets, hinges, strict=True)
-    ]
-    return np.concatenate(hinges), np.concatenate(beside)
-
-
 def dihedral_angle(positions: Array, hinges: IntArray) -> Array:
     """Return the angle between the two triangles at each hinge.
 
@@ -299,16 +282,17 @@ def parts_of_groups(groups: Mapping[str, IntArray], parent: IntArray) -> dict[st
     return {name: np.flatnonzero(np.isin(parent, places)) for name, places in groups.items()}
 
 
-def mean_beside(beside: IntArray, values: Array) -> Array:
+def mean_beside(triangles: IntArray, hinges: IntArray, values: Array) -> Array:
     """Return the harmonic mean (h,) of the values of both triangles at each hinge: both bend by one moment.
 
     Args:
-        beside: (h, 2) places of the triangles at each hinge, see `triangles_beside`.
+        triangles: (m, 3) node indices.
+        hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
         values: (m,) of each triangle, not negative.
     """
-    first, second = values[beside].T
+    first, second = values[triangles_beside(triangles, hinges)].T
     # equal values are their mean to the last bit
-    ratio = np.divide(2.0 * second, first + second, out=np.zeros(len(beside)), where=first + second > 0.0)
+    ratio = np.divide(2.0 * second, first + second, out=np.zeros(len(hinges)), where=first + second > 0.0)
     return np.asarray(first * ratio)
 
 
