@@ -8,7 +8,7 @@ file a layer is a group or line whose label or id is the layer's name, or the co
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, final
@@ -308,3 +308,29 @@ def _curve(segment: Any, metres: float) -> list[tuple[float, float]]:
     bend = np.linalg.norm(coarse[2:] - 2.0 * coarse[1:-1] + coarse[:-2], axis=1).max() * metres / 8.0
     parts = min(2000, max(4, math.ceil(32.0 * math.sqrt(bend / _SAGITTA_M))))
     return [(p.x, p.y) for p in (segment.point(t) for t in np.linspace(0.0, 1.0, parts + 1)[1:])]
+
+
+def write_dxf(path: Path, layers: Mapping[str, Sequence[DrawnLine]]) -> None:
+    """Write lines to a DXF file in mm; single points become points.
+
+    Args:
+        path: of the file.
+        layers: lines by the names of their layers.
+
+    Raises:
+        OSError: the file cannot be written.
+        InputError: the library that writes it is not installed.
+    """
+    ezdxf = extra_module("ezdxf", "pattern")
+    document = ezdxf.new(units=4)
+    space = document.modelspace()
+    for layer, lines in layers.items():
+        for line in lines:
+            points, on = (1e3 * line.points).tolist(), {"layer": layer}
+            if len(points) == 1:
+                space.add_point(points[0], dxfattribs=on)
+            elif line.closed:
+                space.add_lwpolyline(points[:-1], close=True, dxfattribs=on)
+            else:
+                space.add_lwpolyline(points, dxfattribs=on)
+    document.saveas(path)
