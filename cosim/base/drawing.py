@@ -231,6 +231,7 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
     metres = _METRES[unit]
     if known:
         metres *= float(width.strip().removesuffix(stated or "")) / float(document.width)
+    height = float(document.height or 0.0)  # y leads upwards, from the lower left corner of the page
     layers: dict[str, list[DrawnLine]] = {}
     left_out: dict[str, int] = {}
     for layer, where, element in _svg_shapes(document, None):
@@ -238,9 +239,8 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
             left_out["shapes without a layer"] = left_out.get("shapes without a layer", 0) + 1
             continue
         for points in _svg_points(element, metres):
-            layers.setdefault(layer, []).append(
-                DrawnLine(metres * points * (1.0, -1.0), f"{where} of layer {layer}")
-            )
+            upwards = metres * (points * (1.0, -1.0) + (0.0, height))
+            layers.setdefault(layer, []).append(DrawnLine(upwards, f"{where} of layer {layer}"))
         if sum(map(len, layers.values())) > _MOST_LINES:
             raise MeshError(f"{path.name}: has more than {_MOST_LINES} lines")
     told = tuple(f"{count} {what}" for what, count in left_out.items())

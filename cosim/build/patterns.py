@@ -69,6 +69,7 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         sets=tuple(_choice(entry, read, name) for entry in table.sets),
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,
+        open_ends=table.edge == "open",
     )
 
 
@@ -98,6 +99,7 @@ def _from_points(table: PatternTable) -> CutPattern:
         sets=tuple(_choice(entry, None, "") for entry in table.sets),
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,
+        open_ends=table.edge == "open",
     )
 
 

@@ -67,8 +67,9 @@ class PatternTable(BodySourceTable):
         outline_m: corners of the sheets, in place of a drawing.
         seams_m: points of each further seam, in place of a drawing.
         port_m: a point within the chamber, in place of a drawing.
-        edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only; "sealed": along all edges
-            of the sheets as well.
+        edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only, and these close every
+            chamber; "sealed": along all edges of the sheets as well; "open": as drawn, and where no seam
+            closes a chamber it has an open end, closed by a cap that carries the pressure.
         seam_width_m: of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of the triangles' edges; omitted: a quarter of the largest distance to a seam.
         along: direction in the drawing that leads away from the base.
@@ -86,7 +87,7 @@ class PatternTable(BodySourceTable):
     outline_m: Annotated[tuple[Point, ...], Len(min_length=3)] | None = None
     seams_m: tuple[Polyline, ...] = ()
     port_m: Point | None = None
-    edge: Literal["drawn", "sealed"] = "drawn"
+    edge: Literal["drawn", "sealed", "open"] = "drawn"
     seam_width_m: NonNegative = 0.0
     mesh_m: Positive | None = None
     along: Literal["+x", "-x", "+y", "-y"] = "+y"

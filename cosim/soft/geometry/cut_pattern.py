@@ -21,7 +21,7 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
-from cosim.soft.geometry.surface import directed_edges
+from cosim.soft.geometry.surface import directed_edges, rims
 
 FRONT, BACK, WELDED = "front", "back", "welded"
 SheetName = Literal["both", "front", "back"]
@@ -63,6 +63,7 @@ class CutPattern:
         sets: named nodes.
         seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of an edge; None: a quarter of the largest distance to a seam.
+        open_ends: whether chambers may be open at edges of the sheets, where caps close them.
     """
 
     cut: tuple[DrawnLine, ...]
@@ -72,6 +73,7 @@ class CutPattern:
     sets: tuple[NodeChoice, ...] = ()
     seam_width_m: float = 0.0
     mesh_m: float | None = None
+    open_ends: bool = False
 
 
 @final
@@ -138,7 +140,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     points = np.concatenate([np.zeros((0, 2)), *corners])
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
     mesh = mesh_sheet(sheet, lines, points, edge_m)
-    chamber = _chambers(mesh, pattern.ports, sheet)
+    chamber = _chambers(mesh, pattern)
     mesh, chamber = _without_dead_corners(mesh, chamber)
     shared = _shared(mesh, chamber)
     sets = {choice.name: _chosen(choice, mesh, edge_m) for choice in pattern.sets}
@@ -262,8 +264,9 @@ def _neighbours(triangles: IntArray) -> dict[tuple[int, int], list[int]]:
     return found
 
 
-def _chambers(mesh: FlatMesh, ports: Sequence[DrawnLine], sheet: Any) -> IntArray:
+def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
     """Return the chamber (m,) that each triangle is in, by flood fill from the ports; -1 for none."""
+    ports = pattern.ports
     if not ports:
         raise MeshError("the pattern has no port: mark the inside of each chamber on layer PORT")
     seams = {(a, b) for a, b in mesh.edges_of(LineKind.SEAL).tolist()}
@@ -290,7 +293,7 @@ def _chambers(mesh: FlatMesh, ports: Sequence[DrawnLine], sheet: Any) -> IntArra
         chamber[first] = number
         while queue:
             here = queue.pop()
-            if here in open_edges:
+            if here in open_edges and not pattern.open_ends:
                 middle = mesh.positions[list(open_edges[here])].mean(axis=0)
                 raise MeshError(
                     f"the chamber of {port.where or 'the port'} is open at {in_mm(middle)}: no seam closes "
@@ -440,7 +443,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         positions=np.stack(columns, axis=1),
         triangles=triangles,
         rings=sets,
-        caps=(),
+        caps=rims(triangles),
         base_ring=placing.base,
         tip_ring=placing.tip,
         center_rings=placing.center,
