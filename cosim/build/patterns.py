@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,7 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
     holes = read.layers.get("HOLE", ())
     seal = read.layers.get("SEAL", ())
     if table.edge == "sealed":
-        seal = (*cut, *holes, *seal)
+        seal = (*cut, *(holes if table.pairs == 1 else ()), *seal)
     elif not seal:
         raise MeshError(
             f"{name}: layer SEAL is empty: draw the seams on it, or set body.edge = 'sealed' if all edges "
@@ -62,7 +63,8 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
             f"{name}: layer FRAME has lines; printed frames on patterns are not modelled: take them away"
         )
     return CutPattern(
-        cut=(*cut, *holes),
+        cut=cut,
+        holes=holes,
         seal=seal,
         ports=_layer(read, "PORT", name),
         folds=read.layers.get("FOLD", ()),
@@ -70,6 +72,8 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,
         open_ends=table.edge == "open",
+        pairs=table.pairs,
+        pair_height_m=table.pair_height_m or 0.0,
     )
 
 
@@ -84,31 +88,42 @@ def _layer(drawing: Drawing, layer: str, name: str) -> tuple[DrawnLine, ...]:
 def _from_points(table: PatternTable) -> CutPattern:
     assert table.outline_m is not None, "a checked pattern has a file or an outline"
     assert table.port_m is not None, "a checked outline has a port"
-    corners = np.array(table.outline_m)
-    if np.linalg.norm(corners[0] - corners[-1]) > 0.0:
-        corners = np.concatenate([corners, corners[:1]])
-    cut = (DrawnLine(corners, "outline_m"),)
+    cut = (_closed(table.outline_m, "outline_m"),)
+    holes = tuple(
+        _closed(corners, f"holes_m[{place}]") for place, corners in enumerate(table.holes_m, start=1)
+    )
     seams = tuple(
         DrawnLine(np.array(points), f"seams_m[{place}]")
         for place, points in enumerate(table.seams_m, start=1)
     )
     return CutPattern(
         cut=cut,
-        seal=(*cut, *seams) if table.edge == "sealed" else seams,
+        holes=holes,
+        seal=(*cut, *(holes if table.pairs == 1 else ()), *seams) if table.edge == "sealed" else seams,
         ports=(DrawnLine(np.array([table.port_m]), "port_m"),),
         sets=tuple(_choice(entry, None, "") for entry in table.sets),
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,
         open_ends=table.edge == "open",
+        pairs=table.pairs,
+        pair_height_m=table.pair_height_m or 0.0,
     )
+
+
+def _closed(corners: Sequence[tuple[float, float]], where: str) -> DrawnLine:
+    """Return the closed line through corners."""
+    points = np.array(corners)
+    if np.linalg.norm(points[0] - points[-1]) > 0.0:
+        points = np.concatenate([points, points[:1]])
+    return DrawnLine(points, where)
 
 
 def _choice(entry: PatternSetTable, drawing: Drawing | None, name: str) -> NodeChoice:
     """Return which nodes a set has."""
     if entry.layer is not None and drawing is not None:
         lines = _layer(drawing, entry.layer, name)
-        return NodeChoice(entry.name, lines, sheet=entry.sheet, corners_only=entry.is_cable)
+        return NodeChoice(entry.name, lines, sheet=entry.sheet, pair=entry.pair, corners_only=entry.is_cable)
     if entry.line_m is not None:
         lines = (DrawnLine(np.array(entry.line_m), f"set.{entry.name}.line_m"),)
-        return NodeChoice(entry.name, lines, sheet=entry.sheet)
-    return NodeChoice(entry.name, box=np.array(entry.box_m), sheet=entry.sheet)
+        return NodeChoice(entry.name, lines, sheet=entry.sheet, pair=entry.pair)
+    return NodeChoice(entry.name, box=np.array(entry.box_m), sheet=entry.sheet, pair=entry.pair)

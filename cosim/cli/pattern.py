@@ -24,7 +24,12 @@ from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, film_area, fla
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 
 _BASE_SHARE: Final = 0.04  # of the height, where a drawing has no layer BASE
-_COLOURS: Final = {LineKind.CUT: "black", LineKind.SEAL: "tab:blue", LineKind.FOLD: "tab:cyan"}
+_COLOURS: Final = {
+    LineKind.CUT: "black",
+    LineKind.HOLE: "tab:pink",
+    LineKind.SEAL: "tab:blue",
+    LineKind.FOLD: "tab:cyan",
+}
 
 
 def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) -> None:
@@ -179,7 +184,8 @@ def export_pattern_command(name: str, out: Path) -> None:
     except MeshError as error:
         raise InputError(str(error)) from None
     layers: dict[str, list[DrawnLine]] = {
-        "CUT": list(pattern.cut), "SEAL": list(pattern.seal), "PORT": list(pattern.ports),
+        "CUT": list(pattern.cut), "HOLE": list(pattern.holes), "SEAL": list(pattern.seal), "PORT": "
+        "list(pattern.ports),
         "FOLD": list(pattern.folds),
     }  # fmt: skip
     for entry, choice in zip(table.sets, pattern.sets, strict=True):

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, final
 
-from annotated_types import Len
+from annotated_types import Interval, Len
 
 from cosim.base.drawing import DRAWING_SUFFIXES, Unit
 from cosim.base.resources import is_file
 from cosim.config.schema.soft_robot import BodySourceTable
-from cosim.config.toml.keys import Name, NonNegative, Positive, Text, unknown_name_message
+from cosim.config.toml.keys import Count, Name, NonNegative, Positive, Text, unknown_name_message
 from cosim.config.toml.reading import Told, rule
 
 Point = tuple[float, float]
@@ -30,6 +30,7 @@ class PatternSetTable:
         box_m: two opposite corners of a box: all nodes within.
         line_m: points of a line: all nodes on it, in order.
         sheet: "front" faces whoever looks at the drawing; nodes on seams are of both.
+        pair: of sheets, from 1, where there are several; omitted: all pairs.
     """
 
     name: Name
@@ -37,6 +38,7 @@ class PatternSetTable:
     box_m: tuple[Point, Point] | None = None
     line_m: Polyline | None = None
     sheet: Literal["both", "front", "back"] = "both"
+    pair: Count | None = None
 
     @rule
     def _is_said_once(self) -> Told:
@@ -66,10 +68,14 @@ class PatternTable(BodySourceTable):
         unit: of the drawing's numbers; omitted: as the drawing says.
         outline_m: corners of the sheets, in place of a drawing.
         seams_m: points of each further seam, in place of a drawing.
+        holes_m: corners of each hole, in place of a drawing.
         port_m: a point within the chamber, in place of a drawing.
         edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only, and these close every
             chamber; "sealed": along all edges of the sheets as well; "open": as drawn, and where no seam
             closes a chamber it has an open end, closed by a cap that carries the pressure.
+        pairs: of sheets, one on the other, away from the flange with plane = "flat"; neighbours are joined
+            along the holes, which `edge` does not seal then, and caps close the first and the last one.
+        pair_height_m: drawn height of a pair, of several: from seam to hole the sheets lead half of it aside.
         seam_width_m: of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of the triangles' edges; omitted: a quarter of the largest distance to a seam.
         along: direction in the drawing that leads away from the base.
@@ -86,8 +92,11 @@ class PatternTable(BodySourceTable):
     unit: Unit | None = None
     outline_m: Annotated[tuple[Point, ...], Len(min_length=3)] | None = None
     seams_m: tuple[Polyline, ...] = ()
+    holes_m: tuple[Annotated[tuple[Point, ...], Len(min_length=3)], ...] = ()
     port_m: Point | None = None
     edge: Literal["drawn", "sealed", "open"] = "drawn"
+    pairs: Annotated[int, Interval(ge=1, le=200)] = 1
+    pair_height_m: Positive | None = None
     seam_width_m: NonNegative = 0.0
     mesh_m: Positive | None = None
     along: Literal["+x", "-x", "+y", "-y"] = "+y"
@@ -103,7 +112,7 @@ class PatternTable(BodySourceTable):
             return
         if self.file is None and self.port_m is None:
             yield "port_m", "is missing: give a point within the chamber"
-        for key in ("seams_m", "port_m") if self.file is not None else ("unit",):
+        for key in ("seams_m", "holes_m", "port_m") if self.file is not None else ("unit",):
             if getattr(self, key):
                 yield key, f"goes with {'outline_m' if self.file else 'file'}, which is not given"
 
@@ -122,6 +131,14 @@ class PatternTable(BodySourceTable):
             yield "tip", unknown_name_message("set", self.tip, self.set_names())
         for name in [name for name in self.center if name not in self.set_names()][:1]:
             yield "center", unknown_name_message("set", name, self.set_names())
+
+    @rule
+    def _is_stacked(self) -> Told:
+        if (self.pairs > 1) != (self.pair_height_m is not None):
+            yield "pair_height_m", "goes with pairs above 1; give both or neither"
+        for entry in self.sets:
+            if entry.pair is not None and entry.pair > self.pairs:
+                yield f"set.{entry.name}.pair", f"{entry.pair} does not exist; pairs 1 to {self.pairs} do"
 
     @rule
     def _has_layers(self) -> Told:

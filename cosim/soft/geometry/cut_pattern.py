@@ -40,6 +40,7 @@ class NodeChoice:
         lines: nodes on these, or within closed ones.
         box: lower left and upper right corner (2, 2) [m] of the drawing; None: `lines` say.
         sheet: of the nodes; those of seams are of both.
+        pair: of sheets, from 1; None: all pairs.
         corners_only: only the corners of the lines, in their order: a cable's eyelets.
     """
 
@@ -47,6 +48,7 @@ class NodeChoice:
     lines: tuple[DrawnLine, ...] = ()
     box: Array | None = None
     sheet: SheetName = "both"
+    pair: int | None = None
     corners_only: bool = False
 
 
@@ -56,7 +58,8 @@ class CutPattern:
     """Two sheets and how they are welded, in the drawing's coordinates.
 
     Args:
-        cut: outlines of the sheets and of holes through them.
+        cut: outlines of the sheets.
+        holes: outlines of holes through them.
         seal: seams.
         ports: a line or point within each chamber.
         folds: lines that become edges of the mesh.
@@ -64,16 +67,22 @@ class CutPattern:
         seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of an edge; None: a quarter of the largest distance to a seam.
         open_ends: whether chambers may be open at edges of the sheets, where caps close them.
+        pairs: of sheets, one on the other; neighbours are joined along the holes that no seam closes, and
+            caps close the first and the last hole.
+        pair_height_m: from one pair to the next, of several.
     """
 
     cut: tuple[DrawnLine, ...]
     seal: tuple[DrawnLine, ...]
     ports: tuple[DrawnLine, ...]
+    holes: tuple[DrawnLine, ...] = ()
     folds: tuple[DrawnLine, ...] = ()
     sets: tuple[NodeChoice, ...] = ()
     seam_width_m: float = 0.0
     mesh_m: float | None = None
     open_ends: bool = False
+    pairs: int = 1
+    pair_height_m: float = 0.0
 
 
 @final
@@ -105,7 +114,8 @@ class FlatFilm:
     Args:
         mesh: of one sheet.
         chamber: (m,) of each triangle, -1 where the sheets are welded flat.
-        shared: (n,) whether both sheets have the node.
+        shared: (n,) whether both sheets of a pair have the node.
+        joined: (n,) whether pairs of sheets that lie on one another have the node.
         depth_m: largest distance from a seam within a chamber: half the distance between seams.
         sets: nodes of one sheet in each set, in order along the line where it is one.
     """
@@ -113,6 +123,7 @@ class FlatFilm:
     mesh: FlatMesh
     chamber: IntArray
     shared: Mask
+    joined: Mask
     depth_m: float
     sets: Mapping[str, IntArray] = field(default_factory=dict)
 
@@ -124,11 +135,14 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
         MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
             seam does not close, or a set has no nodes. The message has the place in the drawing.
     """
-    both = with_ends_met([*pattern.cut, *pattern.seal])
-    cut, seal = both[: len(pattern.cut)], both[len(pattern.cut) :]
-    pattern = replace(pattern, cut=tuple(cut), seal=tuple(seal))
-    sheet = _sheet(pattern.cut)
+    met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
+    first, second = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
+    pattern = replace(
+        pattern, cut=tuple(met[:first]), holes=tuple(met[first:second]), seal=tuple(met[second:])
+    )
+    sheet = _sheet((*pattern.cut, *pattern.holes))
     lines = [FlatLine(line.points, LineKind.CUT) for line in pattern.cut]
+    lines += [FlatLine(line.points, LineKind.HOLE) for line in pattern.holes]
     lines += [FlatLine(points, LineKind.SEAL) for points in _seams(pattern, sheet)]
     lines += [FlatLine(line.points, LineKind.FOLD) for line in pattern.folds]
     for choice in pattern.sets:
@@ -144,7 +158,9 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     mesh, chamber = _without_dead_corners(mesh, chamber)
     shared = _shared(mesh, chamber)
     sets = {choice.name: _chosen(choice, mesh, edge_m) for choice in pattern.sets}
-    return FlatFilm(mesh, chamber, shared, _depth(mesh, chamber), sets)
+    joined = np.zeros(len(shared), dtype=bool)
+    joined[mesh.edges_of(LineKind.HOLE)] = pattern.pairs > 1
+    return FlatFilm(mesh, chamber, shared, joined & ~shared, _depth(mesh, chamber), sets)
 
 
 def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
@@ -273,8 +289,11 @@ def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
     around = _neighbours(mesh.triangles)
     beside: list[list[int]] = [[] for _ in mesh.triangles]
     open_edges: dict[int, tuple[int, int]] = {}
+    joints = {(a, b) for a, b in mesh.edges_of(LineKind.HOLE).tolist()} if pattern.pairs > 1 else set()
     for edge, owners in around.items():
         if edge in seams:
+            continue
+        if len(owners) == 1 and edge in joints:
             continue
         if len(owners) == 1:
             open_edges[owners[0]] = edge
@@ -412,7 +431,7 @@ def _chosen(choice: NodeChoice, mesh: FlatMesh, edge_m: float) -> IntArray:
 
 
 def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMesh:
-    """Return the two sheets of a pattern as a film in the flange's frame, flat.
+    """Return the sheets of a pattern as a film in the flange's frame; a single pair is flat.
 
     Args:
         film: of the pattern.
@@ -424,34 +443,63 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     """
     flat = _turned(film.mesh.positions, placing.along)
     flat = flat - flat[film.sets[placing.base]].mean(axis=0)
-    count, own = len(flat), ~film.shared
-    other = np.where(own, count - 1 + np.cumsum(own), np.arange(count))
-    both = np.concatenate([flat, flat[own]])
-    across, none = np.zeros(len(both)), film.mesh.triangles
-    columns = (both[:, 0], across, both[:, 1]) if placing.upright else (both[:, 0], both[:, 1], across)
-    triangles = np.concatenate([none, other[none][:, ::-1]])
-    m = len(none)
-    welded = np.flatnonzero(film.chamber < 0)
+    sheets, count = _numbered(film, pattern.pairs)
+    positions, rise = np.zeros((count, 3)), _rise(film)
+    for pair, (back, front) in enumerate(sheets):
+        for nodes, side in ((back, -0.5), (front, 0.5)):
+            height = pattern.pair_height_m * (pair + 0.5 + side * rise)
+            columns = (flat[:, 0], -height, flat[:, 1]) if placing.upright else (*flat.T, height)
+            positions[nodes] = np.stack(columns, axis=1)
+    own, m = film.mesh.triangles, len(film.mesh.triangles)
+    triangles = np.concatenate([part for back, front in sheets for part in (front[own], back[own][:, ::-1])])
+    place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
+    welded = place[:, :, film.chamber < 0].ravel()
+    bending = np.ones(len(triangles))
+    bending[welded] = _WELDED_BENDING
+    panel_m = film.depth_m if film.joined.any() else 2.0 * film.depth_m  # to the hole, or to the other seam
+    caps = rims(triangles)
     sets = {}
     for choice in pattern.sets:
-        nodes = film.sets[choice.name]
-        sets[choice.name] = _on_sheets(nodes, choice, flat, other)
-    groups = {FRONT: np.arange(m), BACK: np.arange(m, 2 * m), WELDED: np.concatenate([welded, m + welded])}
-    bending = np.ones(2 * m)
-    bending[groups[WELDED]] = _WELDED_BENDING
+        nodes = _on_sheets(film.sets[choice.name], choice, flat, sheets)
+        sets[choice.name] = next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
     return NamedMesh(
-        positions=np.stack(columns, axis=1),
+        positions=positions,
         triangles=triangles,
         rings=sets,
-        caps=rims(triangles),
+        caps=caps,
         base_ring=placing.base,
         tip_ring=placing.tip,
         center_rings=placing.center,
         lines=sets,
-        face_groups=groups,
-        face_values={"wrinkle_panel_m": np.full(2 * m, 2.0 * film.depth_m), BENDING_FACTOR: bending},
+        face_groups={FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded},
+        face_values={"wrinkle_panel_m": np.full(len(triangles), panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
     )
+
+
+def _numbered(film: FlatFilm, pairs: int) -> tuple[list[tuple[IntArray, IntArray]], int]:
+    """Return the nodes (n,) of the back and the front sheet of each pair, and how many nodes there are."""
+    sheets: list[tuple[IntArray, IntArray]] = []
+    count = 0
+    for pair in range(pairs):
+        new = ~film.joined if pair else np.ones(len(film.shared), dtype=bool)
+        back = count - 1 + np.cumsum(new)
+        if pair:
+            back = np.where(film.joined, sheets[-1][1], back)
+        count += int(new.sum())
+        front = np.where(film.shared, back, count - 1 + np.cumsum(~film.shared))
+        count += int((~film.shared).sum())
+        sheets.append((back, front))
+    return sheets, count
+
+
+def _rise(film: FlatFilm) -> Array:
+    """Return how far (n,) each node is from the middle of its pair: 0 at seams, 1 at joining holes."""
+    if not film.joined.any():
+        return np.zeros(len(film.shared))
+    x = film.mesh.positions
+    seam, hole = (cKDTree(x[nodes]).query(x)[0] for nodes in (film.shared, film.joined))
+    return np.asarray(seam / (seam + hole))
 
 
 def _turned(points: Array, along: str) -> Array:
@@ -461,16 +509,23 @@ def _turned(points: Array, along: str) -> Array:
     return np.stack(turned, axis=1)
 
 
-def _on_sheets(nodes: IntArray, choice: NodeChoice, flat: Array, other: IntArray) -> IntArray:
+def _on_sheets(
+    nodes: IntArray, choice: NodeChoice, flat: Array, sheets: Sequence[tuple[IntArray, IntArray]]
+) -> IntArray:
     """Return the nodes of a set on its sheets; of both, along the front and back along the back."""
-    if choice.sheet == BACK:
-        return other[nodes]
-    if choice.sheet == FRONT or choice.corners_only:
-        return nodes if choice.corners_only or choice.lines else _around(nodes, flat)
-    if choice.box is not None or any(line.closed for line in choice.lines):
+    ordered = choice.corners_only or any(not line.closed for line in choice.lines)
+    if choice.sheet != "both" and not ordered:
+        nodes = _around(nodes, flat)
+    elif not ordered:
         nodes = nodes[np.lexsort((flat[nodes, 1], flat[nodes, 0]))]
-    behind = other[nodes][::-1]
-    return np.concatenate([nodes, behind[~np.isin(behind, nodes)]])
+    found = np.zeros(0, np.int64)
+    for back, front in sheets if choice.pair is None else [sheets[choice.pair - 1]]:
+        parts = {FRONT: (front[nodes],), BACK: (back[nodes],)}.get(
+            choice.sheet, (front[nodes], back[nodes][::-1])
+        )
+        for part in parts:
+            found = np.concatenate([found, part[~np.isin(part, found)]])
+    return found
 
 
 def _around(nodes: IntArray, flat: Array) -> IntArray:

@@ -37,6 +37,7 @@ class LineKind(IntFlag):
     SEAL = 2
     FOLD = 4
     OTHER = 8
+    HOLE = 16
 
 
 @final
@@ -125,7 +126,7 @@ def _axes(sheet: Any, lines: Sequence[FlatLine]) -> list[tuple[int, float]]:
     found = []
     for axis, at_m in ((0, 0.5 * (low_x + high_x)), (1, 0.5 * (low_y + high_y))):
         alike = True
-        for kind in (LineKind.CUT, LineKind.SEAL, LineKind.FOLD):
+        for kind in (LineKind.CUT, LineKind.SEAL, LineKind.FOLD, LineKind.HOLE):
             own = [line for line in lines if line.kind & kind]
             one = shapely.MultiLineString([line.points for line in own])
             other = shapely.MultiLineString([line.mirrored(axis, at_m).points for line in own])
