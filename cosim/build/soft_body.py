@@ -22,6 +22,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
+from cosim.build.patterns import drawn_pattern
+from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
@@ -45,7 +47,7 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
-from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import (
@@ -54,6 +56,7 @@ from cosim.soft.geometry.surface import (
     interior_hinges,
     mean_beside,
     rims,
+    rows_of,
     triangle_area,
 )
 from cosim.soft.published.hinges import without_spring
@@ -385,7 +388,13 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
     if robot.stack is not None:
         return drawn_stack(robot.stack)
     assert robot.body is not None, "a checked robot has one of the two"
-    mesh: NamedMesh = drawn_mesh(robot.body) if isinstance(robot.body, MeshTable) else robot.body.mesh()
+    mesh: NamedMesh
+    if isinstance(robot.body, MeshTable):
+        mesh = drawn_mesh(robot.body)
+    elif isinstance(robot.body, PatternTable):
+        mesh = drawn_pattern(robot.body, robot.base[0])
+    else:
+        mesh = robot.body.mesh()
     for name in robot.body.set_names():
         mesh.ring(name)
     if len(mesh.ring(mesh.tip_ring)) < LEAST_RING:
@@ -469,20 +478,33 @@ def _hinges(
     a uniform stiffness scaled to the bending measure of the unrefined ones.
     """
     refined = mesh is not coarse
-    drawn = interior_hinges(coarse.triangles, coarse.seam)
+    drawn = _folds(coarse)
     if not model.all_hinges:
-        drawn = drawn[~without_spring(coarse, drawn)]
-    hinges = interior_hinges(mesh.triangles, mesh.seam) if refined else drawn
-    factor = robot.hinge.stiffness_factor
+        drawn = [(places, folds[~without_spring(coarse, folds)]) for places, folds in drawn]
+    sheets = _folds(mesh) if refined else drawn
+    hinges = rows_of([folds for _, folds in sheets])
+    factor = robot.hinge.stiffness_factor * mesh.face_values.get(BENDING_FACTOR, 1.0)
     if robot.hinge.rule == "shell":
-        rigidity = _of_triangles(robot, mesh, lambda film: factor * build_film(film).flexural_rigidity_Nm)
-        beside = mean_beside(mesh.triangles, hinges, rigidity)
-        return hinges, shell_stiffness(mesh.positions, mesh.triangles, hinges, beside)
-    stiffness = _of_triangles(robot, mesh, lambda film: factor * build_film(film).bending_stiffness_Nm)
-    uniform = mean_beside(mesh.triangles, hinges, stiffness)
+        rigidity = factor * _of_triangles(robot, mesh, lambda film: build_film(film).flexural_rigidity_Nm)
+        return hinges, rows_of([_shell(mesh, places, folds, rigidity) for places, folds in sheets])
+    stiffness = factor * _of_triangles(robot, mesh, lambda film: build_film(film).bending_stiffness_Nm)
+    uniform = rows_of([mean_beside(mesh.triangles[at], folds, stiffness[at]) for at, folds in sheets])
     if refined:
-        uniform *= bending_measure(coarse.positions, drawn) / bending_measure(mesh.positions, hinges)
+        before = rows_of([folds for _, folds in drawn])
+        uniform *= bending_measure(coarse.positions, before) / bending_measure(mesh.positions, hinges)
     return hinges, uniform
+
+
+def _folds(mesh: NamedMesh) -> list[tuple[IntArray, IntArray]]:
+    """Return the triangles (t,) of each sheet, or of the film that is one, and its edges that fold (h, 4)."""
+    sheets = [mesh.face_groups[name] for name in mesh.sheets] or [np.arange(len(mesh.triangles))]
+    return [(places, interior_hinges(mesh.triangles[places], mesh.seam)) for places in sheets]
+
+
+def _shell(mesh: NamedMesh, places: IntArray, folds: IntArray, rigidity: Array) -> Array:
+    """Return the stiffness (h,) [N m/rad] of a sheet's folds, from the rigidity (m,) of all triangles."""
+    triangles = mesh.triangles[places]
+    return shell_stiffness(mesh.positions, triangles, folds, mean_beside(triangles, folds, rigidity[places]))
 
 
 def _stiffener(mesh: NamedMesh, table: StiffenerTable) -> FrameRings | BeamRings:

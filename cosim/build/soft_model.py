@@ -20,6 +20,7 @@ from cosim.base.kept_parts import KeptParts, content_name, name_of, nameless, st
 from cosim.base.state_archive import packed, unpacking
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
+from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, ModelTable, Scenario
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
 from cosim.config.toml.reading import blamed_on
@@ -297,9 +298,10 @@ class SoftModel:
 def body_name(scenario: Scenario) -> str:
     """Return a name of all that a scenario's soft body is made of, files of meshes among it."""
     sources = tuple(_sources(scenario.soft_robot))
-    if not all(isinstance(source, MeshTable) for source in sources):
+    if not all(isinstance(source, MeshTable | PatternTable) for source in sources):
         return nameless()  # what other kinds of sources read is not known
-    files = stamps(Path(source.file) for source in sources if isinstance(source, MeshTable))
+    names = [source.file for source in sources if isinstance(source, MeshTable | PatternTable)]
+    files = stamps(Path(name) for name in names if name is not None)
     return name_of(scenario.soft_robot, scenario.model, scenario.fidelity == "refined", files)
 
 

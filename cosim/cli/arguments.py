@@ -25,6 +25,7 @@ def parser() -> argparse.ArgumentParser:
     listed.add_argument("kind", nargs="?", choices=kinds, default="scenarios")
     _add_view(commands)
     _add_files(commands)
+    _add_pattern(commands)
     _add_export(commands)
     _add_export_path(commands)
     _add_compare(commands)
@@ -129,13 +130,41 @@ def _add_changes(command: Any, meaning: str = "change a value of the scenario fi
 
 def _add_files(commands: Any) -> None:
     new = commands.add_parser("new", help="write a starting scenario, and its schema for editors")
-    new.add_argument("name", metavar="NAME", help="of the scenario; it is written to NAME.toml, here")
+    new.add_argument(
+        "name", metavar="NAME", nargs="?", help="of the scenario; it is written to NAME.toml, here"
+    )
+    new.add_argument(
+        "--pattern",
+        metavar="FILE",
+        type=Path,
+        help="a drawing (.dxf, .svg): write a soft robot cut from it as well",
+    )
+    _add_drawing(new)
     check = commands.add_parser("check", help="check scenario, robot and arm files without running anything")
     check.add_argument("files", metavar="FILE", nargs="+", help="path of a file, or name of a scenario")
     upgrade = commands.add_parser("upgrade", help="rewrite files of the schema number before, in place")
     upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
     schema = commands.add_parser("schema", help="print the JSON Schema of scenario, robot or arm files")
     schema.add_argument("kind", nargs="?", choices=("scenario", "robot", "arm"), default="scenario")
+
+
+def _add_drawing(command: Any) -> None:
+    command.add_argument("--unit", choices=("mm", "cm", "m", "in"), help="of a drawing that states none")
+    command.add_argument("--sealed", action="store_true", help="all edges of the sheets are welded")
+
+
+def _add_pattern(commands: Any) -> None:
+    pattern = commands.add_parser("pattern", help="look at cut patterns of soft robots, and write them")
+    actions = pattern.add_subparsers(dest="action", required=True, metavar="ACTION")
+    check = actions.add_parser("check", help="say what a drawing is understood as, or what is wrong where")
+    check.add_argument("file", metavar="FILE", help="a drawing (.dxf, .svg), or a soft robot's name or file")
+    check.add_argument("--png", metavar="PNG", type=Path, help="draw it as well")
+    _add_drawing(check)
+    export = actions.add_parser(
+        "export", help="write the flat cut pattern of a soft robot, with true lengths"
+    )
+    export.add_argument("robot", metavar="ROBOT", help="a soft robot's name or file")
+    export.add_argument("out", metavar="OUT", type=Path, help="the file, such as finger.dxf")
 
 
 def _add_run(commands: Any) -> None:

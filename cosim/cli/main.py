@@ -126,6 +126,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _sweep(options)
         case "replay":
             return _replay(options)
+        case "pattern":
+            return _pattern(options)
         case "export-path":
             return _export_path(options)
         case "compare":
@@ -291,10 +293,27 @@ def _compare(options: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def _pattern(options: argparse.Namespace) -> int:
+    from cosim.cli import pattern  # here, because it loads numpy and pydantic
+
+    if options.action == "check":
+        pattern.check_pattern_command(options.file, options.unit, options.sealed, options.png)
+    else:
+        pattern.export_pattern_command(options.robot, options.out)
+    return EXIT_DONE
+
+
 def _files(options: argparse.Namespace) -> int:
     from cosim.cli import files  # here, because it loads pydantic
 
+    if options.command == "new" and options.pattern is not None:
+        from cosim.cli.pattern import new_pattern_command  # here, because it loads the mesher
+
+        new_pattern_command(options.name, options.pattern, options.unit, options.sealed)
+        return EXIT_DONE
     if options.command == "new":
+        if options.name is None:
+            raise InputError("new: no NAME given")
         files.new_command(options.name)
         return EXIT_DONE
     if options.command == "schema":

@@ -170,7 +170,7 @@ def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
     return float(np.linalg.eigvals(mobility @ algorithmic_mass).real.max())
 
 
-def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
+def figures_at(points: Array, nodes: int, volumes_m3: Array, tip_is_line: bool = False) -> ShapeFigures:
     """Return the figures of k shapes.
 
     Args:
@@ -178,10 +178,11 @@ def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
             base to tip.
         nodes: of the tip ring.
         volumes_m3: (k, chambers).
+        tip_is_line: see `SoftBody.tip_is_line`.
     """
     count = len(points)
     center, normal, length = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-    ring_figures(points, nodes, center, normal, length)
+    ring_figures(points, nodes, tip_is_line, center, normal, length)
     return ShapeFigures(center, normal, length, volumes_m3)
 
 
@@ -212,6 +213,7 @@ class MeshReader(ShapeReader):
 
     def __init__(self, body: SoftBody, volumes: Callable[[Array], Array]) -> None:
         self._tip, self._rings, self._volumes = body.tip, center_rings(body), volumes
+        self._tip_is_line = body.tip_is_line
 
     def positions(self, shape: Array) -> Array:
         """Return the shape itself."""
@@ -226,7 +228,7 @@ class MeshReader(ShapeReader):
         films = self.films(shapes)
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         points = np.concatenate([tip, centers], axis=1)
-        return figures_at(points, tip.shape[1], self._volumes(films))
+        return figures_at(points, tip.shape[1], self._volumes(films), self._tip_is_line)
 
 
 Drive: TypeAlias = tuple[Pose, Loads]

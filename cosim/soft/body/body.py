@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypedDict, TypeVar, Unpack, final
+from typing import Final, TypedDict, TypeVar, Unpack, final
 
 import numpy as np
 
@@ -115,6 +115,8 @@ def by_film(
 
 
 _Kind = TypeVar("_Kind", bound=Element)
+LEAST_TIP_AREA: Final = 1e-6
+"""Vector area of a drawn tip ring over the square of its length below which the tip is a line."""
 
 
 class BodyParts(TypedDict, total=False):
@@ -358,12 +360,32 @@ class SoftBody:
         """Return the mean of the tip ring (3,) [m]."""
         return np.asarray(positions[self.tip].mean(axis=0))
 
+    @cached_property
+    def tip_is_line(self) -> bool:
+        """Whether the drawn tip ring encloses no area, as that of sheets that are drawn flat."""
+        r = self.positions[self.tip]
+        following = np.roll(r, -1, axis=0)
+        area = cross(r - r[:1], following - r[:1]).sum(axis=0)
+        around = np.linalg.norm(following - r, axis=1).sum()
+        return bool(np.linalg.norm(area) <= LEAST_TIP_AREA * around**2)
+
+    @property
+    def before_tip(self) -> IntArray:
+        """Nodes of the last ring that the centre line runs through before the tip."""
+        if self.center_rings:
+            return self.rings[self.center_rings[-1]]
+        return self.rings.get("base", self.base)
+
     def tip_direction(self, positions: Array) -> Array:
         """Return the unit normal (3,) of the tip ring, pointing away from the body.
 
-        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap.
+        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap. Of a tip that is a line
+        in the drawn shape: the direction of the centre line there.
         """
         r = positions[self.tip]
+        if self.tip_is_line:
+            way = r.mean(axis=0) - positions[self.before_tip].mean(axis=0)
+            return np.asarray(way / np.linalg.norm(way))
         area = cross(r, r[np.arange(1, len(r) + 1) % len(r)]).sum(axis=0)
         return np.asarray(area / np.linalg.norm(area))
 

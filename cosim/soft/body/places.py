@@ -26,7 +26,7 @@ def center_rings(body: SoftBody) -> IntArray:
     They are the body's `center_rings`, or without any the ring "base", and the tip. Where one has fewer
     nodes than another, its nodes come more than once, which keeps its centre.
     """
-    given = [body.rings[name] for name in body.center_rings] or [body.rings.get("base", body.base)]
+    given = [body.rings[name] for name in body.center_rings] or [body.before_tip]
     rings = [ring for ring in (*given, body.tip) if len(ring)]
     nodes = math.lcm(*(len(ring) for ring in rings))
     return np.stack([np.tile(ring, nodes // len(ring)) for ring in rings])
@@ -44,11 +44,13 @@ def center_line_length(rings: IntArray, positions: Array) -> float:
 
 
 @kernel
-def ring_figures(points: Blocks, nodes: int, center: Matrix, normal: Matrix, length: Vector) -> None:
+def ring_figures(
+    points: Blocks, nodes: int, is_line: bool, center: Matrix, normal: Matrix, length: Vector
+) -> None:
     """Fill center, normal (k, 3) and length (k,) of k shapes from points (k, n, 3).
 
     The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the
-    others are the polyline.
+    others are the polyline. Of a tip that is a line, the polyline's last step is in the normal's place.
     """
     area, one, two = small_vector(3), small_vector(3), small_vector(3)
     for k in range(points.shape[0]):
@@ -60,6 +62,9 @@ def ring_figures(points: Blocks, nodes: int, center: Matrix, normal: Matrix, len
             for r in range(3):
                 s, t = (r + 1) % 3, (r + 2) % 3
                 area[r] += one[s] * two[t] - one[t] * two[s]
+        if is_line:
+            for r in range(3):
+                area[r] = points[k, points.shape[1] - 1, r] - points[k, points.shape[1] - 2, r]
         size = np.sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2])
         for r in range(3):
             normal[k, r] = area[r] / size
@@ -115,10 +120,14 @@ class TipFrame:
         ring, moved = positions[body.tip], displacement[body.tip]
         shift = moved.mean(axis=0)
         x, _, z = self.rotation.T
-        area = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
-        d_area = (
-            np.cross(moved, np.roll(ring, -1, axis=0)) + np.cross(ring, np.roll(moved, -1, axis=0))
-        ).sum(0)
+        if body.tip_is_line:
+            area = self.position - positions[body.before_tip].mean(axis=0)
+            d_area = shift - displacement[body.before_tip].mean(axis=0)
+        else:
+            area = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+            d_area = (
+                np.cross(moved, np.roll(ring, -1, axis=0)) + np.cross(ring, np.roll(moved, -1, axis=0))
+            ).sum(0)
         dz = (d_area - (d_area @ z) * z) / np.linalg.norm(area)
         arm, d_arm = ring[0] - self.position, moved[0] - shift
         flat = arm - (arm @ z) * z

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
 from cosim.soft.geometry.surface import check_face_groups, check_face_values, check_mesh, parts_of_groups
+
+BENDING_FACTOR: Final = "bending_factor"
+"""Face value that multiplies the bending stiffness of the film at its hinges; omitted: 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,8 @@ class NamedMesh:
         lines: nodes by name that a cable may lead through, base to tip.
         face_groups: places of triangles by name, such as of a material of their own.
         face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
+        sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds
+            within a sheet and turns freely between two. None: the film is one surface.
 
     Raises:
         MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring or line names a node that does not
@@ -47,9 +53,10 @@ class NamedMesh:
     lines: Mapping[str, IntArray] = field(default_factory=dict)
     face_groups: Mapping[str, IntArray] = field(default_factory=dict)
     face_values: Mapping[str, Array] = field(default_factory=dict)
+    sheets: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        check_mesh(self.positions, self.triangles)
+        check_mesh(self.positions, self.triangles, [self.face_groups[name] for name in self.sheets])
         for key in ("rings", "lines"):
             named = {name: _read_only(nodes) for name, nodes in getattr(self, key).items()}
             for name, nodes in named.items():

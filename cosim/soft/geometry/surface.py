@@ -52,12 +52,14 @@ def directed_edges(triangles: IntArray) -> IntArray:
     return np.asarray(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
 
 
-def check_mesh(positions: Array, triangles: IntArray) -> None:
+def check_mesh(positions: Array, triangles: IntArray, sheets: Sequence[IntArray] = ()) -> None:
     """Refuse a surface on which the elements cannot work.
 
     Args:
         positions: (n, 3) [m].
         triangles: (m, 3) node indices.
+        sheets: places of the triangles of each sheet, where sheets are welded along edges and areas; each is
+            checked as a surface. None: all triangles are one surface.
 
     Raises:
         MeshError: a position is not finite; a triangle names a node that does not exist, repeats a
@@ -72,7 +74,10 @@ def check_mesh(positions: Array, triangles: IntArray) -> None:
         raise MeshError(f"triangles have shape {triangles.shape}; (triangles, 3), not empty, is needed")
     _check_nodes(positions, triangles)
     _check_shapes(positions, triangles)
-    _check_edges(triangles)
+    for places in sheets:
+        _check_edges(triangles[places])
+    if not sheets:
+        _check_edges(triangles)
 
 
 def _check_nodes(positions: Array, triangles: IntArray) -> None:

@@ -1,0 +1,129 @@
+"""Cut patterns as a source of soft bodies: turns their tables into sheets, seams and sets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cosim.base.drawing import Drawing, DrawnLine, read_drawing
+from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.errors import MeshError
+from cosim.soft.geometry.cut_pattern import CutPattern, NodeChoice, Placing, flat_film, inflatable
+from cosim.soft.geometry.named_mesh import NamedMesh
+
+
+def drawn_pattern(table: PatternTable, base: str) -> NamedMesh:
+    """Return the film of a cut pattern, flat, in the flange's frame.
+
+    Args:
+        table: of the pattern.
+        base: name of the set whose middle comes to the flange's origin.
+
+    Raises:
+        MeshError: the drawing cannot be read, or is no pattern; the message has the place in it.
+    """
+    pattern = cut_pattern(table)
+    return inflatable(flat_film(pattern), pattern, placing(table, base))
+
+
+def placing(table: PatternTable, base: str) -> Placing:
+    """Return how a pattern lies on the flange."""
+    own = base if base in table.set_names() else table.sets[0].name
+    return Placing(table.along, table.plane == "upright", own, table.tip, (own, *table.center))
+
+
+def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPattern:
+    """Return the sheets, seams, ports and sets of a pattern, in the drawing's coordinates.
+
+    Args:
+        table: of the pattern.
+        drawing: of its file, if it has been read already.
+
+    Raises:
+        MeshError: the drawing cannot be read, or a layer that is needed is empty.
+    """
+    if table.file is None:
+        return _from_points(table)
+    read = read_drawing(Path(table.file), table.unit) if drawing is None else drawing
+    name = Path(table.file).name
+    cut = _layer(read, "CUT", name)
+    holes = read.layers.get("HOLE", ())
+    seal = read.layers.get("SEAL", ())
+    if table.edge == "sealed":
+        seal = (*cut, *(holes if table.pairs == 1 else ()), *seal)
+    elif not seal:
+        raise MeshError(
+            f"{name}: layer SEAL is empty: draw the seams on it, or set body.edge = 'sealed' if all edges "
+            "are welded"
+        )
+    if "FRAME" in read.layers:
+        raise MeshError(
+            f"{name}: layer FRAME has lines; printed frames on patterns are not modelled: take them away"
+        )
+    return CutPattern(
+        cut=cut,
+        holes=holes,
+        seal=seal,
+        ports=_layer(read, "PORT", name),
+        folds=read.layers.get("FOLD", ()),
+        sets=tuple(_choice(entry, read, name) for entry in table.sets),
+        seam_width_m=table.seam_width_m,
+        mesh_m=table.mesh_m,
+        open_ends=table.edge == "open",
+        pairs=table.pairs,
+        pair_height_m=table.pair_height_m or 0.0,
+    )
+
+
+def _layer(drawing: Drawing, layer: str, name: str) -> tuple[DrawnLine, ...]:
+    lines = drawing.layers.get(layer.upper(), ())
+    if not lines:
+        known = ", ".join(sorted(drawing.layers)) or "none with lines"
+        raise MeshError(f"{name}: layer {layer} is empty; there are: {known}")
+    return lines
+
+
+def _from_points(table: PatternTable) -> CutPattern:
+    assert table.outline_m is not None, "a checked pattern has a file or an outline"
+    assert table.port_m is not None, "a checked outline has a port"
+    cut = (_closed(table.outline_m, "outline_m"),)
+    holes = tuple(
+        _closed(corners, f"holes_m[{place}]") for place, corners in enumerate(table.holes_m, start=1)
+    )
+    seams = tuple(
+        DrawnLine(np.array(points), f"seams_m[{place}]")
+        for place, points in enumerate(table.seams_m, start=1)
+    )
+    return CutPattern(
+        cut=cut,
+        holes=holes,
+        seal=(*cut, *(holes if table.pairs == 1 else ()), *seams) if table.edge == "sealed" else seams,
+        ports=(DrawnLine(np.array([table.port_m]), "port_m"),),
+        sets=tuple(_choice(entry, None, "") for entry in table.sets),
+        seam_width_m=table.seam_width_m,
+        mesh_m=table.mesh_m,
+        open_ends=table.edge == "open",
+        pairs=table.pairs,
+        pair_height_m=table.pair_height_m or 0.0,
+    )
+
+
+def _closed(corners: Sequence[tuple[float, float]], where: str) -> DrawnLine:
+    """Return the closed line through corners."""
+    points = np.array(corners)
+    if np.linalg.norm(points[0] - points[-1]) > 0.0:
+        points = np.concatenate([points, points[:1]])
+    return DrawnLine(points, where)
+
+
+def _choice(entry: PatternSetTable, drawing: Drawing | None, name: str) -> NodeChoice:
+    """Return which nodes a set has."""
+    if entry.layer is not None and drawing is not None:
+        lines = _layer(drawing, entry.layer, name)
+        return NodeChoice(entry.name, lines, sheet=entry.sheet, pair=entry.pair, corners_only=entry.is_cable)
+    if entry.line_m is not None:
+        lines = (DrawnLine(np.array(entry.line_m), f"set.{entry.name}.line_m"),)
+        return NodeChoice(entry.name, lines, sheet=entry.sheet, pair=entry.pair)
+    return NodeChoice(entry.name, box=np.array(entry.box_m), sheet=entry.sheet, pair=entry.pair)

@@ -1,0 +1,154 @@
+"""Schema of cut patterns, `[body] kind = "pattern"`: two sheets welded along seams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal, final
+
+from annotated_types import Interval, Len
+
+from cosim.base.drawing import DRAWING_SUFFIXES, Unit
+from cosim.base.resources import is_file
+from cosim.config.schema.soft_robot import BodySourceTable
+from cosim.config.toml.keys import Count, Name, NonNegative, Positive, Text, unknown_name_message
+from cosim.config.toml.reading import Told, rule
+
+Point = tuple[float, float]
+Polyline = Annotated[tuple[Point, ...], Len(min_length=2)]
+
+
+@final
+@dataclass(frozen=True)
+class PatternSetTable:
+    """Nodes of a pattern by a name, said in one of three ways, in the drawing's coordinates.
+
+    Args:
+        name: of the set; base, tip, cables, supports and forces name it.
+        layer: of the drawing: nodes on its open lines and within its closed ones. Of a layer whose name
+            begins with CABLE: the corners of its lines, in order from the base to the tip.
+        box_m: two opposite corners of a box: all nodes within.
+        line_m: points of a line: all nodes on it, in order.
+        sheet: "front" faces whoever looks at the drawing; nodes on seams are of both.
+        pair: of sheets, from 1, where there are several; omitted: all pairs.
+    """
+
+    name: Name
+    layer: Text | None = None
+    box_m: tuple[Point, Point] | None = None
+    line_m: Polyline | None = None
+    sheet: Literal["both", "front", "back"] = "both"
+    pair: Count | None = None
+
+    @rule
+    def _is_said_once(self) -> Told:
+        if sum(way is not None for way in (self.layer, self.box_m, self.line_m)) != 1:
+            yield "", "give layer, box_m or line_m, and one of these"
+
+    @rule
+    def _runs_on_a_sheet(self) -> Told:
+        if self.is_cable and self.sheet == "both":
+            yield "sheet", "is missing: a cable runs on one sheet, sheet = 'front' or 'back'"
+
+    @property
+    def is_cable(self) -> bool:
+        """Whether its nodes are the corners of cables' lines."""
+        return self.layer is not None and self.layer.upper().startswith("CABLE")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class PatternTable(BodySourceTable):
+    """A film of two flat sheets that are welded along seams, as it is cut.
+
+    Args:
+        kind: tells kinds of `[body]` apart.
+        file: DXF or SVG beside the file that names it, in layers CUT, SEAL, HOLE, PORT, CABLE, FOLD; or
+            `outline_m` has the outline.
+        unit: of the drawing's numbers; omitted: as the drawing says.
+        outline_m: corners of the sheets, in place of a drawing.
+        seams_m: points of each further seam, in place of a drawing.
+        holes_m: corners of each hole, in place of a drawing.
+        port_m: a point within the chamber, in place of a drawing.
+        edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only, and these close every
+            chamber; "sealed": along all edges of the sheets as well; "open": as drawn, and where no seam
+            closes a chamber it has an open end, closed by a cap that carries the pressure.
+        pairs: of sheets, one on the other, away from the flange with plane = "flat"; neighbours are joined
+            along the holes, which `edge` does not seal then, and caps close the first and the last one.
+        pair_height_m: drawn height of a pair, of several: from seam to hole the sheets lead half of it aside.
+        seam_width_m: of the welds, half of it on each side of a seam; 0: a line.
+        mesh_m: length of the triangles' edges; omitted: a quarter of the largest distance to a seam.
+        along: direction in the drawing that leads away from the base.
+        plane: "upright": that direction is the flange's z axis, and the sheets lie in its xz plane, the front
+            towards -y. "flat": the sheets lie in the flange's xy plane, the front towards +z.
+        sets: `[[body.set]]` in the file; the middle of the robot's first base comes to the flange's origin.
+        tip: the set at the free end.
+        center: sets that the centre line runs through between base and tip; the tip's direction is that
+            from the last of them.
+    """
+
+    kind: Literal["pattern"] = "pattern"
+    file: Text | None = None
+    unit: Unit | None = None
+    outline_m: Annotated[tuple[Point, ...], Len(min_length=3)] | None = None
+    seams_m: tuple[Polyline, ...] = ()
+    holes_m: tuple[Annotated[tuple[Point, ...], Len(min_length=3)], ...] = ()
+    port_m: Point | None = None
+    edge: Literal["drawn", "sealed", "open"] = "drawn"
+    pairs: Annotated[int, Interval(ge=1, le=200)] = 1
+    pair_height_m: Positive | None = None
+    seam_width_m: NonNegative = 0.0
+    mesh_m: Positive | None = None
+    along: Literal["+x", "-x", "+y", "-y"] = "+y"
+    plane: Literal["upright", "flat"] = "upright"
+    sets: Annotated[tuple[PatternSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
+    tip: Name = "tip"
+    center: tuple[Name, ...] = ()
+
+    @rule
+    def _is_drawn_once(self) -> Told:
+        if (self.file is None) == (self.outline_m is None):
+            yield "file", "give file, or outline_m, and one of these"
+            return
+        if self.file is None and self.port_m is None:
+            yield "port_m", "is missing: give a point within the chamber"
+        for key in ("seams_m", "holes_m", "port_m") if self.file is not None else ("unit",):
+            if getattr(self, key):
+                yield key, f"goes with {'outline_m' if self.file else 'file'}, which is not given"
+
+    @rule
+    def _has_its_file(self) -> Told:
+        if self.file is None:
+            return
+        if Path(self.file).suffix.lower() not in DRAWING_SUFFIXES:
+            yield "file", f"is '{Path(self.file).name}'; a drawing ends in {' or '.join(DRAWING_SUFFIXES)}"
+        elif not is_file(Path(self.file)):
+            yield "file", f"no file {self.file!r} beside the one that names it"
+
+    @rule
+    def _has_its_tip(self) -> Told:
+        if self.tip not in self.set_names():
+            yield "tip", unknown_name_message("set", self.tip, self.set_names())
+        for name in [name for name in self.center if name not in self.set_names()][:1]:
+            yield "center", unknown_name_message("set", name, self.set_names())
+
+    @rule
+    def _is_stacked(self) -> Told:
+        if (self.pairs > 1) != (self.pair_height_m is not None):
+            yield "pair_height_m", "goes with pairs above 1; give both or neither"
+        for entry in self.sets:
+            if entry.pair is not None and entry.pair > self.pairs:
+                yield f"set.{entry.name}.pair", f"{entry.pair} does not exist; pairs 1 to {self.pairs} do"
+
+    @rule
+    def _has_layers(self) -> Told:
+        for entry in self.sets if self.file is None else ():
+            if entry.layer is not None:
+                yield f"set.{entry.name}.layer", "is of a drawing; give box_m or line_m"
+
+    def set_names(self) -> tuple[str, ...]:
+        """Return the names of the node sets."""
+        return tuple(entry.name for entry in self.sets)
+
+
+BodySourceTable.kinds["pattern"] = PatternTable

@@ -1,0 +1,540 @@
+"""Cut patterns: two equal sheets welded along seams, as a flat film with named nodes.
+
+Every area that a port leads into is a chamber, up to the seams around it. In every other area the sheets are
+welded flat: both lie on the same nodes, so they stretch and bend together and the gas between them has no
+volume. A seam is a line whose nodes both sheets share.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal, final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cosim.base.drawing import SAME_PLACE_M, DrawnLine, in_mm
+from cosim.base.extras import extra_module
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.errors import MeshError
+from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
+from cosim.soft.geometry.surface import directed_edges, rims
+
+FRONT, BACK, WELDED = "front", "back", "welded"
+SheetName = Literal["both", "front", "back"]
+_EDGES_TO_SEAM: Final = 4.0
+_MOST_BY_DEFAULT: Final = 3000  # triangles of a sheet
+_WELDED_BENDING: Final = 4.0  # of each sheet: two sheets as one, twice as thick, bend 8 times as hard as one
+
+
+@final
+@dataclass(frozen=True)
+class NodeChoice:
+    """Which nodes of a pattern a set has.
+
+    Args:
+        name: of the set.
+        lines: nodes on these, or within closed ones.
+        box: lower left and upper right corner (2, 2) [m] of the drawing; None: `lines` say.
+        sheet: of the nodes; those of seams are of both.
+        pair: of sheets, from 1; None: all pairs.
+        corners_only: only the corners of the lines, in their order: a cable's eyelets.
+    """
+
+    name: str
+    lines: tuple[DrawnLine, ...] = ()
+    box: Array | None = None
+    sheet: SheetName = "both"
+    pair: int | None = None
+    corners_only: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class CutPattern:
+    """Two sheets and how they are welded, in the drawing's coordinates.
+
+    Args:
+        cut: outlines of the sheets.
+        holes: outlines of holes through them.
+        seal: seams.
+        ports: a line or point within each chamber.
+        folds: lines that become edges of the mesh.
+        sets: named nodes.
+        seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
+        mesh_m: length of an edge; None: a quarter of the largest distance to a seam.
+        open_ends: whether chambers may be open at edges of the sheets, where caps close them.
+        pairs: of sheets, one on the other; neighbours are joined along the holes that no seam closes, and
+            caps close the first and the last hole.
+        pair_height_m: from one pair to the next, of several.
+    """
+
+    cut: tuple[DrawnLine, ...]
+    seal: tuple[DrawnLine, ...]
+    ports: tuple[DrawnLine, ...]
+    holes: tuple[DrawnLine, ...] = ()
+    folds: tuple[DrawnLine, ...] = ()
+    sets: tuple[NodeChoice, ...] = ()
+    seam_width_m: float = 0.0
+    mesh_m: float | None = None
+    open_ends: bool = False
+    pairs: int = 1
+    pair_height_m: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Placing:
+    """How the drawing lies on the flange.
+
+    Args:
+        along: direction of the drawing that leads away from the base.
+        upright: whether that is the flange's z axis, the sheets in its xz plane; otherwise the sheets lie
+            in its xy plane, and that direction is its y axis.
+        base: name of the set whose middle comes to the flange's origin.
+        tip: name of the set at the free end.
+        center: names of the sets that the centre line runs through before the tip.
+    """
+
+    along: Literal["+x", "-x", "+y", "-y"]
+    upright: bool
+    base: str
+    tip: str
+    center: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True)
+class FlatFilm:
+    """A pattern as it was understood: the mesh of one sheet, its chambers and welds.
+
+    Args:
+        mesh: of one sheet.
+        chamber: (m,) of each triangle, -1 where the sheets are welded flat.
+        shared: (n,) whether both sheets of a pair have the node.
+        joined: (n,) whether pairs of sheets that lie on one another have the node.
+        depth_m: largest distance from a seam within a chamber: half the distance between seams.
+        sets: nodes of one sheet in each set, in order along the line where it is one.
+    """
+
+    mesh: FlatMesh
+    chamber: IntArray
+    shared: Mask
+    joined: Mask
+    depth_m: float
+    sets: Mapping[str, IntArray] = field(default_factory=dict)
+
+
+def flat_film(pattern: CutPattern) -> FlatFilm:
+    """Return the mesh of a pattern's sheets, with the chambers that its ports lead into.
+
+    Raises:
+        MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
+            seam does not close, or a set has no nodes. The message has the place in the drawing.
+    """
+    met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
+    first, second = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
+    pattern = replace(
+        pattern, cut=tuple(met[:first]), holes=tuple(met[first:second]), seal=tuple(met[second:])
+    )
+    sheet = _sheet((*pattern.cut, *pattern.holes))
+    lines = [FlatLine(line.points, LineKind.CUT) for line in pattern.cut]
+    lines += [FlatLine(line.points, LineKind.HOLE) for line in pattern.holes]
+    lines += [FlatLine(points, LineKind.SEAL) for points in _seams(pattern, sheet)]
+    lines += [FlatLine(line.points, LineKind.FOLD) for line in pattern.folds]
+    for choice in pattern.sets:
+        if not choice.corners_only:
+            lines += [FlatLine(line.points, LineKind.OTHER) for line in choice.lines if len(line.points) > 1]
+    for line in (*pattern.seal, *pattern.folds):
+        _check_within(line, sheet)
+    corners = [line.points for choice in pattern.sets if choice.corners_only for line in choice.lines]
+    points = np.concatenate([np.zeros((0, 2)), *corners])
+    edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
+    mesh = mesh_sheet(sheet, lines, points, edge_m)
+    chamber = _chambers(mesh, pattern)
+    mesh, chamber = _without_dead_corners(mesh, chamber)
+    shared = _shared(mesh, chamber)
+    sets = {choice.name: _chosen(choice, mesh, edge_m) for choice in pattern.sets}
+    joined = np.zeros(len(shared), dtype=bool)
+    joined[mesh.edges_of(LineKind.HOLE)] = pattern.pairs > 1
+    return FlatFilm(mesh, chamber, shared, joined & ~shared, _depth(mesh, chamber), sets)
+
+
+def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
+    """Return lines whose open ends lie exactly on what they nearly touch, `SAME_PLACE_M` at most away."""
+    shapely = extra_module("shapely", "pattern")
+    counts = [len(line.points) for line in lines]
+    points = np.concatenate([np.zeros((0, 2)), *(line.points for line in lines)])
+    last = np.cumsum(counts) - 1
+    is_open = [len(line.points) > 1 and not line.closed for line in lines]
+    ends = np.concatenate([last - counts + 1, last])[np.tile(is_open, 2)].astype(np.int64)
+    movable = np.zeros(len(points), dtype=bool)
+    movable[ends] = True
+    near = cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
+    for end, around in sorted(zip(ends.tolist(), near, strict=True)):
+        there = sorted(around, key=lambda other: (movable[other], other))
+        points[end] = points[there[0]]
+    walls = [shapely.LineString(part) for part in np.split(points, last[:-1] + 1) if len(part) > 1]
+    for end, around in zip(ends.tolist(), near, strict=True):
+        others = [wall for wall in walls if shapely.distance(shapely.Point(points[end]), wall) < SAME_PLACE_M]
+        if len(around) == 1 and len(others) > 1:  # on another line, between its corners
+            wall = max(others, key=lambda wall: shapely.distance(shapely.Point(points[end]), wall))
+            points[end] = np.array(shapely.shortest_line(wall, shapely.Point(points[end])).coords)[0]
+    return [
+        replace(line, points=part) for line, part in zip(lines, np.split(points, last[:-1] + 1), strict=True)
+    ]
+
+
+def _sheet(cut: Sequence[DrawnLine]) -> Any:
+    """Return the film within outlines and without holes, as shapely polygons."""
+    shapely = extra_module("shapely", "pattern")
+    if not cut:
+        raise MeshError("the pattern has no outline: layer CUT is empty")
+    joined = shapely.unary_union([shapely.LineString(line.points) for line in cut], grid_size=1e-9)
+    for line in cut:
+        _check_simple(line)
+    polygons, cuts, dangles, invalid = shapely.polygonize_full([joined])
+    for open_line in [*dangles.geoms, *cuts.geoms, *invalid.geoms][:1]:
+        end = _loose_end(open_line, joined)
+        raise MeshError(f"the outline is open at {in_mm(end)}: close the line of layer CUT there")
+    rings = shapely.polygonize([shapely.LineString(line.points) for line in cut]).geoms or polygons.geoms
+    if not len(rings):
+        raise MeshError("the outline encloses no area: close the lines of layer CUT")
+    sheet = shapely.Polygon()
+    for ring in sorted((shapely.Polygon(face.exterior) for face in rings), key=lambda face: -face.area):
+        sheet = sheet.symmetric_difference(ring)
+    if sheet.is_empty or sheet.geom_type != "Polygon":
+        count = len(getattr(sheet, "geoms", ()))
+        raise MeshError(
+            f"layer CUT has {count} outlines side by side; a pattern has one outline, with holes in it"
+        )
+    return sheet
+
+
+def _check_simple(line: DrawnLine) -> None:
+    shapely = extra_module("shapely", "pattern")
+    drawn = shapely.LineString(line.points)
+    if drawn.is_simple:
+        return
+    noded = shapely.unary_union([drawn])
+    ends = np.concatenate([np.array(piece.coords)[[0, -1]] for piece in noded.geoms])
+    cells, count = np.unique(np.round(ends / SAME_PLACE_M), axis=0, return_counts=True)
+    crossing = cells[np.argmax(count)] * SAME_PLACE_M
+    raise MeshError(f"{line.where or 'a line'} crosses itself at {in_mm(crossing)}")
+
+
+def _loose_end(line: Any, lines: Any) -> Array:
+    """Return the end of a line that meets no other."""
+    shapely = extra_module("shapely", "pattern")
+    ends = np.array(line.coords)[[0, -1]]
+    others = shapely.difference(lines, line)
+    if others.is_empty:
+        return ends[1]
+    return ends[int(np.argmax(shapely.distance(shapely.points(ends), others)))]
+
+
+def _check_within(line: DrawnLine, sheet: Any) -> None:
+    """Refuse a line that leaves the sheet."""
+    shapely = extra_module("shapely", "pattern")
+    outside = shapely.difference(shapely.LineString(line.points), sheet.buffer(2.0 * SAME_PLACE_M))
+    if not outside.is_empty:
+        point = np.array(outside.representative_point().coords[0])
+        raise MeshError(
+            f"{line.where or 'a seam'} leaves the outline at {in_mm(point)}: draw it within layer CUT"
+        )
+
+
+def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:
+    """Return the seams' lines, or the outlines of their width."""
+    shapely = extra_module("shapely", "pattern")
+    for line in pattern.seal:
+        _check_simple(line)
+    if not pattern.seam_width_m:
+        return [line.points for line in pattern.seal]
+    drawn = shapely.unary_union([shapely.LineString(line.points) for line in pattern.seal])
+    wide = shapely.intersection(drawn.buffer(0.5 * pattern.seam_width_m, cap_style="flat"), sheet)
+    parts = getattr(wide, "geoms", (wide,))
+    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+    return [np.array(ring.coords) for ring in rings]
+
+
+def _edge_length(sheet: Any, lines: Sequence[FlatLine], ports: Sequence[DrawnLine]) -> float:
+    """Return an edge length: a quarter of the largest distance from a seam, or what the area asks for."""
+    shapely = extra_module("shapely", "pattern")
+    walls = [shapely.LineString(line.points) for line in lines if line.kind & (LineKind.SEAL | LineKind.CUT)]
+    faces = shapely.polygonize([shapely.unary_union(walls, grid_size=1e-9)]).geoms
+    marks = [shapely.Point(*port.middle) for port in ports]
+    own = [face for face in faces if any(face.contains(mark) for mark in marks)] or [sheet]
+    depth = max(shapely.maximum_inscribed_circle(face).length for face in own)
+    return float(max(depth / _EDGES_TO_SEAM, math.sqrt(sheet.area / (0.433 * _MOST_BY_DEFAULT))))
+
+
+def _neighbours(triangles: IntArray) -> dict[tuple[int, int], list[int]]:
+    """Return the triangles at each edge, by its nodes, ascending."""
+    found: dict[tuple[int, int], list[int]] = {}
+    for row, (a, b) in enumerate(np.sort(directed_edges(triangles), axis=1).tolist()):
+        found.setdefault((a, b), []).append(row // 3)
+    return found
+
+
+def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
+    """Return the chamber (m,) that each triangle is in, by flood fill from the ports; -1 for none."""
+    ports = pattern.ports
+    if not ports:
+        raise MeshError("the pattern has no port: mark the inside of each chamber on layer PORT")
+    seams = {(a, b) for a, b in mesh.edges_of(LineKind.SEAL).tolist()}
+    around = _neighbours(mesh.triangles)
+    beside: list[list[int]] = [[] for _ in mesh.triangles]
+    open_edges: dict[int, tuple[int, int]] = {}
+    joints = {(a, b) for a, b in mesh.edges_of(LineKind.HOLE).tolist()} if pattern.pairs > 1 else set()
+    for edge, owners in around.items():
+        if edge in seams:
+            continue
+        if len(owners) == 1 and edge in joints:
+            continue
+        if len(owners) == 1:
+            open_edges[owners[0]] = edge
+        else:
+            beside[owners[0]].append(owners[1])
+            beside[owners[1]].append(owners[0])
+    chamber = np.full(len(mesh.triangles), -1)
+    for number, port in enumerate(ports):
+        first = _triangle_at(mesh, port)
+        if chamber[first] >= 0:
+            raise MeshError(
+                f"{port.where or 'a port'} at {in_mm(port.middle)} leads into the chamber of "
+                f"{ports[chamber[first]].where or 'another port'}: a chamber has one port"
+            )
+        queue = [first]
+        chamber[first] = number
+        while queue:
+            here = queue.pop()
+            if here in open_edges and not pattern.open_ends:
+                middle = mesh.positions[list(open_edges[here])].mean(axis=0)
+                raise MeshError(
+                    f"the chamber of {port.where or 'the port'} is open at {in_mm(middle)}: no seam closes "
+                    "it there; draw it on layer SEAL, or set body.edge = 'sealed' if all edges are welded"
+                )
+            for other in beside[here]:
+                if chamber[other] < 0:
+                    chamber[other] = number
+                    queue.append(other)
+    return chamber
+
+
+def _triangle_at(mesh: FlatMesh, port: DrawnLine) -> int:
+    """Return the triangle that a port lies in."""
+    a, b, c = (mesh.positions[mesh.triangles[:, k]] for k in range(3))
+    point = port.middle
+
+    def turn(p: Array, q: Array) -> Array:
+        return np.asarray((q - p)[:, 0] * (point - p)[:, 1] - (q - p)[:, 1] * (point - p)[:, 0])
+
+    inside = np.minimum.reduce([turn(a, b), turn(b, c), turn(c, a)])
+    best = int(np.argmax(inside))
+    if inside[best] < 0.0:
+        raise MeshError(
+            f"{port.where or 'the port'} at {in_mm(point)} is outside the sheet: move it inside layer CUT"
+        )
+    return best
+
+
+def _without_dead_corners(mesh: FlatMesh, chamber: IntArray) -> tuple[FlatMesh, IntArray]:
+    """Return the mesh with edges of a chamber from seam to seam cut in the middle, and the chambers.
+
+    Such an edge would weld the sheets where they are not, as in a corner that one triangle fills.
+    """
+    x, triangles = mesh.positions, mesh.triangles
+    on_line = {(a, b) for a, b in mesh.edges_of(LineKind.SEAL).tolist()}
+    for _ in range(64):
+        shared = _shared(FlatMesh(x, triangles, mesh.edges, mesh.kinds), chamber)
+        around = _neighbours(triangles)
+        dead = [
+            edge
+            for edge, owners in around.items()
+            if shared[list(edge)].all() and edge not in on_line and chamber[owners[0]] >= 0
+        ]
+        if not dead:
+            break
+        length = {edge: float(np.linalg.norm(x[edge[1]] - x[edge[0]])) for edge in dead}
+        taken: set[int] = set()
+        for edge in sorted(dead, key=lambda edge: (-round(length[edge], 9), edge)):
+            if taken.isdisjoint(around[edge]):
+                taken.update(around[edge])
+                x, triangles, chamber = _with_cut_edge(x, triangles, chamber, edge, around[edge])
+    return FlatMesh(x, triangles, mesh.edges, mesh.kinds), chamber
+
+
+def _with_cut_edge(
+    x: Array, triangles: IntArray, chamber: IntArray, edge: tuple[int, int], owners: Sequence[int]
+) -> tuple[Array, IntArray, IntArray]:
+    new = len(x)
+    x = np.concatenate([x, x[list(edge)].mean(axis=0)[None]])
+    triangles = np.array(triangles)
+    for owner in owners:
+        first, second = triangles[owner].copy(), triangles[owner].copy()
+        first[first == edge[0]] = new
+        second[second == edge[1]] = new
+        triangles[owner] = first
+        triangles = np.concatenate([triangles, second[None]])
+        chamber = np.concatenate([chamber, chamber[[owner]]])
+    return x, triangles, chamber
+
+
+def _shared(mesh: FlatMesh, chamber: IntArray) -> Mask:
+    """Return which nodes (n,) both sheets have: those of seams, and of areas that are welded flat."""
+    shared = np.zeros(len(mesh.positions), dtype=bool)
+    shared[mesh.edges_of(LineKind.SEAL)] = True
+    shared[mesh.triangles[chamber < 0]] = True
+    return shared
+
+
+def _depth(mesh: FlatMesh, chamber: IntArray) -> float:
+    """Return the largest distance [m] of a chamber's node from a seam."""
+    shapely = extra_module("shapely", "pattern")
+    seams = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
+    nodes = np.unique(mesh.triangles[chamber >= 0])
+    return float(shapely.distance(shapely.points(mesh.positions[nodes]), seams).max())
+
+
+def _chosen(choice: NodeChoice, mesh: FlatMesh, edge_m: float) -> IntArray:
+    """Return the nodes of one sheet that a set has."""
+    shapely = extra_module("shapely", "pattern")
+    x = mesh.positions
+    if choice.box is not None:
+        low, high = np.sort(choice.box, axis=0)
+        found = np.flatnonzero(((x >= low - SAME_PLACE_M) & (x <= high + SAME_PLACE_M)).all(axis=1))
+        if not len(found):
+            raise MeshError(f"set '{choice.name}': no node is in the box from {in_mm(low)} to {in_mm(high)}")
+        return found
+    if choice.corners_only:
+        corners = np.concatenate([line.points for line in choice.lines])
+        away = np.linalg.norm(x[None] - corners[:, None], axis=2)
+        if away.min(axis=1).max() > SAME_PLACE_M:
+            worst = corners[np.argmax(away.min(axis=1))]
+            raise MeshError(f"set '{choice.name}': {in_mm(worst)} is outside the sheet")
+        return np.asarray(away.argmin(axis=1))
+    places, near = shapely.points(x), np.zeros(len(x), dtype=bool)
+    for line in choice.lines:
+        drawn = shapely.Polygon(line.points) if line.closed else shapely.LineString(line.points)
+        near |= shapely.distance(places, drawn) < SAME_PLACE_M
+    if not near.any():
+        raise MeshError(f"set '{choice.name}': its lines are outside the sheet")
+    found = np.flatnonzero(near)
+    open_lines = [shapely.LineString(line.points) for line in choice.lines if not line.closed]
+    if len(open_lines) == 1 and len(choice.lines) == 1:
+        found = found[np.argsort(shapely.line_locate_point(open_lines[0], places[found]), kind="stable")]
+    return found
+
+
+def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMesh:
+    """Return the sheets of a pattern as a film in the flange's frame; a single pair is flat.
+
+    Args:
+        film: of the pattern.
+        pattern: drawn.
+        placing: on the flange.
+
+    Raises:
+        MeshError: a set has no nodes of its sheet.
+    """
+    flat = _turned(film.mesh.positions, placing.along)
+    flat = flat - flat[film.sets[placing.base]].mean(axis=0)
+    sheets, count = _numbered(film, pattern.pairs)
+    positions, rise = np.zeros((count, 3)), _rise(film)
+    for pair, (back, front) in enumerate(sheets):
+        for nodes, side in ((back, -0.5), (front, 0.5)):
+            height = pattern.pair_height_m * (pair + 0.5 + side * rise)
+            columns = (flat[:, 0], -height, flat[:, 1]) if placing.upright else (*flat.T, height)
+            positions[nodes] = np.stack(columns, axis=1)
+    own, m = film.mesh.triangles, len(film.mesh.triangles)
+    triangles = np.concatenate([part for back, front in sheets for part in (front[own], back[own][:, ::-1])])
+    place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
+    welded = place[:, :, film.chamber < 0].ravel()
+    bending = np.ones(len(triangles))
+    bending[welded] = _WELDED_BENDING
+    panel_m = film.depth_m if film.joined.any() else 2.0 * film.depth_m  # to the hole, or to the other seam
+    caps = rims(triangles)
+    sets = {}
+    for choice in pattern.sets:
+        nodes = _on_sheets(film.sets[choice.name], choice, flat, sheets)
+        sets[choice.name] = next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
+    return NamedMesh(
+        positions=positions,
+        triangles=triangles,
+        rings=sets,
+        caps=caps,
+        base_ring=placing.base,
+        tip_ring=placing.tip,
+        center_rings=placing.center,
+        lines=sets,
+        face_groups={FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded},
+        face_values={"wrinkle_panel_m": np.full(len(triangles), panel_m), BENDING_FACTOR: bending},
+        sheets=(FRONT, BACK),
+    )
+
+
+def _numbered(film: FlatFilm, pairs: int) -> tuple[list[tuple[IntArray, IntArray]], int]:
+    """Return the nodes (n,) of the back and the front sheet of each pair, and how many nodes there are."""
+    sheets: list[tuple[IntArray, IntArray]] = []
+    count = 0
+    for pair in range(pairs):
+        new = ~film.joined if pair else np.ones(len(film.shared), dtype=bool)
+        back = count - 1 + np.cumsum(new)
+        if pair:
+            back = np.where(film.joined, sheets[-1][1], back)
+        count += int(new.sum())
+        front = np.where(film.shared, back, count - 1 + np.cumsum(~film.shared))
+        count += int((~film.shared).sum())
+        sheets.append((back, front))
+    return sheets, count
+
+
+def _rise(film: FlatFilm) -> Array:
+    """Return how far (n,) each node is from the middle of its pair: 0 at seams, 1 at joining holes."""
+    if not film.joined.any():
+        return np.zeros(len(film.shared))
+    x = film.mesh.positions
+    seam, hole = (cKDTree(x[nodes]).query(x)[0] for nodes in (film.shared, film.joined))
+    return np.asarray(seam / (seam + hole))
+
+
+def _turned(points: Array, along: str) -> Array:
+    """Return points (n, 2) turned so that a direction of the drawing is +y."""
+    x, y = points.T
+    turned = {"+y": (x, y), "-y": (-x, -y), "+x": (-y, x), "-x": (y, -x)}[along]
+    return np.stack(turned, axis=1)
+
+
+def _on_sheets(
+    nodes: IntArray, choice: NodeChoice, flat: Array, sheets: Sequence[tuple[IntArray, IntArray]]
+) -> IntArray:
+    """Return the nodes of a set on its sheets; of both, along the front and back along the back."""
+    ordered = choice.corners_only or any(not line.closed for line in choice.lines)
+    if choice.sheet != "both" and not ordered:
+        nodes = _around(nodes, flat)
+    elif not ordered:
+        nodes = nodes[np.lexsort((flat[nodes, 1], flat[nodes, 0]))]
+    found = np.zeros(0, np.int64)
+    for back, front in sheets if choice.pair is None else [sheets[choice.pair - 1]]:
+        parts = {FRONT: (front[nodes],), BACK: (back[nodes],)}.get(
+            choice.sheet, (front[nodes], back[nodes][::-1])
+        )
+        for part in parts:
+            found = np.concatenate([found, part[~np.isin(part, found)]])
+    return found
+
+
+def _around(nodes: IntArray, flat: Array) -> IntArray:
+    """Return nodes counter-clockwise around their mean."""
+    away = flat[nodes] - flat[nodes].mean(axis=0)
+    return nodes[np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable")]
+
+
+def film_area(film: FlatFilm, chamber: int) -> float:
+    """Return the flat area [m^2] of a chamber, or with -1 of what is welded flat."""
+    areas = signed_area(film.mesh.positions, film.mesh.triangles)
+    return float(areas[film.chamber == chamber].sum())

@@ -1,0 +1,414 @@
+"""Meshes of flat sheets: lines that must be edges, and points that must be nodes, within an outline.
+
+Lines are cut at their crossings, then divided into equal edges between their corners. A hexagonal lattice
+fills the sheet; a constrained Delaunay triangulation joins all nodes, is refined where angles are small,
+and free nodes move to the mean of their neighbours. What is mirror-symmetric is meshed on one side and
+mirrored, so that the mesh is too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import IntFlag
+from typing import Any, Final, final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cosim.base.drawing import SAME_PLACE_M
+from cosim.base.extras import extra_module
+from cosim.base.frames import Array, IntArray, Mask
+from cosim.errors import MeshError
+
+_GRID_M: Final = 1e-9
+_CORNER_RAD: Final = math.radians(25.0)
+_CLEAR: Final = 0.62  # of the edge length, between lattice and lines
+_ROUNDS, _SWEEPS = 4, 6
+_LEAST_ANGLE_RAD: Final = math.radians(20.0)
+MOST_TRIANGLES: Final = 40_000
+
+
+class LineKind(IntFlag):
+    """What a line of a sheet is; one line may be several."""
+
+    CUT = 1
+    SEAL = 2
+    FOLD = 4
+    OTHER = 8
+    HOLE = 16
+
+
+@final
+@dataclass(frozen=True)
+class FlatLine:
+    """A line on a sheet.
+
+    Args:
+        points: (k, 2) [m]; a closed line ends with its first point.
+        kind: what it is.
+    """
+
+    points: Array
+    kind: LineKind
+
+    def mirrored(self, axis: int, at_m: float) -> FlatLine:
+        """Return the line mirrored in the line where coordinate `axis` is `at_m`."""
+        return replace(self, points=mirrored(self.points, axis, at_m))
+
+
+@final
+@dataclass(frozen=True)
+class FlatMesh:
+    """A triangulated sheet.
+
+    Args:
+        positions: (n, 2) [m].
+        triangles: (m, 3), counter-clockwise.
+        edges: (e, 2) node indices of the edges that lie on lines, ascending in each row.
+        kinds: (e,) `LineKind` of each.
+    """
+
+    positions: Array
+    triangles: IntArray
+    edges: IntArray
+    kinds: IntArray
+
+    def edges_of(self, kind: LineKind) -> IntArray:
+        """Return the edges (k, 2) on lines of a kind."""
+        return self.edges[(self.kinds & int(kind)) != 0]
+
+
+def mirrored(points: Array, axis: int, at_m: float) -> Array:
+    """Return points (k, 2) mirrored in the line where a coordinate has a value."""
+    result = np.array(points)
+    result[:, axis] = 2.0 * at_m - result[:, axis]
+    return result
+
+
+def mesh_sheet(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float) -> FlatMesh:
+    """Return the mesh of a sheet.
+
+    Args:
+        sheet: shapely polygon or polygons of the film, its boundary among the lines of kind CUT.
+        lines: that become edges; parts beyond the sheet are left out.
+        points: (k, 2) [m] that become nodes.
+        edge_m: length of an edge.
+
+    Raises:
+        MeshError: there would be too many triangles, or the lines leave no room for edges of that length.
+    """
+    if sheet.area / (0.433 * edge_m**2) > MOST_TRIANGLES:
+        least = math.sqrt(sheet.area / (0.433 * MOST_TRIANGLES))
+        raise MeshError(
+            f"edges of {1e3 * edge_m:.3g} mm make more than {MOST_TRIANGLES} triangles of this outline; "
+            f"set mesh_m to {least:.1g} or more"
+        )
+    axes = _axes(sheet, lines)
+    for axis, at_m in axes:
+        points = np.concatenate([points, mirrored(points, axis, at_m)])
+        lines = [*lines, *(line.mirrored(axis, at_m) for line in lines if line.kind == LineKind.OTHER)]
+    part, kept = sheet, list(lines)
+    for axis, at_m in axes:
+        part, kept = _half(part, kept, axis, at_m)
+        points = points[points[:, axis] >= at_m - SAME_PLACE_M]
+    mesh = _meshed(part, kept, _distinct(points), edge_m)
+    for axis, at_m in reversed(axes):
+        mesh = _doubled(mesh, axis, at_m)
+    return mesh
+
+
+def _axes(sheet: Any, lines: Sequence[FlatLine]) -> list[tuple[int, float]]:
+    """Return the coordinates (axis, value) of the lines in which the sheet and its seams are symmetric."""
+    shapely = extra_module("shapely", "pattern")
+    low_x, low_y, high_x, high_y = sheet.bounds
+    found = []
+    for axis, at_m in ((0, 0.5 * (low_x + high_x)), (1, 0.5 * (low_y + high_y))):
+        alike = True
+        for kind in (LineKind.CUT, LineKind.SEAL, LineKind.FOLD, LineKind.HOLE):
+            own = [line for line in lines if line.kind & kind]
+            one = shapely.MultiLineString([line.points for line in own])
+            other = shapely.MultiLineString([line.mirrored(axis, at_m).points for line in own])
+            alike = alike and (not own or shapely.difference(one, other.buffer(SAME_PLACE_M)).is_empty)
+        if alike:
+            found.append((axis, at_m))
+    return found
+
+
+def _half(sheet: Any, lines: list[FlatLine], axis: int, at_m: float) -> tuple[Any, list[FlatLine]]:
+    """Return the part of a sheet and its lines beyond a coordinate's value, closed by a line there."""
+    shapely = extra_module("shapely", "pattern")
+    low, high = np.array(sheet.bounds[:2]) - 1.0, np.array(sheet.bounds[2:]) + 1.0
+    low[axis] = at_m
+    kept = [
+        replace(line, points=np.array(piece.coords))
+        for line in lines
+        for piece in _pieces(shapely.intersection(shapely.LineString(line.points), shapely.box(*low, *high)))
+    ]
+    ends = np.array([low, high])
+    ends[:, axis] = at_m
+    cut = _pieces(shapely.intersection(shapely.LineString(ends), sheet))
+    kept += [FlatLine(np.array(piece.coords), LineKind.OTHER) for piece in cut]
+    return shapely.intersection(sheet, shapely.box(*low, *high)), kept
+
+
+def _pieces(geometry: Any) -> list[Any]:
+    """Return the lines in a shapely geometry, points left out."""
+    if geometry.geom_type == "LineString":
+        return [] if geometry.is_empty else [geometry]
+    return [piece for part in getattr(geometry, "geoms", ()) for piece in _pieces(part)]
+
+
+def _distinct(points: Array) -> Array:
+    """Return points (k, 2) without those that are in the place of another."""
+    cells = np.round(points / SAME_PLACE_M).astype(np.int64)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _meshed(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float) -> FlatMesh:
+    """Return the mesh of a sheet, symmetric or not."""
+    nodes, edges, kinds = _divided(sheet, lines, points, edge_m)
+    fixed = np.concatenate([nodes, points[_away(points, nodes, SAME_PLACE_M)]])
+    lattice = _lattice(sheet, fixed, nodes[edges], edge_m)
+    positions = np.concatenate([fixed, lattice])
+    triangles, positions, edges, kinds = _triangulated(sheet, positions, edges, kinds)
+    free = np.arange(len(positions)) >= len(fixed)
+    free[edges] = False
+    for _ in range(_ROUNDS):
+        positions = _smoothed(positions, triangles, free)
+        triangles = _delaunay(sheet, positions, edges)
+    used = np.unique(triangles)
+    number = np.full(len(positions), -1)
+    number[used] = np.arange(len(used))
+    kept = (number[edges] >= 0).all(axis=1)
+    return FlatMesh(positions[used], number[triangles], np.sort(number[edges[kept]], axis=1), kinds[kept])
+
+
+def _divided(
+    sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float
+) -> tuple[Array, IntArray, IntArray]:
+    """Return nodes (n, 2), edges (e, 2) and kinds (e,) of lines, cut where they cross and divided."""
+    shapely = extra_module("shapely", "pattern")
+    joined = shapely.unary_union([shapely.LineString(line.points) for line in lines], grid_size=_GRID_M)
+    joined = shapely.intersection(joined, sheet.buffer(SAME_PLACE_M))
+    ends = np.concatenate([_segments(piece) for piece in _pieces(joined)])
+    ends = ends[np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 0.0]
+    middles = shapely.points(ends.mean(axis=1))
+    kinds = np.zeros(len(ends), np.int64)
+    for kind in LineKind:
+        own = [line.points for line in lines if line.kind & kind]
+        if own:
+            near = shapely.distance(middles, shapely.MultiLineString(own)) < 0.5 * SAME_PLACE_M
+            kinds[near] |= int(kind)
+    found: list[Array] = []
+    of_kind: list[int] = []
+    for chain, kinds_there in _chains(ends, kinds, points):
+        pieces = _resampled(chain, edge_m)
+        found.append(np.stack([pieces[:-1], pieces[1:]], axis=1))
+        of_kind += [kinds_there] * (len(pieces) - 1)
+    both = np.concatenate(found)
+    flat = both.reshape(-1, 2)
+    _, first, place = np.unique(
+        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
+    return flat[first], place.reshape(-1, 2), np.array(of_kind)
+
+
+def _segments(line: Any) -> Array:
+    points = np.array(line.coords)
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def _chains(ends: Array, kinds: IntArray, stops: Array) -> Iterable[tuple[Array, int]]:
+    """Yield points (k, 2) and kind of each line between junctions, corners and stops.
+
+    Args:
+        ends: (s, 2, 2) [m], of segments that meet at their ends only.
+        kinds: (s,) of each.
+        stops: (k, 2) [m], points that must stay.
+    """
+    flat = ends.reshape(-1, 2)
+    _, first, place = np.unique(
+        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
+    x, pairs = flat[first], place.reshape(-1, 2)
+    around: dict[int, list[int]] = {}
+    for row, (a, b) in enumerate(pairs.tolist()):
+        if a != b:
+            around.setdefault(a, []).append(row)
+            around.setdefault(b, []).append(row)
+    fixed = {node for node, rows in around.items() if _is_end(x, pairs, kinds, node, rows)}
+    if len(stops):
+        fixed |= set(np.flatnonzero(~_away(x, stops, SAME_PLACE_M)).tolist())
+    left = {row for rows in around.values() for row in rows}
+    starts = [*sorted(fixed), *sorted(around, key=lambda node: tuple(x[node]))]
+    for start in starts:
+        while rows := [row for row in around[start] if row in left]:
+            row, here, chain = min(rows), start, [start]
+            kind = int(kinds[row])
+            while True:
+                left.discard(row)
+                here = int(pairs[row].sum()) - here
+                chain.append(here)
+                following = [other for other in around[here] if other in left]
+                if here in fixed or here == start or not following:
+                    break
+                row = following[0]
+            yield x[chain], kind
+
+
+def _is_end(x: Array, pairs: IntArray, kinds: IntArray, node: int, rows: list[int]) -> bool:
+    """Return whether lines end at a node: a junction, a corner, or where one kind becomes another."""
+    if len(rows) != 2 or kinds[rows[0]] != kinds[rows[1]]:
+        return True
+    before, after = (x[pairs[row].sum() - node] - x[node] for row in rows)
+    turn = abs(math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after)))
+    return math.pi - turn > _CORNER_RAD
+
+
+def _resampled(points: Array, edge_m: float) -> Array:
+    """Return a line's points at equal distances along it, as near to an edge's length as they can be."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    closed = bool((points[0] == points[-1]).all())
+    parts = max(8 if closed else 1, round(length[-1] / edge_m))
+    at = np.linspace(0.0, length[-1], parts + 1)[1:-1]
+    inner = np.stack([np.interp(at, length, points[:, k]) for k in range(2)], axis=1)
+    return np.concatenate([points[:1], inner, points[-1:]])
+
+
+def _away(points: Array, others: Array, distance_m: float) -> Mask:
+    """Return which points (k,) are further than a distance from all others."""
+    if not len(others) or not len(points):
+        return np.ones(len(points), dtype=bool)
+    return np.asarray(cKDTree(others).query(points)[0] > distance_m)
+
+
+def _lattice(sheet: Any, fixed: Array, segments: Array, edge_m: float) -> Array:
+    """Return a hexagonal lattice (k, 2) in a sheet, clear of its lines and fixed nodes; rows along x.
+
+    It begins at the lower left corner of the sheet, on whose sides axes of symmetry lie.
+    """
+    shapely = extra_module("shapely", "pattern")
+    low_x, low_y, high_x, high_y = sheet.bounds
+    rise = 0.5 * math.sqrt(3.0) * edge_m
+    rows = np.arange(int((high_y - low_y) / rise) + 2)
+    columns = np.arange(int((high_x - low_x) / edge_m) + 2)
+    j, i = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
+    points = np.stack([low_x + (i + 0.5 * (j % 2)) * edge_m, low_y + j * rise], axis=1)
+    places = shapely.points(points)
+    inside = shapely.contains_properly(sheet, places)
+    points, places = points[inside], places[inside]
+    clear = shapely.distance(places, shapely.MultiLineString(list(segments))) > _CLEAR * edge_m
+    return points[clear & _away(points, fixed, _CLEAR * edge_m)]
+
+
+def _triangulated(
+    sheet: Any, positions: Array, edges: IntArray, kinds: IntArray
+) -> tuple[IntArray, Array, IntArray, IntArray]:
+    """Return triangles, positions, edges and kinds, refined where angles are small."""
+    cdt = extra_module("pythoncdt", "pattern")
+    made = _constrained(positions, edges)
+    outer, room = made.collect_outer_triangles(), len(positions) // 2 + 50
+    made.refine_triangles(
+        room, cdt.RefinementCriterion.SMALLEST_ANGLE, _LEAST_ANGLE_RAD, outer, 10.0 * SAME_PLACE_M
+    )
+    made.erase_super_triangle()
+    array = made.vertices_array()
+    found = np.stack([array["x"], array["y"]], axis=1)
+    old = {(min(a, b), max(a, b)): int(kind) for (a, b), kind in zip(edges.tolist(), kinds, strict=True)}
+    origin = {(edge.v1, edge.v2): whole for edge, whole in made.piece_to_originals_iter()}
+    fixed = [(edge.v1, edge.v2) for edge in made.fixed_edges_iter()]
+    of_kind = [
+        int(np.bitwise_or.reduce([old[whole.v1, whole.v2] for whole in origin[pair]]))
+        if pair in origin
+        else old[pair]
+        for pair in fixed
+    ]
+    new_edges = np.array(fixed, dtype=np.int64).reshape(-1, 2)
+    return _delaunay(sheet, found, new_edges), found, new_edges, np.array(of_kind)
+
+
+def _constrained(positions: Array, edges: IntArray) -> Any:
+    cdt = extra_module("pythoncdt", "pattern")
+    made = cdt.Triangulation(cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0)
+    try:
+        made.insert_vertices([cdt.V2d(x, y) for x, y in positions.tolist()])
+        made.insert_edges([cdt.Edge(a, b) for a, b in edges.tolist()])
+    except RuntimeError as error:
+        raise MeshError(
+            f"the lines of the sheet leave no room for edges of this length: set mesh_m to less ({error})"
+        ) from error
+    return made
+
+
+def _delaunay(sheet: Any, positions: Array, edges: IntArray) -> IntArray:
+    """Return the triangles (m, 3) within a sheet, counter-clockwise, with edges as asked for."""
+    shapely = extra_module("shapely", "pattern")
+    made = _constrained(positions, edges)
+    made.erase_super_triangle()
+    triangles = made.triangles_array()["vertices"].astype(np.int64)
+    middles = positions[triangles].mean(axis=1)
+    shapely.prepare(sheet)
+    inside = shapely.contains_xy(sheet, middles[:, 0], middles[:, 1])
+    return np.asarray(triangles[inside & (signed_area(positions, triangles) > 0.0)])
+
+
+def signed_area(positions: Array, triangles: IntArray) -> Array:
+    """Return the area (m,) [m^2] of flat triangles, positive counter-clockwise."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    one, two = b - a, c - a
+    return np.asarray(0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]))
+
+
+def _smoothed(positions: Array, triangles: IntArray, free: Mask) -> Array:
+    """Return positions with free nodes moved towards the means of their neighbours; none turns a triangle."""
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+    count = np.bincount(pairs.ravel(), minlength=len(positions)).clip(1)
+    x = positions
+    for _ in range(_SWEEPS):
+        total = np.zeros_like(x)
+        np.add.at(total, pairs[:, 0], x[pairs[:, 1]])
+        np.add.at(total, pairs[:, 1], x[pairs[:, 0]])
+        moved = np.where(free[:, None], total / count[:, None], x)
+        turned = signed_area(moved, triangles) < 0.1 * signed_area(x, triangles)
+        moved[np.unique(triangles[turned])] = x[np.unique(triangles[turned])]
+        if (signed_area(moved, triangles) <= 0.0).any():
+            break
+        x = moved
+    return x
+
+
+def _doubled(mesh: FlatMesh, axis: int, at_m: float) -> FlatMesh:
+    """Return a half mesh with its mirror image; nodes on the axis stay single."""
+    x = np.array(mesh.positions)
+    on_axis = np.abs(x[:, axis] - at_m) < 0.5 * SAME_PLACE_M
+    x[on_axis, axis] = at_m
+    other = np.where(on_axis, np.arange(len(x)), len(x) - 1 + np.cumsum(~on_axis))
+    positions = np.concatenate([x, mirrored(x[~on_axis], axis, at_m)])
+    edges = np.sort(np.concatenate([mesh.edges, other[mesh.edges]]), axis=1)
+    edges, first = np.unique(edges, axis=0, return_index=True)
+    return FlatMesh(
+        positions,
+        np.concatenate([mesh.triangles, other[mesh.triangles][:, ::-1]]),
+        edges,
+        np.concatenate([mesh.kinds, mesh.kinds])[first],
+    )
+
+
+def smallest_angles(positions: Array, triangles: IntArray) -> Array:
+    """Return the smallest angle (m,) [rad] of each triangle, of positions (n, 2) or (n, 3) [m]."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    sides = np.sort(
+        [np.linalg.norm(b - c, axis=1), np.linalg.norm(c - a, axis=1), np.linalg.norm(a - b, axis=1)], 0
+    )
+    cosine = (sides[1] ** 2 + sides[2] ** 2 - sides[0] ** 2) / (2.0 * sides[1] * sides[2])
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -1,0 +1,329 @@
+"""Cut patterns: what a drawing becomes, and what broken ones are told."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.base.drawing import DrawnLine, in_mm, read_drawing
+from cosim.base.frames import Array
+from cosim.build.patterns import cut_pattern, drawn_pattern
+from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.errors import MeshError
+from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
+from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
+
+ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
+
+WIDTH, LENGTH = 40.0, 120.0
+SETS = (PatternSetTable("base", box_m=((0.0, 0.0), (0.04, 0.004))), PatternSetTable("tip", layer="TIP"))
+
+
+def rectangle(width: float = WIDTH, length: float = LENGTH, inset: float = 0.0) -> list[tuple[float, float]]:
+    """Return the corners of an upright rectangle."""
+    low, right, top = inset, width - inset, length - inset
+    return [(low, low), (right, low), (right, top), (low, top)]
+
+
+class Sheet:
+    """A DXF drawing of a pouch, to be changed."""
+
+    def __init__(self, unit: int = 4, scale: float = 1.0) -> None:
+        self.document = ezdxf.new(units=unit)
+        self.space, self.scale = self.document.modelspace(), scale
+
+    def line(self, layer: str, points: Any, close: bool = False) -> Sheet:
+        """Add a polyline."""
+        scaled = [tuple(self.scale * c for c in point) for point in points]
+        self.space.add_lwpolyline(scaled, close=close, dxfattribs={"layer": layer})
+        return self
+
+    def port(self, x: float, y: float) -> Sheet:
+        """Add a port."""
+        self.space.add_circle(
+            (self.scale * x, self.scale * y), self.scale * 1.0, dxfattribs={"layer": "PORT"}
+        )
+        return self
+
+    def pouch(self, *without: str) -> Sheet:
+        """Add all that a pouch has."""
+        for layer in ("CUT", "SEAL"):
+            if layer not in without:
+                self.line(layer, rectangle(), close=True)
+        if "TIP" not in without:
+            self.line("TIP", [(0.0, LENGTH), (WIDTH, LENGTH)])
+        return self if "PORT" in without else self.port(20.0, 60.0)
+
+    def table(self, folder: Path, **keys: Any) -> PatternTable:
+        """Write the file, and return a table that names it."""
+        self.document.saveas(folder / "pouch.dxf")
+        return PatternTable(file=str(folder / "pouch.dxf"), **{"sets": SETS, **keys})
+
+
+def understood(table: PatternTable) -> FlatFilm:
+    return flat_film(cut_pattern(table))
+
+
+def outline_length(film: FlatFilm) -> float:
+    x = film.mesh.positions[film.mesh.edges_of(LineKind.CUT)]
+    return float(np.linalg.norm(x[:, 1] - x[:, 0], axis=1).sum())
+
+
+def test_a_drawn_pouch_is_two_sheets_on_one_seam(tmp_path: Path) -> None:
+    table = Sheet().pouch().table(tmp_path)
+    film, mesh = understood(table), drawn_pattern(table, "base")
+    x, triangles = film.mesh.positions, film.mesh.triangles
+    assert signed_area(x, triangles).sum() == pytest.approx(0.04 * 0.12, rel=1e-12)
+    assert outline_length(film) == pytest.approx(0.32, rel=1e-12)
+    assert np.degrees(smallest_angles(x, triangles)).min() > 25.0
+    assert (film.chamber == 0).all()
+    seam = np.flatnonzero(film.shared)
+    assert len(mesh.positions) == 2 * len(x) - len(seam)
+    assert np.isin(np.round(x[seam] / (0.04, 0.12), 9), (0.0, 1.0)).any(axis=1).all()
+    assert mesh.positions[mesh.ring("tip")].mean(axis=0) == pytest.approx(
+        (0.0, 0.0, 0.12 - x[film.sets["base"], 1].mean())
+    )
+
+
+def test_the_mesh_of_a_symmetric_outline_is_symmetric(tmp_path: Path) -> None:
+    film = understood(Sheet().pouch().table(tmp_path))
+    for axis, size in ((0, 0.04), (1, 0.12)):
+        x = film.mesh.positions
+        turned = x.copy()
+        turned[:, axis] = size - turned[:, axis]
+        nodes = {tuple(row): k for k, row in enumerate(np.round(x, 9).tolist())}
+        number = np.array([nodes[tuple(row)] for row in np.round(turned, 9).tolist()])
+        here = {tuple(row) for row in np.sort(film.mesh.triangles, axis=1).tolist()}
+        assert {tuple(row) for row in np.sort(number[film.mesh.triangles], axis=1).tolist()} == here
+
+
+def test_no_edge_within_a_chamber_joins_seam_and_seam(tmp_path: Path) -> None:
+    film = understood(Sheet().pouch().table(tmp_path))
+    seams = {tuple(edge) for edge in film.mesh.edges_of(LineKind.SEAL).tolist()}
+    edges = np.sort(film.mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    dead = [tuple(edge) for edge in edges.tolist() if film.shared[edge].all() and tuple(edge) not in seams]
+    assert dead == []
+
+
+def test_an_area_without_a_port_is_welded_flat_and_an_inner_seam_is_gone_around(tmp_path: Path) -> None:
+    sheet = Sheet().pouch().line("SEAL", [(20.0, 30.0), (20.0, 50.0)])
+    sheet.space.add_circle((20.0, 90.0), 5.0, dxfattribs={"layer": "SEAL"})
+    film = understood(sheet.table(tmp_path, mesh_m=0.003))
+    welded = film.chamber < 0
+    area = signed_area(film.mesh.positions, film.mesh.triangles)
+    assert area[welded].sum() == pytest.approx(math.pi * 0.005**2, rel=0.1)
+    assert film.shared[film.mesh.triangles[welded]].all()
+    x = film.mesh.positions
+    line = (np.abs(x[:, 0] - 0.02) < 1e-9) & (x[:, 1] > 0.0299) & (x[:, 1] < 0.0501)
+    assert film.shared[line].all()
+    assert line.sum() >= 7
+    mesh = drawn_pattern(sheet.table(tmp_path, mesh_m=0.003), "base")
+    assert len(mesh.face_groups["welded"]) == 2 * welded.sum()
+
+
+def test_a_seam_has_the_width_it_is_given(tmp_path: Path) -> None:
+    film = understood(Sheet().pouch().table(tmp_path, seam_width_m=0.004, mesh_m=0.004))
+    area = signed_area(film.mesh.positions, film.mesh.triangles)
+    assert area[film.chamber == 0].sum() == pytest.approx(0.036 * 0.116, rel=1e-6)
+    assert area.sum() == pytest.approx(0.04 * 0.12, rel=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [(4, 1.0), (5, 0.1), (6, 1e-3), (1, 1.0 / 25.4)])
+def test_units_are_those_of_the_file(unit: int, scale: float, tmp_path: Path) -> None:
+    film = understood(Sheet(unit, scale).pouch().table(tmp_path))
+    assert outline_length(film) == pytest.approx(0.32, rel=1e-9)
+
+
+def test_arcs_bulges_splines_and_nested_blocks_are_drawn_out(tmp_path: Path) -> None:
+    document = ezdxf.new(units=4)
+    inner, outer = document.blocks.new("ARCS"), document.blocks.new("POUCH")
+    radius = 10.0  # a stadium: a half circle by a bulge, one by an arc, straight sides as lines
+    inner.add_lwpolyline([(10.0, 0.0, 1.0), (-10.0, 0.0, 0.0)], format="xyb", dxfattribs={"layer": "0"})
+    inner.add_arc((0.0, -20.0), radius, 180.0, 360.0, dxfattribs={"layer": "0"})
+    for side in (-10.0, 10.0):
+        inner.add_line((side, -20.0), (side, 0.0), dxfattribs={"layer": "0"})
+    outer.add_blockref("ARCS", (0.0, 0.0), {"rotation": 90.0, "xscale": 2.0, "yscale": 2.0, "layer": "0"})
+    for layer in ("CUT", "SEAL"):
+        document.modelspace().add_blockref("POUCH", (5.0, 7.0), {"rotation": -90.0, "layer": layer})
+    document.saveas(tmp_path / "stadium.dxf")
+    drawing = read_drawing(tmp_path / "stadium.dxf")
+    points = np.concatenate([line.points for line in drawing.layers["CUT"]])
+    assert points.min(axis=0) == pytest.approx((-0.015, -0.053), abs=1e-5)
+    assert points.max(axis=0) == pytest.approx((0.025, 0.027), abs=1e-5)
+    film = flat_film(
+        CutPattern(drawing.layers["CUT"], drawing.layers["SEAL"], (DrawnLine(np.array([[5e-3, 0.0]])),))
+    )
+    assert outline_length(film) == pytest.approx(2.0 * math.pi * 0.02 + 0.08, rel=5e-3)
+
+
+def test_a_spline_keeps_its_length(tmp_path: Path) -> None:
+    sheet = Sheet()
+    sheet.space.add_spline([(0.0, 0.0), (30.0, 20.0), (60.0, 0.0)], dxfattribs={"layer": "CUT"})
+    sheet.space.add_line((60.0, 0.0), (0.0, 0.0), dxfattribs={"layer": "CUT"})
+    sheet.document.saveas(tmp_path / "spline.dxf")
+    curve, _ = read_drawing(tmp_path / "spline.dxf").layers["CUT"]
+    x = np.linspace(0.0, 0.06, 20001)  # the cubic through three points with natural ends here is a parabola
+    length = float(np.hypot(np.diff(x), np.diff(0.02 * (1.0 - ((x - 0.03) / 0.03) ** 2))).sum())
+    assert np.linalg.norm(np.diff(curve.points, axis=0), axis=1).sum() == pytest.approx(length, rel=2e-2)
+
+
+SVG = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"
+  {size} viewBox="0 0 80 240">
+  <g transform="translate(10 20)"><g transform="scale(2)">
+    <g inkscape:groupmode="layer" inkscape:label="CUT" id="layer1"><rect width="30" height="90"/></g>
+    <path id="SEAL-1" d="M 0 0 h 30 v 90 h -30 z"/>
+    <circle stroke="#0f0" cx="15" cy="45" r="1"/>
+    <line stroke="none" id="TIP" x1="0" y1="0" x2="30" y2="0"/>
+  </g></g>
+</svg>"""
+
+
+def test_an_svg_has_its_lengths_through_nested_transforms(tmp_path: Path) -> None:
+    path = tmp_path / "pouch.svg"
+    path.write_text(SVG.format(size='width="40mm" height="120mm"').replace('id="TIP"', 'id="CABLE_tip"'))
+    drawing = read_drawing(path)
+    assert set(drawing.layers) == {"CUT", "SEAL", "PORT", "CABLE_TIP"}
+    for layer in ("CUT", "SEAL"):
+        (line,) = drawing.layers[layer]
+        assert np.ptp(line.points, axis=0) == pytest.approx((0.03, 0.09), rel=1e-9)
+        assert line.closed
+    top = drawing.layers["CABLE_TIP"][0].points  # y leads upwards
+    assert top[:, 1] == pytest.approx(drawing.layers["CUT"][0].points[:, 1].max())
+
+
+def test_an_svg_without_a_length_needs_a_unit(tmp_path: Path) -> None:
+    path = tmp_path / "pouch.svg"
+    path.write_text(SVG.format(size='width="80" height="240"'))
+    with pytest.raises(MeshError, match=r"pouch\.svg: states no unit: give body\.unit"):
+        read_drawing(path)
+    (line,) = read_drawing(path, "mm").layers["CUT"]
+    assert np.ptp(line.points, axis=0) == pytest.approx((0.06, 0.18), rel=1e-9)
+
+
+def open_seam(sheet: Sheet) -> None:
+    sheet.pouch("SEAL").line("SEAL", [(0, 60), (0, 0), (40, 0), (40, 120), (0, 120), (0, 70)])
+
+
+def crossing(sheet: Sheet) -> None:
+    sheet.pouch("CUT").line("CUT", [(0, 0), (40, 0), (0, 120), (40, 120)], close=True)
+
+
+def port_outside(sheet: Sheet) -> None:
+    sheet.pouch("PORT").port(55.0, 60.0)
+
+
+def second_port(sheet: Sheet) -> None:
+    sheet.pouch().port(20.0, 90.0)
+
+
+def no_port(sheet: Sheet) -> None:
+    sheet.pouch("PORT")
+
+
+def no_cut(sheet: Sheet) -> None:
+    sheet.pouch("CUT")
+
+
+def no_seal(sheet: Sheet) -> None:
+    sheet.pouch("SEAL")
+
+
+def no_tip(sheet: Sheet) -> None:
+    sheet.pouch("TIP")
+
+
+def gap(sheet: Sheet) -> None:
+    sheet.pouch("CUT").line("CUT", [(0, 0.3), (0, 120), (40, 120), (40, 0), (0, 0)])
+
+
+def two_outlines(sheet: Sheet) -> None:
+    sheet.pouch().line("CUT", [(100, 0), (140, 0), (140, 50)], close=True)
+
+
+def seam_outside(sheet: Sheet) -> None:
+    sheet.pouch().line("SEAL", [(20, 60), (60, 60)])
+
+
+def unsealed_hole(sheet: Sheet) -> None:
+    sheet.pouch().space.add_circle((20, 90), 5, dxfattribs={"layer": "HOLE"})
+
+
+def printed_frame(sheet: Sheet) -> None:
+    sheet.pouch().line("FRAME", [(0, 60), (40, 60)])
+
+
+@pytest.mark.parametrize(
+    ("broken", "message"),
+    [
+        (
+            open_seam,
+            r"chamber of CIRCLE #\w+ of layer PORT is open at \(0\.00, 6\d\.\d\d\) mm: no seam closes it",
+        ),
+        (crossing, r"LWPOLYLINE #\w+ of layer CUT crosses itself at \(20\.00, 60\.00\) mm"),
+        (port_outside, r"CIRCLE #\w+ of layer PORT at \(55\.00, 60\.00\) mm is outside the sheet"),
+        (second_port, r"at \(20\.00, 90\.00\) mm leads into the chamber of CIRCLE #\w+ of layer PORT"),
+        (no_port, "layer PORT is empty; there are: CUT, SEAL, TIP"),
+        (no_cut, "layer CUT is empty; there are: PORT, SEAL, TIP"),
+        (no_seal, r"layer SEAL is empty: draw the seams on it, or set body\.edge = 'sealed'"),
+        (no_tip, "layer TIP is empty; there are: CUT, PORT, SEAL"),
+        (gap, r"the outline is open at \(0\.00, 0\.\d\d\) mm"),
+        (two_outlines, "layer CUT has 2 outlines side by side"),
+        (seam_outside, r"LWPOLYLINE #\w+ of layer SEAL leaves the outline at \((5\d|60)\.\d\d, 60\.00\) mm"),
+        (unsealed_hole, r"is open at \((1|2)\d\.\d\d, (8|9)\d\.\d\d\) mm: no seam closes it"),
+        (printed_frame, "layer FRAME has lines; printed frames on patterns are not modelled"),
+    ],
+)
+def test_a_broken_pattern_is_told_what_and_where(broken: Any, message: str, tmp_path: Path) -> None:
+    sheet = Sheet()
+    broken(sheet)
+    with pytest.raises(MeshError, match=message):
+        understood(sheet.table(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("unit", "given", "message"),
+    [
+        (0, None, r"states no unit: give body\.unit, such as unit = 'mm'"),
+        (4, "in", r"is in mm, body\.unit says in"),
+        (2, None, r"has \$INSUNITS 2; read are 1 \(in\), 4 \(mm\)"),
+    ],
+)
+def test_a_wrong_or_missing_unit_is_refused(unit: int, given: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=message):
+        understood(Sheet(unit).pouch().table(tmp_path, unit=given))
+
+
+def test_points_and_lines_that_are_there_twice_do_not_matter(tmp_path: Path) -> None:
+    once = understood(Sheet().pouch().table(tmp_path))
+    doubled = [corner for corner in rectangle() for _ in range(2)]
+    sheet = Sheet().pouch("CUT").line("CUT", doubled, close=True).line("SEAL", rectangle(), close=True)
+    assert len(understood(sheet.table(tmp_path)).mesh.positions) == len(once.mesh.positions)
+
+
+def test_ends_that_nearly_meet_are_joined(tmp_path: Path) -> None:
+    corners: Array = np.array([*rectangle(), rectangle()[0]])
+    sheet = Sheet().pouch("CUT", "SEAL")
+    for layer in ("CUT", "SEAL"):
+        for k, (a, b) in enumerate(pairwise(corners)):
+            off = 0.006 * np.array([math.cos(k), math.sin(k)])
+            sheet.line(layer, [tuple(a + off), tuple(b)])
+    film = understood(sheet.table(tmp_path))
+    assert (film.chamber == 0).all()
+
+
+@pytest.mark.parametrize("text", ["", "0\nSECTION\n", "not a drawing", "<svg"])
+@pytest.mark.parametrize("suffix", [".dxf", ".svg"])
+def test_what_is_no_drawing_is_refused(suffix: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / f"broken{suffix}"
+    path.write_text(text)
+    with pytest.raises(MeshError, match=rf"broken\{suffix}: "):
+        understood(PatternTable(file=str(path), unit="mm", sets=SETS))
+
+
+def test_a_place_is_told_in_mm() -> None:
+    assert in_mm(np.array([0.01234, -0.5])) == "(12.34, -500.00) mm"

@@ -1,0 +1,155 @@
+"""Known answers through drawings: a pouch motor from a DXF, a teabag and a Mylar balloon from an SVG.
+
+The cases are those of `cosim verify`, whose meshes are made for them; here whole sheets are read and meshed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Array
+from cosim.build.patterns import cut_pattern, drawn_pattern
+from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.material import Film
+from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.verification.case import UNLOADED, Specimen
+from cosim.verification.films import (
+    FILM,
+    PILLOW_FILM,
+    PILLOW_LARGEST,
+    PILLOW_LEAST,
+    PILLOW_PRESSURE_PA,
+    PRESSURE_PA,
+    balloon,
+)
+
+ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
+_FRACTIONS = (1.0, 0.1, 0.01, 1e-3)
+
+
+def sheets(path: Path, **keys: Any) -> NamedMesh:
+    """Return the film of a drawing, flat in the xy plane, its middle in the origin."""
+    points = np.concatenate([line.points for line in cut_pattern_of(path).cut])
+    low, high = (tuple(corner.tolist()) for corner in (points.min(axis=0), points.max(axis=0)))
+    everything = PatternSetTable("all", box_m=(low, high))
+    tip = PatternSetTable("tip", box_m=(low, high), sheet="front")
+    return drawn_pattern(PatternTable(file=str(path), plane="flat", sets=(everything, tip), **keys), "all")
+
+
+def cut_pattern_of(path: Path) -> Any:
+    return cut_pattern(PatternTable(file=str(path), edge="sealed", sets=()))
+
+
+LENGTH_M, DEPTH_M, POUCH_PRESSURE_PA = 0.2, 0.02, 1000.0
+STIFF = Film(6.7e9, 0.0, 1e-3)
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory: pytest.TempPathFactory) -> NamedMesh:
+    document = ezdxf.new(units=4)
+    space, x, y = document.modelspace(), 500.0 * LENGTH_M, 500.0 * DEPTH_M
+    space.add_lwpolyline([(-x, -y), (x, -y), (x, y), (-x, y)], close=True, dxfattribs={"layer": "CUT"})
+    for side in (-x, x):
+        space.add_line((side, -y), (side, y), dxfattribs={"layer": "SEAL"})
+    space.add_point((0.0, 0.0), dxfattribs={"layer": "PORT"})
+    path = tmp_path_factory.mktemp("motor") / "motor.dxf"
+    document.saveas(path)
+    return sheets(path, edge="open", mesh_m=0.005)
+
+
+@pytest.mark.parametrize("degrees", [30.0, 60.0, 80.0])
+def test_a_pouch_motor_from_a_dxf_pulls_as_its_arcs_do(motor: NamedMesh, degrees: float) -> None:
+    angle = math.radians(degrees)
+    flat = motor.positions
+    mesh = replace(motor, positions=flat - flat.mean(axis=0))
+    flat = mesh.positions
+    body = SoftBody.from_arrays(flat, mesh.triangles, STIFF, caps=mesh.caps)
+    radius = 0.5 * LENGTH_M / angle
+    turn, side = flat[:, 0] / radius, np.zeros(len(flat))
+    np.add.at(side, mesh.triangles[mesh.face_groups["front"]], 1.0)
+    np.add.at(side, mesh.triangles[mesh.face_groups["back"]], -1.0)
+    seam = np.abs(np.abs(flat[:, 0]) - 0.5 * LENGTH_M) < 1e-9
+    start = np.stack(
+        [radius * np.sin(turn), flat[:, 1], radius * (np.cos(turn) - math.cos(angle)) * np.sign(side)], 1
+    )
+    start[seam, 2] = 0.0
+    held = np.zeros_like(flat, dtype=bool)
+    held[:, 1] = np.abs(np.abs(flat[:, 1]) - 0.5 * DEPTH_M) < 1e-9  # the open sides are guided
+    held[seam] = True
+    held[np.abs(flat[:, 0]) < 1e-9, 0] = True
+    specimen = Specimen(body, held, NewtonOptions(tolerance_N=1e-6, iterations_max=400, step_max_m=0.02))
+    found = specimen.solve(specimen.drawn(start), replace(UNLOADED, pressure_Pa=(POUCH_PRESSURE_PA,)))
+    pull = float(specimen.gradient(found)[seam & (flat[:, 0] > 0.0), 0].sum())
+    assert pull / (POUCH_PRESSURE_PA * LENGTH_M * DEPTH_M) == pytest.approx(math.cos(angle) / angle, rel=5e-3)
+    volume = float(specimen.system.gas.enclosed_volumes(found.state.positions[None])[0, 0])
+    exact = 0.5 * (angle - math.sin(angle) * math.cos(angle)) / angle**2
+    assert volume / (DEPTH_M * LENGTH_M**2) == pytest.approx(exact, rel=5e-3)
+
+
+@dataclass(frozen=True)
+class Inflated:
+    """A cushion of two whole sheets: flat positions, inflated ones, and its volume [m^3]."""
+
+    flat: Array
+    positions: Array
+    volume_m3: float
+
+
+def inflated(mesh: NamedMesh, film: Film, pressure_Pa: float, rise_m: float) -> Inflated:
+    """Return a cushion, approached through falling compressive stiffness; three components of it are held."""
+    flat = mesh.positions - mesh.positions.mean(axis=0)
+    size = float(np.abs(flat).max())
+    front, back = (np.unique(mesh.triangles[mesh.face_groups[name]]) for name in ("front", "back"))
+    seam = np.intersect1d(front, back)
+    x = flat.copy()
+    dome = rise_m * (1.0 - (flat[:, 0] / size) ** 2) * (1.0 - (flat[:, 1] / size) ** 2)
+    x[front, 2], x[back, 2] = dome[front], -dome[back]
+    x[seam, 2] = 0.0
+    held = np.abs(flat) < 1e-9 * size
+    held[:, 2] = False
+    held[seam, 2] = True
+    options = NewtonOptions(
+        tolerance_N=1e-6 * pressure_Pa * size**2, iterations_max=2000, step_max_m=0.1 * size
+    )
+    for law in (*(replace(film, compressive_fraction=fraction) for fraction in _FRACTIONS), film):
+        body = SoftBody.from_arrays(flat, mesh.triangles, law)
+        specimen = Specimen(body, held, options)
+        x = specimen.solve(specimen.drawn(x), replace(UNLOADED, pressure_Pa=(pressure_Pa,))).state.positions
+    return Inflated(flat, x, float(specimen.system.gas.enclosed_volumes(x[None])[0, 0]))
+
+
+SVG = """<svg xmlns="http://www.w3.org/2000/svg" width="2000mm" height="2000mm" viewBox="0 0 200 200">
+  <g transform="translate(100 100) scale({scale})">{shape}<circle id="PORT" cx="0.1" cy="0.1" r="0.05"/></g>
+</svg>"""
+
+
+def drawn(path: Path, scale: float, shape: str) -> Path:
+    """Write an SVG of one closed shape, which is cut and sealed, of 10 mm to a unit."""
+    path.write_text(SVG.format(scale=scale, shape=f'<g id="CUT">{shape}</g>'), encoding="utf-8")
+    return path
+
+
+def test_a_teabag_from_an_svg_is_within_the_known_bounds(tmp_path: Path) -> None:
+    path = drawn(tmp_path / "teabag.svg", 10.0, '<rect x="-5" y="-5" width="10" height="10"/>')
+    bag = inflated(sheets(path, edge="sealed", mesh_m=1.0 / 32.0), PILLOW_FILM, PILLOW_PRESSURE_PA, 0.25)
+    assert PILLOW_LEAST < bag.volume_m3 < PILLOW_LARGEST
+    assert bag.volume_m3 == pytest.approx(0.2026, rel=2e-2)  # what the tension field converges to
+
+
+def test_a_mylar_balloon_from_an_svg_has_the_known_volume(tmp_path: Path) -> None:
+    path = drawn(tmp_path / "balloon.svg", 10.0, '<circle r="10"/>')
+    found = inflated(sheets(path, edge="sealed", mesh_m=1.0 / 14.0), FILM, PRESSURE_PA, 0.4)
+    radius, thickness, volume = balloon()
+    top = np.argmin(np.linalg.norm(found.flat[:, :2], axis=1) + (found.positions[:, 2] < 0.0))
+    rim = np.linalg.norm(found.flat, axis=1) > 0.999
+    assert found.volume_m3 == pytest.approx(volume, rel=2e-2)
+    assert 2.0 * found.positions[top, 2] == pytest.approx(thickness, rel=1e-2)
+    assert np.linalg.norm(found.positions[rim], axis=1).mean() == pytest.approx(radius, rel=2e-2)
