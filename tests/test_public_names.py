@@ -21,6 +21,7 @@ EXPECTED = {
     "CosimError",
     "InputError",
     "InstabilityError",
+    "Jacobian",
     "Measurement",
     "JointTable",
     "KeptParts",
@@ -35,6 +36,7 @@ EXPECTED = {
     "SavedState",
     "ScenarioError",
     "SceneError",
+    "SensitivityError",
     "Simulation",
     "SolverError",
     "SweepOutcome",
@@ -51,6 +53,7 @@ EXPECTED = {
     "plan_path",
     "register_kind",
     "run",
+    "sensitivity",
     "sweep",
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")
