@@ -29,7 +29,8 @@ from cosim.stepping.parts import film_law
 
 _ROBOT: Final = "soft_robot."
 _STEP: Final = 3e-5  # of a parameter
-_SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.1, "gas_mass_kg": 1e-3}
+_STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
+_SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.0, "gas_mass_kg": 0.0}
 """Of a parameter that is 0, or nearly, instead of itself."""
 
 Sides: TypeAlias = Callable[[Equilibrium, Clamp], tuple[Side, ...]]
@@ -171,7 +172,7 @@ class LoadParameter:
         def sides(here: Equilibrium, clamp: Clamp) -> tuple[Side, ...]:
             loads = here.loads
             value = self.value_in(loads, len(model.chambers))
-            step = _STEP * max(abs(value), _SCALE[self.kind] if self.kind != "gas_mass_kg" else 0.0)
+            step = _STEPS.get(self.kind, _STEP) * max(abs(value), _SCALE[self.kind])
             made = _sided(lambda offset: self.changed(loads, value + offset, model), step, self.name)
             return tuple(
                 Side(offset, weight, bend, model.system, clamp, own) for offset, weight, bend, own in made
