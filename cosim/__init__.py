@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from cosim.base.frames import Pose as Pose
     from cosim.base.kept_parts import KeptParts as KeptParts
     from cosim.base.resources import list_scenarios as list_scenarios
+    from cosim.bench.sensitivity import Jacobian as Jacobian
+    from cosim.bench.sensitivity import sensitivity as sensitivity
     from cosim.config.loading import load_scenario as load_scenario
     from cosim.config.toml.parsing import register_kind as register_kind
     from cosim.devices.controller import Command as Command
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from cosim.errors import RunInterrupted as RunInterrupted
     from cosim.errors import ScenarioError as ScenarioError
     from cosim.errors import SceneError as SceneError
+    from cosim.errors import SensitivityError as SensitivityError
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
     from cosim.errors import WorkerError as WorkerError
@@ -66,13 +69,14 @@ _NAMES = {
     "cosim.base.frames": "Pose",
     "cosim.base.kept_parts": "KeptParts",
     "cosim.base.resources": "list_scenarios",
+    "cosim.bench.sensitivity": "Jacobian sensitivity",
     "cosim.config.loading": "load_scenario",
     "cosim.config.toml.parsing": "register_kind",
     "cosim.devices.controller": "Command Controller Measurement",
     "cosim.errors": (
         "ConvergenceError CosimError InputError InstabilityError MeshError OutOfRangeError "
-        "OutputError RunInterrupted ScenarioError SceneError SolverError UnreachableError "
-        "WorkerError"
+        "OutputError RunInterrupted ScenarioError SceneError SensitivityError SolverError "
+        "UnreachableError WorkerError"
     ),
     "cosim.results.joint_table": "JointTable",
     "cosim.results.result": "RunResult",

@@ -11,6 +11,7 @@ CosimError
 └── SolverError             the physics could not be solved (exit code 1)
     ├── ConvergenceError    Newton's method stopped; carries residual and iterations
     │   └── OutOfRangeError what is asked for lies beyond what a section model was built from; carries where
+    ├── SensitivityError    an equilibrium has no derivative by a parameter: a fold, a slip, a kink
     └── InstabilityError    a non-finite number or runaway state appeared
 RunInterrupted              Ctrl-C during `cosim.run`; a KeyboardInterrupt, no CosimError
 
@@ -121,6 +122,10 @@ class OutOfRangeError(ConvergenceError):
     def __init__(self, message: str, residual_N: float, iterations: int, place: str) -> None:
         self.place = place
         super().__init__(message, residual_N, iterations)
+
+
+class SensitivityError(SolverError):
+    """An equilibrium has no derivative by a parameter: at a fold, where something begins to slip or touch."""
 
 
 class InstabilityError(SolverError):

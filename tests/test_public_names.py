@@ -21,6 +21,7 @@ EXPECTED = {
     "CosimError",
     "InputError",
     "InstabilityError",
+    "Jacobian",
     "Measurement",
     "JointTable",
     "KeptParts",
@@ -35,6 +36,7 @@ EXPECTED = {
     "SavedState",
     "ScenarioError",
     "SceneError",
+    "SensitivityError",
     "Simulation",
     "SolverError",
     "SweepOutcome",
@@ -54,6 +56,7 @@ EXPECTED = {
     "replay",
     "run",
     "run_path",
+    "sensitivity",
     "sweep",
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")

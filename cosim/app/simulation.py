@@ -123,6 +123,11 @@ class Simulation:
         return build_simulation(self.scenario, self._controllers, before, body, log, self._kept)
 
     @property
+    def run(self) -> SteppedRun:
+        """What is stepped, for parts of cosim that look into it; its attributes may change."""
+        return self._run
+
+    @property
     def stage(self) -> RunInfo:
         """Everything that does not change during the run."""
         return self._run.stage

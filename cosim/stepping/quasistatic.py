@@ -21,6 +21,7 @@ from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
 from cosim.base.state_check import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError
 from cosim.plan.planning import start_equilibrium
@@ -99,6 +100,17 @@ class QuasistaticSimulation(SteppedRun):
         self._here: Equilibrium | None = None
         parts.soft.stand_against(parts.carrier.obstacles())
         self._earlier: Array | None = None
+
+    @property
+    def equilibrium(self) -> Equilibrium:
+        """The present one."""
+        assert self._here is not None, "the run has begun"
+        return self._here
+
+    @property
+    def soft(self) -> SoftSide:
+        """Whose equilibrium it is."""
+        return self._parts.soft
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts

@@ -295,6 +295,18 @@ class SelfContact:
             triangle = np.concatenate([triangle, found.triangle])[first]
         if not len(key):
             return None
+        return self._pairs(key, triangle, positions)
+
+    def same_pairs(self, pairs: FilmPairs, positions: Array) -> FilmPairs:
+        """Return the pairs of a body with the same triangles, drawn otherwise, with this body's areas.
+
+        Args:
+            pairs: without friction.
+            positions: (n, 3) [m].
+        """
+        return self._pairs(pairs.key, pairs.triangle, positions)
+
+    def _pairs(self, key: IntArray, triangle: IntArray, positions: Array) -> FilmPairs:
         rows, point = self.contacts.lists.rows, key // self.faces.units
         nodes = np.concatenate((rows.nodes[point], rows.triangles[triangle]), axis=1)
         pairs = rows.weights[point], self.contacts.stiffness[point], self.law, positions

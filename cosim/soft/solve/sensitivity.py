@@ -12,10 +12,11 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.errors import ConvergenceError, InputError
+from cosim.errors import InputError
 from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import add_segments
 from cosim.soft.elements.eyelets import RATIO
+from cosim.soft.solve.implicit import factorise_at
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium
 
@@ -38,18 +39,9 @@ class Sensitivity:
     def __init__(self, solver: NewtonSolver, equilibrium: Equilibrium) -> None:
         self._solver = solver
         self._equilibrium = equilibrium
-        system, state, loads = solver.system, equilibrium.state, equilibrium.loads
-        self._positions = state.positions
-        # through the solver, which has to know that its factorisation is another one now
-        frame = equilibrium.world_from_flange.rotation
-        if not solver.factorise(state.positions, state.memory, loads, None, frame):
-            raise ConvergenceError(
-                "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
-                "no useful sensitivity; change the pressure or the flange pose",
-                equilibrium.residual_N,
-                0,
-            )
-        self.tip = TipFrame.of(system.body, state.positions)
+        self._positions = equilibrium.state.positions
+        factorise_at(solver, equilibrium)
+        self.tip = TipFrame.of(solver.system.body, self._positions)
 
     def to_gravity(self) -> Array:
         """Return d(tip motion)/d(gravity) (6, 3) [m s^2/m, rad s^2/m]; the flange stays."""

@@ -1,0 +1,1 @@
+"""How equilibria depend on a robot's values, and which values measured curves have."""

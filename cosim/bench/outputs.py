@@ -1,0 +1,173 @@
+"""Quantities of an equilibrium by their names: what is measured on a bench, and what a Jacobian is of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, TypeAlias, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.bench.parameters import StaticModel
+from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
+from cosim.errors import InputError
+from cosim.soft.body.places import center_line_length, center_rings
+from cosim.soft.elements.cable import base_tension
+from cosim.soft.solve.implicit import Side
+
+_XYZ: Final = "xyz"
+
+
+class Shape(NamedTuple):
+    """A shape that quantities are read from.
+
+    Args:
+        side: the model and its loads.
+        positions: (n, 3) [m], world.
+        gradient: (n, 3) [N], of the potential there.
+        flange: world from flange.
+    """
+
+    side: Side
+    positions: Array
+    gradient: Array
+    flange: Pose
+
+
+def _tip(shape: Shape) -> Array:
+    return shape.side.system.body.tip_position(shape.positions)
+
+
+def _direction(shape: Shape) -> Array:
+    return shape.side.system.body.tip_direction(shape.positions)
+
+
+def _bending(shape: Shape) -> Array:
+    axis, direction = shape.flange.rotation[:, 2], _direction(shape)
+    return np.array([np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction)])
+
+
+def _length(shape: Shape) -> Array:
+    body = shape.side.system.body
+    return np.array([center_line_length(center_rings(body), shape.positions)])
+
+
+def _volumes(shape: Shape) -> Array:
+    return np.asarray(shape.side.system.gas.enclosed_volumes(shape.positions[None])[0])
+
+
+def _pressures(shape: Shape) -> Array:
+    return np.array(shape.side.loads.pressures_at(tuple(_volumes(shape).tolist())))
+
+
+def _routes(shape: Shape) -> Array:
+    return np.array([cable.length(shape.positions) for cable in shape.side.system.body.cables])
+
+
+def _tensions(shape: Shape) -> Array:
+    cables, loads = shape.side.system.body.cables, shape.side.loads
+    lengths = loads.cable_length_m or (None,) * len(cables)
+    given = zip(cables, lengths, loads.cable_tension_N, strict=True)
+    return np.array([
+        pull if length is None else base_tension(cable, shape.positions, length)
+        for cable, length, pull in given
+    ])  # fmt: skip
+
+
+def _wrench(shape: Shape) -> Array:
+    wrench = shape.side.clamp.wrench(shape.gradient, shape.positions, shape.flange)
+    return np.concatenate([wrench.force, wrench.torque])
+
+
+Read: TypeAlias = Callable[[Shape], Array]
+
+_READ: Final[dict[str, tuple[str, Read]]] = {
+    "tip_position_m": ("xyz", _tip),
+    "tip_direction": ("xyz", _direction),
+    "bending_angle_rad": ("", _bending),
+    "length_m": ("", _length),
+    "volume_m3": ("chamber", _volumes),
+    "pressure_Pa": ("chamber", _pressures),
+    "cable_length_m": ("cable", _routes),
+    "cable_tension_N": ("cable", _tensions),
+    "flange_force_N": ("xyz", lambda shape: _wrench(shape)[:3]),
+    "flange_torque_Nm": ("xyz", lambda shape: _wrench(shape)[3:]),
+}
+"""By name, what the entries are of, and how they are read."""
+_PLACES: Final = ("ring_position_m", "node_position_m")
+
+
+@final
+@dataclass(frozen=True)
+class Output:
+    """A number that is read from an equilibrium.
+
+    Args:
+        name: of it.
+        read: returns an array that it is in.
+        place: in that array.
+    """
+
+    name: str
+    read: Read
+    place: int
+
+    @property
+    def unit(self) -> str:
+        """As people write it; "1" without one."""
+        return unit_text(unit_of(self.name.partition(".")[0])) or "1"
+
+
+def outputs_of(names: Sequence[str], model: StaticModel) -> list[Output]:
+    """Return outputs by name; a name without the last part means all its entries.
+
+    Raises:
+        InputError: there is no such output.
+    """
+    return [found for name in names for found in _found(name, model)]
+
+
+def read(outputs: Sequence[Output], shape: Shape) -> Array:
+    """Return the values (outputs,) at a shape."""
+    arrays = {output.read: output.read(shape) for output in outputs}
+    return np.array([arrays[output.read][output.place] for output in outputs])
+
+
+def _found(name: str, model: StaticModel) -> Iterator[Output]:
+    kind, _, of = name.partition(".")
+    if kind in _PLACES:
+        yield from _of_nodes(kind, of, model)
+        return
+    if kind not in _READ:
+        raise InputError(
+            f"no output {name!r}; there are {', '.join((*_READ, *_PLACES))}, those of a place with .NAME, "
+            "vectors with .x, .y or .z"
+        )
+    what, reader = _READ[kind]
+    known = {"xyz": tuple(_XYZ), "chamber": model.chambers, "cable": model.cables, "": ("",)}[what]
+    if of and of not in known:
+        raise InputError(f"{name}: {unknown_name_message(what or 'entry', of, known)}")
+    for place, each in enumerate(known):
+        if of in ("", each):
+            yield Output(f"{kind}.{each}" if each else kind, reader, place)
+
+
+def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
+    body, axis = model.system.body, of[-1:] if of[-2:-1] == "." and of[-1:] in _XYZ else ""
+    place = of[:-2] if axis else of
+    if kind == "ring_position_m":
+        if place not in body.rings:
+            raise InputError(f"{kind}.{of}: {unknown_name_message('ring', place, tuple(body.rings))}")
+        nodes = body.rings[place]
+    else:
+        if not place.isdecimal() or int(place) >= body.nodes:
+            raise InputError(f"{kind}.{of}: no node {place!r}; there are 0 to {body.nodes - 1}")
+        nodes = np.array([int(place)])
+
+    def mean(shape: Shape) -> Array:
+        return np.asarray(shape.positions[nodes].mean(axis=0))
+
+    for k, each in enumerate(_XYZ):
+        if axis in ("", each):
+            yield Output(f"{kind}.{place}.{each}", mean, k)

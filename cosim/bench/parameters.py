@@ -1,0 +1,375 @@
+"""Parameters of an equilibrium by their names: keys of the soft robot's file, and loads.
+
+A key of the file is moved by building the body again with the changed value, so every key of a number works
+by itself as long as the mesh keeps its nodes and triangles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeAlias, final
+
+import numpy as np
+
+from cosim.build.soft_model import fidelity_body
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import GivenBodyTable, Scenario
+from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
+from cosim.config.writing import to_table
+from cosim.errors import InputError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.implicit import Side
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.stepping.parts import film_law
+
+_ROBOT: Final = "soft_robot."
+_STEP: Final = 3e-5  # of a parameter
+_STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
+_SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.0, "gas_mass_kg": 0.0}
+"""Of a parameter that is 0, or nearly, instead of itself."""
+
+Sides: TypeAlias = Callable[[Equilibrium, Clamp], tuple[Side, ...]]
+"""Equilibrium, and the clamp in force there -> the sides of a difference quotient."""
+
+_CENTRAL: Final = ((-1.0, -0.5, 1.0), (1.0, 0.5, 1.0))
+_FOURTH: Final = (
+    (-2.0, 1.0 / 12.0, 0.0),
+    (-1.0, -2.0 / 3.0, 1.0),
+    (1.0, 2.0 / 3.0, 1.0),
+    (2.0, -1.0 / 12.0, 0.0),
+)
+"""Of fourth order, where the drawn film changes: a film that wrinkles is far from linear in that."""
+_FORWARD: Final = ((0.0, -1.5, 1.0), (1.0, 2.0, -2.0), (2.0, -0.5, 1.0))
+_BACKWARD: Final = ((0.0, 1.5, 1.0), (-1.0, -2.0, -2.0), (-2.0, 0.5, 1.0))
+"""(offset, weight, weight in the second difference), in steps; one-sided at the bound of a value."""
+
+ParameterName: TypeAlias = str | Sequence[str]
+"""A name, or names of values that are moved together, being the same number."""
+
+
+@final
+@dataclass(frozen=True)
+class StaticModel:
+    """The model whose equilibria are looked at.
+
+    Args:
+        scenario: that describes it.
+        system: of its body.
+        chambers: names.
+        cables: names.
+    """
+
+    scenario: Scenario
+    system: SoftSystem
+    chambers: tuple[str, ...]
+    cables: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scenario: Scenario, system: SoftSystem) -> StaticModel:
+        """Return the model of a scenario.
+
+        Args:
+            scenario: checked.
+            system: of its body.
+        """
+        chambers = tuple(chamber.name for chamber in system.body.gas_chambers)
+        return cls(scenario, system, chambers, tuple(scenario.soft_robot.cable_names()))
+
+
+@final
+@dataclass(frozen=True)
+class ModelParameter:
+    """A value of the soft robot's file.
+
+    Args:
+        name: of it.
+        keys: paths; several are moved together.
+        value: of it.
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    value: float
+
+    @property
+    def unit(self) -> str:
+        """As people write it; "1" without one."""
+        return unit_text(unit_of(_last(self.keys[0]))) or "1"
+
+    def sides(self, model: StaticModel) -> Sides:
+        """Return what gives the sides of its difference quotient at an equilibrium.
+
+        Raises:
+            InputError: the mesh changes its nodes or triangles with it, or no value near it is allowed.
+        """
+        step = _STEP * abs(self.value) if self.value else _STEP
+
+        def built(offset: float) -> SoftSystem:
+            if not offset:
+                return model.system
+            changed = with_values(model.scenario, dict.fromkeys(self.keys, self.value + offset))
+            body = fidelity_body(changed)
+            _check_alike(model.system.body, body, self.name)
+            return SoftSystem(body)
+
+        drawn = model.system.body
+        made = _sided(built, step, self.name)
+        if len(made) == len(_CENTRAL) and not np.array_equal(made[0][3].body.positions, drawn.positions):
+            with suppress(InputError):  # twice the step may not be allowed
+                made = _scheme(built, _FOURTH, step)
+        law = film_law(model.scenario)
+
+        def sides(here: Equilibrium, clamp: Clamp) -> tuple[Side, ...]:
+            return tuple(
+                Side(offset, weight, bend, system, *_redrawn(clamp, here, (drawn, system.body), law))
+                for offset, weight, bend, system in made
+            )
+
+        return sides
+
+
+@final
+@dataclass(frozen=True)
+class LoadParameter:
+    """A load that acts at present.
+
+    Args:
+        name: of it.
+        kind: pressure_Pa, cable_tension_N, cable_length_m or gas_mass_kg.
+        place: of its chamber or cable.
+    """
+
+    name: str
+    kind: str
+    place: int
+
+    @property
+    def unit(self) -> str:
+        """As people write it."""
+        return unit_text(unit_of(self.kind))
+
+    def value_in(self, loads: Loads, chambers: int) -> float:
+        """Return its value.
+
+        Raises:
+            InputError: it is not what is commanded there.
+        """
+        found = _read(self.kind, loads, chambers)[self.place] if _read(self.kind, loads, chambers) else None
+        if found is None:
+            raise InputError(
+                f"{self.name}: is not given at this equilibrium, but follows from it; {_OTHER[self.kind]}"
+            )
+        return found
+
+    def sides(self, model: StaticModel) -> Sides:
+        """Return what gives the sides of its difference quotient at an equilibrium."""
+
+        def sides(here: Equilibrium, clamp: Clamp) -> tuple[Side, ...]:
+            loads = here.loads
+            value = self.value_in(loads, len(model.chambers))
+            step = _STEPS.get(self.kind, _STEP) * max(abs(value), _SCALE[self.kind])
+            made = _sided(lambda offset: self.changed(loads, value + offset, model), step, self.name)
+            return tuple(
+                Side(offset, weight, bend, model.system, clamp, own) for offset, weight, bend, own in made
+            )
+
+        return sides
+
+    def changed(self, loads: Loads, value: float, model: StaticModel) -> Loads:
+        """Return loads with another value of it."""
+        return with_load(loads, self.kind, self.place, value, len(model.chambers))
+
+
+AnyParameter: TypeAlias = ModelParameter | LoadParameter
+
+_OTHER: Final = {
+    "pressure_Pa": "the gas is sealed: ask for gas_mass_kg",
+    "cable_tension_N": "the cable's length is commanded: ask for cable_length_m",
+    "cable_length_m": "the cable's tension is commanded: ask for cable_tension_N",
+    "gas_mass_kg": "the pressure is given: ask for pressure_Pa",
+}
+
+
+def with_load(loads: Loads, kind: str, place: int, value: float, chambers: int) -> Loads:
+    """Return loads with one of them changed.
+
+    Args:
+        loads: before.
+        kind: of the load, see `LoadParameter`.
+        place: of its chamber or cable.
+        value: of it.
+        chambers: how many there are.
+    """
+    if kind == "gas_mass_kg":
+        gas = loads.gases(chambers)
+        return replace(loads, gas=_with(gas, place, _sealed(gas[place]).with_mass(value)))
+    values: Any = loads.pressures(chambers) if kind == "pressure_Pa" else getattr(loads, kind)
+    changed: dict[str, Any] = {kind: _with(values, place, value)}
+    return replace(loads, **changed)
+
+
+def _sealed(gas: Any) -> Any:
+    assert gas is not None, "value_in comes before"
+    return gas
+
+
+def _with(values: tuple[Any, ...], place: int, value: Any) -> tuple[Any, ...]:
+    return (*values[:place], value, *values[place + 1 :])
+
+
+def _read(kind: str, loads: Loads, chambers: int) -> tuple[float | None, ...]:
+    """Return the values of a kind of loads that are given; None where they are not."""
+    gases, lengths = loads.gases(chambers), loads.cable_length_m or (None,) * len(loads.cable_tension_N)
+    if kind == "pressure_Pa":
+        pairs = zip(gases, loads.pressures(chambers), strict=True)
+        return tuple(value if gas is None else None for gas, value in pairs)
+    if kind == "gas_mass_kg":
+        return tuple(None if gas is None else gas.mass_kg for gas in gases)
+    if kind == "cable_length_m":
+        return lengths
+    pulls = zip(lengths, loads.cable_tension_N, strict=True)
+    return tuple(value if length is None else None for length, value in pulls)
+
+
+def parameters_of(names: Sequence[ParameterName], model: StaticModel) -> list[AnyParameter]:
+    """Return parameters by name; `pressure_Pa` alone is that of every chamber, and so on.
+
+    Raises:
+        InputError: there is no such parameter.
+    """
+    return [found for name in names for found in _found(name, model)]
+
+
+def _found(name: ParameterName, model: StaticModel) -> Iterator[AnyParameter]:
+    keys = (name,) if isinstance(name, str) else tuple(name)
+    if not keys or not all(isinstance(key, str) for key in keys):
+        raise InputError(f"a parameter is {name!r}; give a name, or a list of names that are moved together")
+    if all(key.startswith(_ROBOT) for key in keys):
+        values = [value_at(model.scenario, key) for key in keys]
+        if len(set(values)) > 1:
+            raise InputError(
+                f"{', '.join(keys)}: differ, {values}; values that are moved together must be equal"
+            )
+        yield ModelParameter(" = ".join(keys), keys, values[0])
+        return
+    if len(keys) > 1:
+        raise InputError(f"{', '.join(keys)}: only keys of the soft robot are moved together")
+    kind, _, of = keys[0].partition(".")
+    if kind not in _SCALE:
+        raise InputError(
+            f"no parameter {keys[0]!r}; there are keys of the soft robot, such as "
+            f"soft_robot.film.thickness_m, and {', '.join(_SCALE)}, each with .NAME of its chamber or cable"
+        )
+    own = "chamber" if kind in ("pressure_Pa", "gas_mass_kg") else "cable"
+    known = model.chambers if own == "chamber" else model.cables
+    if of and of not in known:
+        raise InputError(f"{keys[0]}: {unknown_name_message(own, of, known)}")
+    for place, each in enumerate(known):
+        if of in ("", each):
+            yield LoadParameter(f"{kind}.{each}", kind, place)
+
+
+def value_at(scenario: Scenario, key: str) -> float:
+    """Return the number at a key path of a scenario; an entry of a list of numbers by its place from 1.
+
+    Raises:
+        InputError: no number is there.
+    """
+    here: Any = to_table(scenario)
+    if isinstance(scenario.soft_robot, GivenBodyTable):
+        raise InputError(f"{key}: the soft body is given as arrays, which have no keys; only its loads vary")
+    for part in key.split("."):
+        here = _entry(here, part)
+    if isinstance(here, bool) or not isinstance(here, int | float):
+        what = "is not set" if here is None else f"is {here!r:.60}"
+        raise InputError(
+            f"{key}: {what}; a parameter must be a number that the robot's file or scenario gives"
+        )
+    return float(here)
+
+
+def _entry(here: Any, part: str) -> Any:
+    if isinstance(here, dict):
+        return here.get(part)
+    if not isinstance(here, list):
+        return None
+    named = [entry for entry in here if isinstance(entry, dict) and entry.get("name") == part]
+    if named:
+        return named[0]
+    return here[int(part) - 1] if part.isdecimal() and 0 < int(part) <= len(here) else None
+
+
+def with_values(scenario: Scenario, values: dict[str, float]) -> Scenario:
+    """Return a scenario with other numbers at some key paths.
+
+    Raises:
+        ScenarioError: they are not allowed.
+    """
+    changes, table = dict[str, Any](), None
+    for key, value in values.items():
+        parent, _, last = key.rpartition(".")
+        if last.isdecimal():  # an entry of a list of numbers, which is set as a whole
+            table = to_table(scenario) if table is None else table
+            whole = changes.get(parent)
+            if whole is None:
+                whole = table
+                for part in parent.split("."):
+                    whole = _entry(whole, part)
+            changes[parent] = [value if k == int(last) else each for k, each in enumerate(whole, start=1)]
+        else:
+            changes[key] = value
+    return load_scenario(scenario, changes)
+
+
+def _last(key: str) -> str:
+    parent, _, last = key.rpartition(".")
+    return _last(parent) if last.isdecimal() else last
+
+
+def _sided(made: Callable[[float], Any], step: float, name: str) -> list[tuple[float, float, float, Any]]:
+    """Return offset, weight, second weight and what is made of it, for each side of a difference quotient."""
+    reason: InputError | None = None
+    for scheme in (_CENTRAL, _FORWARD, _BACKWARD):
+        try:
+            return _scheme(made, scheme, step)
+        except InputError as error:
+            reason = error
+    raise InputError(f"{name}: no value near it is allowed: {reason}")
+
+
+def _scheme(
+    made: Callable[[float], Any], scheme: Sequence[tuple[float, float, float]], step: float
+) -> list[tuple[float, float, float, Any]]:
+    return [(place * step, weight / step, bend, made(place * step)) for place, weight, bend in scheme]
+
+
+def _check_alike(one: SoftBody, other: SoftBody, name: str) -> None:
+    same = one.nodes == other.nodes and np.array_equal(one.triangles, other.triangles)
+    if not same or one.memory_places != other.memory_places or not np.array_equal(one.base, other.base):
+        raise InputError(
+            f"{name}: the mesh gets other nodes or triangles as it changes, so nothing is smooth in it"
+        )
+
+
+def _redrawn(
+    clamp: Clamp, here: Equilibrium, bodies: tuple[SoftBody, SoftBody], law: FilmContactLaw | None
+) -> tuple[Clamp, Loads]:
+    """Return a clamp that holds nodes where a changed body has them drawn, if it held them where they were.
+
+    And the loads with the areas that the changed body presses on itself with.
+    """
+    drawn, changed = bodies
+    if np.array_equal(drawn.positions, changed.positions):
+        return clamp, here.loads
+    as_drawn = (clamp.offsets == drawn.positions[clamp.nodes]).all(axis=1)
+    offsets = np.where(as_drawn[:, None], changed.positions[clamp.nodes], clamp.offsets)
+    loads = here.loads
+    if loads.self_contact is not None and law is not None:
+        pairs = SelfContact(changed, law).same_pairs(loads.self_contact, here.state.positions)
+        loads = replace(loads, self_contact=pairs)
+    return Clamp(clamp.nodes, offsets, clamp.components), loads

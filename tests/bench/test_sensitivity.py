@@ -1,0 +1,190 @@
+"""Jacobians of equilibria against differences of whole solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.base.frames import Array
+from cosim.bench.outputs import Shape, outputs_of, read
+from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, with_values
+from cosim.bench.sensitivity import Slopes
+from cosim.build.soft_model import fidelity_body, static_options
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.gas import SealedGas
+from cosim.soft.solve.implicit import EquilibriumSlope, Side
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.stepping.quasistatic import QuasistaticSimulation
+from tests.derivatives import differences, relative_error
+
+PULLED: dict[str, Any] = {
+    "model.published": False,
+    "gravity_m_s2": [0.0, 0.0, 4.0],
+    "solver.residual_tolerance_N": 1e-9,
+    "contact.self_contact": False,
+    "soft_robot.cable.corner_0.capstan_factor": 0.9,
+    "soft_robot.stack.mesh": "drawn",
+    "soft_robot.stack.neck": {"fused_radius_m": 0.005},
+    "phase": [
+        {"name": "inflate", "duration_s": 1.0, "increments": 2, "pressure_Pa": 8e3},
+        {"name": "pull", "duration_s": 1.0, "increments": 2, "cable_tension_N": [1.0, 0.5]},
+    ],
+}
+OUTPUTS = ["tip_position_m", "tip_direction", "length_m", "cable_length_m", "flange_torque_Nm"]
+
+
+@cache
+def pulled() -> cosim.Simulation:
+    simulation = cosim.Simulation("bending_angle", overrides=PULLED)
+    simulation.step(ticks=simulation.ticks_left)
+    return simulation
+
+
+def present(simulation: cosim.Simulation) -> tuple[SoftArm, Equilibrium]:
+    run = simulation.run
+    assert isinstance(run, QuasistaticSimulation)
+    assert isinstance(run.soft, SoftArm)
+    return run.soft, run.equilibrium
+
+
+def solved(simulation: cosim.Simulation, name: str, loads: Loads) -> Callable[[float], Array]:
+    """Return what solves the equilibrium near the present one at another value, and reads the outputs."""
+
+    def at(value: float) -> Array:
+        scenario, given = simulation.scenario, loads
+        if name.startswith("soft_robot."):
+            scenario = with_values(scenario, {name: value})
+        else:
+            model = StaticModel.of(scenario, present(simulation)[0].equilibrium_solver.solver.system)
+            parameter = parameters_of([name], model)[0]
+            assert isinstance(parameter, LoadParameter)
+            given = parameter.changed(given, value, model)
+        there = solution(simulation, given, scenario)
+        system = there.solver.system
+        side = Side(0.0, 0.0, 0.0, system, there.clamp, there.here.loads)
+        shape = Shape(side, there.here.state.positions, system.gradient, there.here.world_from_flange)
+        return read(outputs_of(OUTPUTS, StaticModel.of(scenario, system)), shape)
+
+    return at
+
+
+class Solution(NamedTuple):
+    """An equilibrium and what has found it."""
+
+    here: Equilibrium
+    body: SoftBody
+    solver: NewtonSolver
+    clamp: Clamp
+
+
+def solution(simulation: cosim.Simulation, loads: Loads, scenario: Scenario) -> Solution:
+    """Return the equilibrium of a scenario's body near the present one, under some loads."""
+    arm, here = present(simulation)
+    options = replace(static_options(scenario), tolerance_N=2e-10, start_tolerance_N=2e-10, reuse_max=0)
+    body = fidelity_body(scenario)
+    other = SoftArm(body, here.world_from_flange, options, arm.dynamics)
+    found = other.equilibrium_solver.follow(
+        replace(here, loads=replace(loads, cable_length_m=here.loads.cable_length_m)),
+        here.world_from_flange,
+        loads,
+    )
+    return Solution(found, body, other.equilibrium_solver.solver, other.clamp)
+
+
+def column_error(found: Array, at: Callable[[float], Array], value: float, step: float) -> float:
+    """Return the relative error of a column: the largest of those of tip, direction, lengths and wrench.
+
+    A wrench is a sum of much larger forces of nodes, so that a tenth of its error counts.
+    """
+    difference = differences(lambda x: at(float(x[0])), np.array([value]), step * value)[0]
+    parts = (slice(0, 3), 1.0), (slice(3, 6), 1.0), (slice(6, 9), 1.0), (slice(9, 12), 0.1)
+    return max(share * relative_error(difference[part], found[part]) for part, share in parts)
+
+
+def error_of(simulation: cosim.Simulation, name: str, step: float) -> float:
+    jacobian = cosim.sensitivity(simulation, [name], OUTPUTS)
+    at = solved(simulation, name, present(simulation)[1].loads)
+    return column_error(jacobian.matrix[:, 0], at, float(jacobian.parameter_values[0]), step)
+
+
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        ("soft_robot.film.thickness_m", 3e-4),
+        ("soft_robot.film.poisson_ratio", 1e-3),
+        ("soft_robot.hinge.stiffness_factor", 1e-3),
+        ("soft_robot.stiffener.height_m", 3e-4),
+        ("soft_robot.mass.node_mass_kg", 3e-4),
+        ("soft_robot.cable.corner_0.capstan_factor", 3e-4),
+        ("soft_robot.stack.corner_radius_m", 3e-4),
+        ("soft_robot.stack.unit_height_m", 3e-4),
+        ("pressure_Pa.chamber", 3e-4),
+        ("cable_tension_N.corner_1", 3e-4),
+    ],
+)
+def test_a_column_against_whole_solutions(name: str, step: float) -> None:
+    assert error_of(pulled(), name, step) < 1e-6
+
+
+@pytest.mark.parametrize(("name", "step"), [("cable_length_m.corner_1", 1e-3), ("gas_mass_kg.chamber", 1e-4)])
+def test_lengths_and_sealed_gas(name: str, step: float) -> None:
+    simulation = pulled()
+    arm, here = present(simulation)
+    volume, length = arm.volumes_m3[0], arm.body.cables[1].length(here.state.positions)
+    gas = SealedGas(101325.0 + 8e3, volume)
+    loads = replace(here.loads, gas=(gas,), cable_length_m=(None, 0.995 * length))
+    there = solution(simulation, loads, simulation.scenario)
+    model = StaticModel.of(simulation.scenario, there.solver.system)
+    parameter = parameters_of([name], model)[0]
+    assert isinstance(parameter, LoadParameter)
+    slopes = Slopes([parameter], outputs_of(OUTPUTS, model), model)
+    _, jacobian = slopes.at(there.solver, there.clamp, there.here)
+    value = parameter.value_in(loads, 1)
+    assert column_error(jacobian[:, 0], solved(simulation, name, loads), value, step) < 1e-6
+
+
+def test_products_move_as_one_and_units_are_said() -> None:
+    names = tuple(f"soft_robot.cable.corner_{k}.stiffness_N_m" for k in (0, 1))
+    found = cosim.sensitivity(pulled(), [names, "pressure_Pa"], ["tip_position_m.z", "volume_m3"])
+    assert found.matrix[0, 0] == 0.0  # stiffness acts where a length is commanded
+    assert found.unit("volume_m3.chamber", "pressure_Pa.chamber") == "m^3 per Pa"
+    assert "pressure_Pa.chamber = 8000 Pa" in repr(found)
+
+
+def test_a_kink_is_refused() -> None:
+    simulation = pulled()
+    arm, here = present(simulation)
+    solver = arm.equilibrium_solver.solver
+    sides = tuple(
+        Side(
+            offset, 0.5 * offset, 1.0, solver.system, arm.clamp, replace(here.loads, pressure_Pa=(pressure,))
+        )
+        for offset, pressure in ((-1.0, 7990.0), (1.0, 8000.0))  # nothing happens above 8 kPa
+    )
+    with pytest.raises(cosim.SensitivityError, match=r"no derivative by pressure: the forces at node \d+ "):
+        EquilibriumSlope(solver, arm.clamp, here).by(sides, "pressure")
+
+
+@pytest.mark.parametrize(
+    ("parameter", "message"),
+    [
+        ("soft_robot.film.thicknes_m", "soft_robot.film.thicknes_m: is not set"),
+        ("soft_robot.stack.units", "no value near it is allowed"),
+        ("gas_mass_kg", "ask for pressure_Pa"),
+        ("cable_tension_N.corner_9", "no cable 'corner_9'"),
+        ("clock.tick_s", "no parameter 'clock.tick_s'"),
+    ],
+)
+def test_wrong_parameters_are_named(parameter: str, message: str) -> None:
+    with pytest.raises(cosim.InputError, match=message):
+        cosim.sensitivity(pulled(), [parameter], ["length_m"])
