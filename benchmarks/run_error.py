@@ -283,7 +283,7 @@ def compared(row: dict[str, Any], key: str) -> tuple[float, float, float] | None
     return apart(row["once"], row["rest"])[key], row["twice"][key], row["truth"][key]
 
 
-def factor(pairs: list[tuple[float, ...]]) -> float:
+def factor(pairs: list[tuple[float, float]]) -> float:
     """Return the least number, in tenths, by which the first reaches the second in all pairs."""
     ratios = np.array(pairs)[:, 1] / np.array(pairs)[:, 0]
     return math.ceil(10.0 * float(ratios.max()) - 1e-9) / 10.0
