@@ -33,8 +33,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
 from cosim.coupling.soft_sides.source_film import SourceFilm
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_paths import wanted_tip
-from cosim.soft.beams.beam_rings import BeamRings, stiffener_strain
-from cosim.soft.body.body import SoftBody
+from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
@@ -45,16 +44,14 @@ from cosim.telemetry.snapshot import RunErrors
 from cosim.telemetry.tick_batch import TickBatch
 
 FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
-FACTORS: Final = {
-    "none": dict(zip(FIGURES, (2.5, 2.5, 2.5, 2.0, 2.8, 2.5), strict=True)),
-    "stiff": dict(zip(FIGURES, (1.6, 1.6, 1.6, 1.5, 2.8, 2.0), strict=True)),
-    "beam": dict(zip(FIGURES, (2.1, 1.7, 2.2, 1.7, 2.8, 1.8), strict=True)),
-}
-"""By which the difference of two meshes is multiplied, by kind of frames; docs/run_error.md."""
+FACTORS: Final = dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.9), strict=True))
+"""By which the difference of two meshes is multiplied; docs/run_error.md."""
 TICK_FACTOR: Final = 1.9
 """By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
-_OF_TIP: Final = 0.3
-"""Share of the tip's difference that sag and length are off by at least: theirs may vanish by chance."""
+_OF_SHAPE: Final = 0.5
+"""Share of the differences of tip and volume that sag, length and tensions are off by: theirs may vanish."""
+_OF_TENSION: Final = 0.1
+"""Of a tension that was found: it is off by at least that much."""
 _LEAP: Final = 0.05
 """Of the length: a snap by less does not take the bars of its phase away."""
 _ELSEWHERE: Final = 0.6
@@ -342,10 +339,10 @@ class ErrorFinder:
         if away["tip_m"] > _ELSEWHERE * here["length_m"]:
             return {}, "the refined mesh is on another branch"
         wanted = self._wanted(end)
-        away |= self._of_tension(wanted, pair, mesh, away["tip_m"])
+        away = apart(away, here) | self._of_tension(wanted, pair, mesh, away["tip_m"])
         of_section = {} if self.source is None else {"of_section": self._of_section(end, here, wanted, pair)}
         return of_section | {
-            "of_mesh": mesh_bars(away, frame_kind(side.body)),
+            "of_mesh": {key: FACTORS[key] * value for key, value in away.items()},
             "of_tick": {} if self._swings is None else self._of_tick(end.ticks, film, pair.rest),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
@@ -365,7 +362,8 @@ class ErrorFinder:
             sides = ((self.side, pair.rest), (mesh.side, pair.finer))
             pulled = [each.find_tensions(at, wanted).loads for each, at in sides]
             slope = self.side.tension_slope(pair.rest, wanted)
-            return {"cable_tension_N": tension_apart(tension_difference(*pulled), slope * tip_m)}
+            most_N, away_N = max(pulled[0].cable_tension_N), tension_difference(*pulled)
+            return {"cable_tension_N": tension_apart(most_N, away_N, slope * tip_m)}
         return {}
 
     def _of_section(
@@ -414,35 +412,32 @@ def _leaps(passed: Branching, length_m: float) -> bool:
     return math.dist(before, after) >= _LEAP * length_m
 
 
-def mesh_bars(away: dict[str, float], kind: str) -> dict[str, float]:
-    """Return the bars of figures that are so far apart on a mesh and on that refined once.
+def apart(away: dict[str, float], here: dict[str, Any]) -> dict[str, float]:
+    """Return how far figures are taken to be apart on two meshes.
+
+    A coarse mesh holds too little gas, whichever way that moves the tip. Tip, sag and length are off by at
+    least half of max(|tip|, length |dV| / V).
 
     Args:
-        away: by figure.
-        kind: of the frames.
+        away: how far they were found apart.
+        here: on the run's mesh, its length [m] and volume [m^3].
     """
-    least, factors = _OF_TIP * away["tip_m"], FACTORS[kind]
-    floors = {"sag_m": least, "length_m": least}
-    return {key: factors[key] * max(value, floors.get(key, 0.0)) for key, value in away.items()}
+    filled = here["length_m"] * away["volume_m3"] / here["volume_m3"] if here["volume_m3"] > 0.0 else 0.0
+    least = _OF_SHAPE * max(away["tip_m"], filled)
+    return away | {key: max(away[key], least) for key in ("tip_m", "sag_m", "length_m")}
 
 
-def tension_apart(found_N: float, of_tip_N: float) -> float:
+def tension_apart(most_N: float, away_N: float, of_tip_N: float) -> float:
     """Return how far the tensions for a target are taken to be apart on two meshes [N].
 
     Near the free height two meshes may agree by chance, though their tips do not.
 
     Args:
-        found_N: difference of what was found on both.
+        most_N: the largest, on the run's mesh.
+        away_N: difference of what was found on both.
         of_tip_N: what makes good for the difference of the tips under equal tensions, slope times difference.
     """
-    return max(found_N, _OF_TIP * of_tip_N)
-
-
-def frame_kind(body: SoftBody) -> str:
-    """Return what frames a body has, as its file calls them."""
-    if body.of_kind(BeamRings):
-        return "beam"
-    return "none" if body.frames is None else "stiff"
+    return max(away_N, _OF_SHAPE * of_tip_N, _OF_TENSION * most_N)
 
 
 def tension_difference(one: Loads, other: Loads) -> float:
