@@ -37,6 +37,7 @@ class Handover:
             where the tick could not be taken by both.
         kinetic_jump_J: of the kinetic energy.
         pressure_jump_Pa: of the gas in the first chamber, where it is sealed.
+        contact_jump_N: of the force of what is touched, which the wrench on the flange does not follow at once.
     """
 
     tick: int
@@ -47,6 +48,7 @@ class Handover:
     wrench_jump: float = 0.0
     kinetic_jump_J: float = 0.0
     pressure_jump_Pa: float = 0.0
+    contact_jump_N: float = 0.0
 
 
 @final

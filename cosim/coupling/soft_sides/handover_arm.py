@@ -23,12 +23,20 @@ from cosim.coupling.soft_sides.handover import (
     Model,
     look_every,
 )
-from cosim.coupling.soft_sides.held_rings import Bridge, borne
+from cosim.coupling.soft_sides.held_rings import Bridge
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import ChainShape, ChainShapes, SectionArm, SectionArmState
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
-from cosim.coupling.soft_sides.taking_over import NO_JUMPS, Acting, Jumps, TakingOver, with_force
+from cosim.coupling.soft_sides.taking_over import (
+    NO_JUMPS,
+    Acting,
+    Jumps,
+    TakingOver,
+    together,
+    with_force,
+    without,
+)
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.soft.body.loads import Loads
@@ -216,9 +224,9 @@ class HandoverArm(SoftSide):
             reply = side.advance_closely(flange, acted, self._step_s, aim)
         if force is None:
             return reply
-        more = borne(force, side.state.positions, flange)
-        wrench = Wrench(reply.wrench.force + more.force, reply.wrench.torque + more.torque)
-        return replace(reply, wrench=wrench)
+        assert bridge is not None, "of which the force is"
+        more = bridge.on_flange(side.state.positions, flange, bridge.done + 1)
+        return replace(reply, wrench=together(reply.wrench, more))
 
     def restore(self, before: SoftState) -> None:
         """Undo the last step; a change of models in it stays."""
@@ -304,7 +312,7 @@ class HandoverArm(SoftSide):
         self._events.append(
             Handover(
                 self._ticks + 1, to, why, jumps.tip_m, jumps.force_N, jumps.wrench, jumps.kinetic_J,
-                jumps.pressure_Pa,
+                jumps.pressure_Pa, jumps.contact_N,
             )
         )  # fmt: skip
 
@@ -329,7 +337,6 @@ class HandoverArm(SoftSide):
         except ConvergenceError:
             self._inside = self._inside.refused()
             return here
-        found = _without(found, here.loads, bridge.at(here.world_from_flange, 0))
         jumps = self._over.between(here, found)
         self.chain.settle(found)
         self._inside = self._inside.taken_back()
@@ -343,7 +350,7 @@ class HandoverArm(SoftSide):
         side = self._of(state)
         force = self._force(side, world_from_flange)
         found = side.solve(state, world_from_flange, with_force(loads, force), start)
-        return _without(found, loads, force)
+        return self._stripped(found, loads, self._bridge_of(side))
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads, on the film where the chain ends."""
@@ -351,16 +358,15 @@ class HandoverArm(SoftSide):
         force = self._force(side, world_from_flange)
         try:
             found = side.follow(self._loaded(begin), world_from_flange, with_force(loads, force))
-            return _without(found, loads, force)
+            return self._stripped(found, loads, self._bridge_of(side))
         except ConvergenceError as error:
             if side is self.film:
                 raise
             first, bridge = self._film_begins(begin, error)
             failed = error
         force = None if bridge is None else bridge.at(world_from_flange, 1)
-        found = _without(
-            self.film.follow(first, world_from_flange, with_force(loads, force)), loads, force
-        )
+        found = self.film.follow(first, world_from_flange, with_force(loads, force))
+        found = self._stripped(found, loads, bridge)
         self._pending = _Pending(found.state, bridge, _reason(failed), self._over.between(begin, first))
         return found
 
@@ -375,10 +381,19 @@ class HandoverArm(SoftSide):
         except ConvergenceError as failed:
             raise error.at(f"the film did not take over ({failed})") from failed
 
+    def _bridge_of(self, side: SoftSide) -> Bridge | None:
+        """Return what bridges the last change on a model."""
+        return self._bridge if side is self.acting else None
+
     def _force(self, side: SoftSide, flange: Pose) -> Array | None:
         """Return the bridging forces (n, 3) [N] on a model at the end of the increment in progress."""
-        bridge = self._bridge
-        return None if bridge is None or side is not self.acting else bridge.at(flange, bridge.done + 1)
+        bridge = self._bridge_of(side)
+        return None if bridge is None else bridge.at(flange, bridge.done + 1)
+
+    @staticmethod
+    def _stripped(found: Equilibrium, loads: Loads, bridge: Bridge | None) -> Equilibrium:
+        """Return an equilibrium at the end of an increment without the bridging forces among its loads."""
+        return found if bridge is None else without(found, loads, bridge, bridge.done + 1)[0]
 
     def _loaded(self, here: Equilibrium) -> Equilibrium:
         """Return an equilibrium with the bridging forces among its loads."""
@@ -391,7 +406,9 @@ class HandoverArm(SoftSide):
         same = begin is not None and self._of(begin.state) is side
         force = self._force(side, found.world_from_flange)
         left = side.leave(begin if same else None, self._loaded(found))
-        return replace(left, loads=replace(left.loads, nodal_force=found.loads.nodal_force)) if force is not None else left
+        if force is None or left.state is found.state:
+            return found if left.state is found.state else left
+        return self._stripped(left, found.loads, self._bridge_of(side))
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -560,11 +577,3 @@ def _reason(error: ConvergenceError) -> str:
     """Return why a chain could not go on: where it leaves its range, or what its solver says."""
     return error.place if isinstance(error, OutOfRangeError) else str(error)
 
-
-def _without(found: Equilibrium, loads: Loads, force: Array | None) -> Equilibrium:
-    """Return an equilibrium without forces (n, 3) [N] among its loads, which the flange bears."""
-    if force is None:
-        return found
-    more = borne(force, found.state.positions, found.world_from_flange)
-    wrench = Wrench(found.wrench.force + more.force, found.wrench.torque + more.torque)
-    return replace(found, loads=replace(found.loads, nodal_force=loads.nodal_force), wrench=wrench)

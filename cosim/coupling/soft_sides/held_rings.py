@@ -9,7 +9,9 @@ force and moment over its nodes, the film under the dead forces
     B = G - J^T g
 
 answers as the chain does, and the chain under -B as the film. B is let go slowly (`Bridge`); its resultant is
-borne by the flange, so that it is a force within the soft robot, as the film's own are.
+borne by the flange, so that it is a force within the soft robot, as the film's own are. What is touched gives the
+film another force than the chain, as films give way between their rings: on the flange, that difference fades
+as well.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
 from cosim.reduced.solve.clamp import carried
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.elements.element import Sums
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
@@ -160,12 +164,14 @@ class Bridge:
 
     Args:
         force: (n, 3) [N], flange frame.
+        load: (6,) [N, N m], on the flange besides what it bears of these, at its origin, its axes.
         steps: in which they fade.
         done: steps taken.
         work_J: that they have done, as seen from the flange.
     """
 
     force: Annotated[Array, ("nodes", 3)]
+    load: Annotated[Array, (6,)]
     steps: int
     done: int = 0
     work_J: float = 0.0
@@ -184,6 +190,29 @@ class Bridge:
         """Return the forces (n, 3) [N] at the end of a step, world axes."""
         return np.asarray(self.share(step) * self.force @ flange.rotation.T)
 
+    def closing(self, contact: ContactPlanes | None, shapes: tuple[Array, Array], flange: Pose) -> Bridge:
+        """Return it with the load that closes the gap of what is touched by two models.
+
+        Args:
+            contact: what is touched; None for nothing.
+            shapes: (n, 3) [m], of the film in the model that was left, and in the new one.
+            flange: its pose.
+        """
+        before, after = (contact_load(contact, shape, flange) for shape in shapes)
+        return replace(self, load=before - after)
+
+    def on_flange(self, positions: Array, flange: Pose, step: int) -> Wrench:
+        """Return what it puts on the flange at the end of a step, world axes.
+
+        Args:
+            positions: (n, 3) [m], of the film.
+            flange: its pose.
+            step: which.
+        """
+        inner, load = borne(self.at(flange, step), positions, flange), self.share(step) * self.load
+        turn = flange.rotation.T
+        return Wrench(inner.force + load[:3] @ turn, inner.torque + load[3:] @ turn)
+
     def after(self, before: Array, after: Array) -> Bridge:
         """Return it one step later.
 
@@ -194,6 +223,22 @@ class Bridge:
         mean = 0.5 * (self.share(self.done) + self.share(self.done + 1))
         work = mean * float(np.einsum("nr,nr->", self.force, after - before))
         return replace(self, done=self.done + 1, work_J=self.work_J + work)
+
+
+def contact_load(contact: ContactPlanes | None, positions: Array, flange: Pose) -> Array:
+    """Return force and torque (6,) of what is touched on the soft robot, at the flange's origin, its axes.
+
+    Args:
+        contact: what is touched; None for nothing.
+        positions: (n, 3) [m], of the film.
+        flange: its pose.
+    """
+    if contact is None:
+        return np.zeros(6)
+    gradient = np.zeros_like(positions)
+    contact.add(positions, Sums(gradient), hessian=False)
+    load = borne(gradient, positions, flange)
+    return np.concatenate([load.force @ flange.rotation, load.torque @ flange.rotation])
 
 
 def borne(force: Array, positions: Array, flange: Pose) -> Wrench:

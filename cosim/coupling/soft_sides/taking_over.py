@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Wrench
 from cosim.coupling.soft_sides.handover import fade_steps
-from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, flange_of, on_rings
+from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, contact_load, flange_of, on_rings
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
@@ -52,8 +52,7 @@ class Acting:
         whole, own = self.whole.nodal_force, self.own.nodal_force
         if self.whole is self.own or whole is None:
             return wrench
-        more = borne(whole if own is None else whole - own, positions, flange)
-        return Wrench(wrench.force + more.force, wrench.torque + more.torque)
+        return together(wrench, borne(whole if own is None else whole - own, positions, flange))
 
 
 @final
@@ -66,6 +65,7 @@ class Jumps:
     wrench: float
     kinetic_J: float
     pressure_Pa: float
+    contact_N: float = 0.0
 
 
 NO_JUMPS: Final = Jumps(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -92,6 +92,25 @@ class Past:
         base = x - 2.0 * step_s / 3.0 * v
         two = upright(4.0 * one[0] - 3.0 * base)
         return cls(one, np.array((two, 2.0 * (one[0] - two) / step_s - one[1])))
+
+
+def together(one: Wrench, other: Wrench) -> Wrench:
+    """Return the sum of two wrenches at one point."""
+    return Wrench(one.force + other.force, one.torque + other.torque)
+
+
+def without(found: Equilibrium, loads: Loads, bridge: Bridge, step: int = 0) -> tuple[Equilibrium, Bridge]:
+    """Return an equilibrium without bridging forces among its loads, and the bridge, which the flange bears.
+
+    Args:
+        found: with them.
+        loads: without them.
+        bridge: at the end of a step.
+        step: which.
+    """
+    more = bridge.on_flange(found.state.positions, found.world_from_flange, step)
+    given = replace(found.loads, nodal_force=loads.nodal_force)
+    return replace(found, loads=given, wrench=together(found.wrench, more)), bridge
 
 
 def with_force(loads: Loads, force: Array | None) -> Loads:
@@ -152,12 +171,13 @@ class TakingOver:
             ConvergenceError: the film does not come to rest with its rings where the chain has them.
         """
         chain, film, section = self._chain, self._film, self._section
-        saved, tip = chain.save_state(), self._tip(chain.state.positions)
+        saved, shape = chain.save_state(), chain.state.positions
+        tip = self._tip(shape)
         last, pressure = saved.last, saved.last.pressure_Pa
         past = Past.of(last.chain, step_s)
         before, first = flange_of(past.motion[0]), flange_of(past.earlier[0])
         state, force = self._to_film(past.motion[0], acting, pressure)
-        bridge = Bridge(force @ before.rotation, fade_steps(step_s))
+        bridge = Bridge(force @ before.rotation, np.zeros(6), fade_steps(step_s))
         velocity = section.positions(past.motion[1], pressure)
         earlier = None
         if self._two_steps:
@@ -172,8 +192,9 @@ class TakingOver:
             self._film_stands(begin, last.chain, pressure, (before, saved.flange), acting)
             reply = None
         kinetic = _of_film(film) - self._of_chain(last.chain)
-        wrench = acting.with_borne(supplied_wrench(last.figures), chain.state.positions, saved.flange)
-        jumps = self._jumps(film, (tip, wrench), reply, (there, saved.flange), kinetic)
+        wrench, x = acting.with_borne(supplied_wrench(last.figures), shape, saved.flange), film.state.positions
+        bridge = bridge.closing(acting.own.contact, (shape, x), saved.flange)
+        jumps = self._jumps(film, (tip, wrench), reply, (bridge, saved.flange), kinetic)
         return bridge, replace(jumps, pressure_Pa=film.pressures_Pa[0] - pressure)
 
     def _film_stands(
@@ -211,13 +232,15 @@ class TakingOver:
         now, shape = self._fitted(saved.soft, (before, flange), step_s)
         past = Past.of(now, step_s)
         force = self._to_chain(past.motion[0], shape, acting, pressure)
-        bridge = Bridge(force @ before.rotation, fade_steps(step_s))
+        bridge = Bridge(force @ before.rotation, np.zeros(6), fade_steps(step_s))
         begin = ChainState(past.motion, past.earlier if self._two_steps else None)
         chain.go_to(chain.standing(begin, pressure), before, acting.own)
         there = bridge.at(flange, 0)
         reply = chain.advance(flange, with_force(acting.own, there), step_s)
         kinetic = self._of_chain(chain.last.chain) - _of_film(film)
-        jumps = self._jumps(chain, (tip, wrench), reply, (there, flange), kinetic)
+        ends = saved.soft.positions, chain.state.positions
+        bridge = bridge.closing(acting.own.contact, ends, flange)
+        jumps = self._jumps(chain, (tip, wrench), reply, (bridge, flange), kinetic)
         return bridge, replace(jumps, pressure_Pa=chain.last.pressure_Pa - pressure)
 
     def _fitted(
@@ -254,7 +277,7 @@ class TakingOver:
         if not bridged:
             return film.rest_near(state, flange, acting.own, _NEAR_ITERATIONS), None
         found = film.solve(state, flange, with_force(acting.own, force))
-        return found, Bridge(force @ flange.rotation, fade_steps(0.0))
+        return without(found, acting.own, self._bridge_at_rest(force, begin, found))
 
     def chain_rests(self, begin: Equilibrium, acting: Acting) -> tuple[Equilibrium, Bridge]:
         """Return the chain at rest where the film is at an equilibrium, by bridging forces.
@@ -272,7 +295,15 @@ class TakingOver:
         still = self._chain.standing(ChainState.at_rest(frames), pressure)
         self._chain.go_to(still, flange, acting.own)
         found = self._chain.solve(self._chain.state, flange, with_force(acting.own, force))
-        return found, Bridge(force @ flange.rotation, fade_steps(0.0))
+        return without(found, acting.own, self._bridge_at_rest(force, begin, found))
+
+    @staticmethod
+    def _bridge_at_rest(force: Array, left: Equilibrium, found: Equilibrium) -> Bridge:
+        """Return what bridges two equilibria at one pose of the flange, by its forces (n, 3) [N], world axes."""
+        flange = found.world_from_flange
+        ends = ((each.loads.contact, each.state.positions) for each in (left, found))
+        before, after = (contact_load(*end, flange) for end in ends)
+        return Bridge(force @ flange.rotation, before - after, fade_steps(0.0))
 
     def _tip(self, positions: Array) -> Array:
         return self._section.body.tip_position(positions)
@@ -291,7 +322,7 @@ class TakingOver:
         new: SoftSide,
         left: tuple[Array, Wrench],
         reply: SoftReply | None,
-        bridging: tuple[Array, Pose],
+        bridging: tuple[Bridge, Pose],
         kinetic_J: float,
     ) -> Jumps:
         """Return the jumps from the tip and the wrench that a model has left to those of a new one.
@@ -300,16 +331,16 @@ class TakingOver:
             new: model, at the end of the tick.
             left: tip (3,) [m] and wrench.
             reply: of the new one; None where it has not taken the tick.
-            bridging: forces (n, 3) [N], and the flange's pose, which bears them.
+            bridging: what bridges them, and the flange's pose.
             kinetic_J: jump of the kinetic energy.
         """
-        (tip, before), (force, flange), x = left, bridging, new.state.positions
+        (tip, before), (bridge, flange), x = left, bridging, new.state.positions
         if reply is None:
             tip_m = float(np.linalg.norm(self._tip(x) - tip))
             return Jumps(tip_m, math.nan, math.nan, kinetic_J, 0.0)
-        more = borne(force, x, flange)
-        wrench = Wrench(reply.wrench.force + more.force, reply.wrench.torque + more.torque)
-        return replace(self._apart(tip, before, self._tip(x), wrench, flange), kinetic_J=kinetic_J)
+        wrench = together(reply.wrench, bridge.on_flange(x, flange, 0))
+        found = replace(self._apart(tip, before, self._tip(x), wrench, flange), kinetic_J=kinetic_J)
+        return replace(found, contact_N=float(np.linalg.norm(bridge.load[:3])))
 
     def _apart(self, tip: Array, left: Wrench, new_tip: Array, new: Wrench, flange: Pose) -> Jumps:
         """Return by how much tip and wrench differ, the latter over its size or the soft robot's weight."""
