@@ -77,9 +77,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             from cosim.coupling import film_ticks, half_ticks, section_ticks
             from cosim.soft.elements import eyelets  # whose losses rows of ticks add up
 
-            rows = (film_ticks, eyelets) if film else ()
-            rows += (section_ticks,) if scenario.fidelity == "section" else ()
-            modules += (half_ticks, *rows)
+            of_film = (film_ticks, eyelets) if film else ()
+            of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
+            modules += (half_ticks, *of_film, *of_chain)
     return modules
 
 

@@ -223,7 +223,8 @@ class _Walk:
 
 
 def _refusal(text: str) -> str:
-    return f"{text}; or fidelity = 'lumped', which knows what lies beyond, model.handover = true, by which it takes over there, or 'auto'"
+    others = "fidelity = 'lumped', which knows what lies beyond, or 'auto'"
+    return f"{text}; or model.handover = true, by which the film takes over there, {others}"
 
 
 def _refused_phase(phase: PhaseTable, error: OutOfRangeError) -> ScenarioError:

@@ -210,8 +210,8 @@ class ModelTable:
     """What the model is: switches for comparison with the paper, and of the section model.
 
     Args:
-        handover: of fidelity "section": where the section model ends, the film takes over until it holds again.
-            Without it such a run ends there. Other fidelities have no use for it.
+        handover: of fidelity "section": where the section model ends, the film takes over until that holds
+            again. Without it such a run ends there. Other fidelities have no use for it.
         published: the paper's lumped model, whatever the robot's file says: film law "plain"
             ("edge_strain" if the file says so), uniform hinges, no stiffeners, no finer
             mesh at the holes, no fused necks.

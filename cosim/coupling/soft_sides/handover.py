@@ -14,6 +14,8 @@ FADE_INCREMENTS: Final = 10
 """The same in statics."""
 INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
+MOST_TIP_M, MOST_WRENCH = 5e-4, 0.02
+"""Jumps beyond which the section model does not take back."""
 LOOK_S: Final = 0.02
 """Simulated time between two looks at where in that range the film is; in statics every increment."""
 _LOOKS, _LOOKS_MAX = 5, 80
@@ -37,7 +39,7 @@ class Handover:
             where the tick could not be taken by both.
         kinetic_jump_J: of the kinetic energy.
         pressure_jump_Pa: of the gas in the first chamber, where it is sealed.
-        contact_jump_N: of the force of what is touched, which the wrench on the flange does not follow at once.
+        contact_jump_N: of the force of what is touched; the wrench on the flange does not follow it at once.
     """
 
     tick: int
@@ -83,7 +85,7 @@ class Inside:
     since: int = 0
 
     def left(self, step_s: float) -> Inside:
-        """Return it where the section model has just left its range, in steps of some length [s], 0: statics."""
+        """Return it after the section model has left its range, in steps of some length [s]; 0: statics."""
         soon = _SOON_INCREMENTS if step_s == 0.0 else math.ceil(_SOON_S / step_s)
         wanted = min(_LOOKS_MAX, 2 * self.wanted) if self.since < soon else _LOOKS
         return Inside(wanted=wanted)

@@ -1,8 +1,8 @@
 """The soft side of a run that changes between a section model and its film: two models behind one interface.
 
-The chain stands for the soft robot while it can. A tick that it cannot take, as it is at the end of its range or
-loses its equilibrium, is taken by the film; the chain takes back when the film has been well within its range
-for a while. How one begins where the other is: `taking_over`.
+The chain stands for the soft robot while it can. A tick that it cannot take, as it is at the end of its range
+or loses its equilibrium, is taken by the film; the chain takes back when the film has been well within its
+range for a while. How one begins where the other is: `taking_over`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.coupling.soft_sides.handover import (
     INSIDE,
+    MOST_TIP_M,
+    MOST_WRENCH,
     BridgeEnd,
     Handover,
     Inside,
@@ -147,7 +149,7 @@ class HandoverArm(SoftSide):
         self._film_acts, self._why = False, ""
         self._bridge: Bridge | None = None
         self._given: Array | None = None
-        self._inside, self._ticks, self._step_s = Inside(), 0, 0.0
+        self._inside, self._ticks, self._step_s, self._begun = Inside(), 0, 0.0, False
         self._before: tuple[Array, SoftState] | None = None  # seen from the flange, and as a change left it
         self._pending: _Pending | None = None
         self._events: list[Handover | BridgeEnd] = []
@@ -163,7 +165,7 @@ class HandoverArm(SoftSide):
         return self.acting if self._bridge is None else self
 
     @property
-    def state(self) -> SoftState:  # type: ignore[override]
+    def state(self) -> SoftState:
         """Of the acting model; that of a chain remembers nothing of its film."""
         return self.acting.state
 
@@ -182,15 +184,11 @@ class HandoverArm(SoftSide):
 
     def begin_ticks(self, wrench: Wrench, step_s: float) -> int:
         """Change back to the chain where that is due; return how many ticks may follow."""
-        self._step_s = step_s
-        if not self._film_acts:
-            return sys.maxsize
-        if self._inside.due and self._bridge is None:
+        self._step_s, self._begun = step_s, True
+        if self._film_acts and self._inside.due and self._bridge is None:
             self._take_back(wrench, step_s)
-        if not self._film_acts:
-            return sys.maxsize
         every = look_every(step_s)
-        return every - self._inside.since % every
+        return every - self._inside.since % every if self._film_acts else sys.maxsize
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
@@ -257,7 +255,7 @@ class HandoverArm(SoftSide):
     def handovers(self) -> tuple[Handover | BridgeEnd, ...]:
         """Return the changes since this was asked last."""
         told, self._events = self._events, []
-        if self._ticks == 0 and self._film_acts and not told:
+        if not self._begun and self._film_acts:
             told = [Handover(0, "film", self._why)]
         return tuple(told)
 
@@ -302,6 +300,9 @@ class HandoverArm(SoftSide):
         except ConvergenceError:
             self._inside = self._inside.refused()
             return
+        if not (jumps.tip_m <= MOST_TIP_M and jumps.wrench <= MOST_WRENCH):
+            self._inside = self._inside.refused()
+            return
         self._inside = self._inside.taken_back()
         self._change("section", "well within its range again", bridge, jumps)
 
@@ -329,6 +330,7 @@ class HandoverArm(SoftSide):
 
     def begin_increment(self, here: Equilibrium) -> Equilibrium:
         """Change back to the chain where that is due; return the equilibrium that it begins with."""
+        self._begun = True
         if not (self._film_acts and self._inside.due and self._bridge is None):
             return here
         acting = Acting(here.loads, here.loads)
@@ -370,9 +372,7 @@ class HandoverArm(SoftSide):
         self._pending = _Pending(found.state, bridge, _reason(failed), self._over.between(begin, first))
         return found
 
-    def _film_begins(
-        self, begin: Equilibrium, error: ConvergenceError
-    ) -> tuple[Equilibrium, Bridge | None]:
+    def _film_begins(self, begin: Equilibrium, error: ConvergenceError) -> tuple[Equilibrium, Bridge | None]:
         """Return the film at rest where the chain is; raise the error where there is no such place."""
         whole = self._loaded(begin).loads
         try:
@@ -451,7 +451,7 @@ class HandoverArm(SoftSide):
         to: Model = "film" if side is self.film else "section"
         why, jumps = ("", NO_JUMPS) if known is None else (known.why, known.jumps)
         self._change(to, why, bridge, jumps)
-        if self._ticks == 0:
+        if not self._begun:
             self._events = []  # told by what the run begins with
 
     # what holds it, what it touches
@@ -570,10 +570,10 @@ class HandoverArm(SoftSide):
         self._film_acts = state.model == "film"
         self._bridge, self._given, self._inside = state.bridge, state.given, state.inside
         self._ticks, self._why, self._events, self._pending = state.ticks, state.why, [], None
+        self._begun = state.ticks > 0
         self._before = self._local(self.acting), self.acting.state
 
 
 def _reason(error: ConvergenceError) -> str:
     """Return why a chain could not go on: where it leaves its range, or what its solver says."""
     return error.place if isinstance(error, OutOfRangeError) else str(error)
-

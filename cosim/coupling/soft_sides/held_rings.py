@@ -3,14 +3,14 @@
 A chain of frames says where rings are, not how the film between them lies. Springs on the frame of every ring
 (`RingGuides`) hold it while the film comes to rest: the springs' forces G on the nodes are what it takes.
 
-With g (f, 6) the chain's gradient at the same frames under the same loads, at rest, and J^T spreading a ring's
-force and moment over its nodes, the film under the dead forces
+With g (f, 6) the chain's gradient at the same frames under the same loads, at rest, and J^T spreading force
+and moment of a ring over its nodes, the film under the dead forces
 
     B = G - J^T g
 
-answers as the chain does, and the chain under -B as the film. B is let go slowly (`Bridge`); its resultant is
-borne by the flange, so that it is a force within the soft robot, as the film's own are. What is touched gives the
-film another force than the chain, as films give way between their rings: on the flange, that difference fades
+answers as the chain does, and the chain under -B as the film. B fades (`Bridge`). The flange bears its
+resultant, so that it is a force within the soft robot, as the film's own are. What is touched presses on the
+film otherwise than on the chain, as films give way between their rings: on the flange, that difference fades
 as well.
 """
 

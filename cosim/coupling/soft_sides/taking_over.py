@@ -1,8 +1,8 @@
 """How the film begins where a chain of frames is, and a chain where the film is: shape, speed, forces.
 
-The model that takes over repeats the last tick, from where the other began it: so it has two states to step on
-from, and both can be compared at its end. What a two-step integrator looks back to before that follows from
-its formula: with s = 2 h / 3 and base a_n = x_n - s v_n = (4 x_n-1 - x_n-2) / 3,
+The model that takes over repeats the last tick, from where the other began it: so it has two states to step
+on from, and both can be compared at its end. What a two-step integrator looks back to before that follows
+from its formula: with s = 2 h / 3 and base a_n = x_n - s v_n = (4 x_n-1 - x_n-2) / 3,
 
     x_n-2 = 4 x_n-1 - 3 a_n,    v_n-2 = 2 (x_n-1 - x_n-2) / h - v_n-1.
 """
@@ -86,7 +86,7 @@ class Past:
 
     @classmethod
     def of(cls, now: ChainState, step_s: float) -> Past:
-        """Return those of a chain after a step of some length [s]; without a step before, it has moved evenly."""
+        """Return those of a chain after a step of some length [s]; of a first step: as if it moved evenly."""
         x, v = now.motion
         one = np.array((upright(x - step_s * v), v)) if now.earlier is None else now.earlier
         base = x - 2.0 * step_s / 3.0 * v
@@ -192,8 +192,8 @@ class TakingOver:
             self._film_stands(begin, last.chain, pressure, (before, saved.flange), acting)
             reply = None
         kinetic = _of_film(film) - self._of_chain(last.chain)
-        wrench, x = acting.with_borne(supplied_wrench(last.figures), shape, saved.flange), film.state.positions
-        bridge = bridge.closing(acting.own.contact, (shape, x), saved.flange)
+        wrench = acting.with_borne(supplied_wrench(last.figures), shape, saved.flange)
+        bridge = bridge.closing(acting.own.contact, (shape, film.state.positions), saved.flange)
         jumps = self._jumps(film, (tip, wrench), reply, (bridge, saved.flange), kinetic)
         return bridge, replace(jumps, pressure_Pa=film.pressures_Pa[0] - pressure)
 
@@ -259,7 +259,9 @@ class TakingOver:
         shape = SoftState.at_rest(self._film.clamp.place(x_before, flanges[0]), soft.memory, soft.touching)
         return ChainState(*motions), shape
 
-    def film_rests(self, begin: Equilibrium, acting: Acting, bridged: bool) -> tuple[Equilibrium, Bridge | None]:
+    def film_rests(
+        self, begin: Equilibrium, acting: Acting, bridged: bool
+    ) -> tuple[Equilibrium, Bridge | None]:
         """Return the film at rest where the chain is at an equilibrium, by bridging forces, or near there.
 
         Args:
@@ -287,7 +289,7 @@ class TakingOver:
             acting: loads there.
 
         Raises:
-            ConvergenceError: it has none there.
+            ConvergenceError: it has none there, or none near when they have faded.
         """
         flange, pressure = begin.world_from_flange, self._film.pressures_Pa[0]
         frames = self._layout.fit(begin.state.positions, flange)
@@ -295,11 +297,12 @@ class TakingOver:
         still = self._chain.standing(ChainState.at_rest(frames), pressure)
         self._chain.go_to(still, flange, acting.own)
         found = self._chain.solve(self._chain.state, flange, with_force(acting.own, force))
+        self._chain.follow(found, flange, acting.own)
         return without(found, acting.own, self._bridge_at_rest(force, begin, found))
 
     @staticmethod
     def _bridge_at_rest(force: Array, left: Equilibrium, found: Equilibrium) -> Bridge:
-        """Return what bridges two equilibria at one pose of the flange, by its forces (n, 3) [N], world axes."""
+        """Return what bridges two equilibria at one pose of the flange, of forces (n, 3) [N], world axes."""
         flange = found.world_from_flange
         ends = ((each.loads.contact, each.state.positions) for each in (left, found))
         before, after = (contact_load(*end, flange) for end in ends)
@@ -314,8 +317,8 @@ class TakingOver:
 
     def between(self, left: Equilibrium, new: Equilibrium) -> Jumps:
         """Return the jumps from one equilibrium to another, of the other model."""
-        tip = self._tip(left.state.positions)
-        return self._apart(tip, left.wrench, self._tip(new.state.positions), new.wrench, new.world_from_flange)
+        tip, new_tip = self._tip(left.state.positions), self._tip(new.state.positions)
+        return self._apart(tip, left.wrench, new_tip, new.wrench, new.world_from_flange)
 
     def _jumps(
         self,
