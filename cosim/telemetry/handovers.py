@@ -32,11 +32,10 @@ def with_handovers(
                 "to": each.to,
                 "why": each.why,
                 "tip_jump_m": each.tip_jump_m,
-                "force_jump_N": each.force_jump_N,
-                "wrench_jump": each.wrench_jump,
+                "force_gap_N": each.force_gap_N,
+                "wrench_gap": each.wrench_gap,
                 "kinetic_jump_J": each.kinetic_jump_J,
                 "pressure_jump_Pa": each.pressure_jump_Pa,
-                "contact_jump_N": each.contact_jump_N,
                 "faded_s": None,
                 "bridge_J": None,
             }
@@ -70,10 +69,10 @@ def handover_line(found: dict[str, Any]) -> str:
     times = [f"{change['to']} from {change['time_s']:.4g} s" for change in changes[:_NAMED]]
     more = f", {len(changes) - _NAMED} more changes" if len(changes) > _NAMED else ""
     first = next(change for change in changes if change["to"] == "film")
-    jumps = _largest(changes, "tip_jump_m"), _largest(changes, "wrench_jump")
+    jumps = _largest(changes, "tip_jump_m"), _largest(changes, "wrench_gap")
     return (
         f"{', '.join(times)}{more}; film for {found['film_s']:.3g} s, first as {first['why']}; "
-        f"jumps up to {1e3 * jumps[0]:.2g} mm of the tip, {1e2 * jumps[1]:.2g} % of the wrench"
+        f"the tip jumps by up to {1e3 * jumps[0]:.2g} mm; {1e2 * jumps[1]:.2g} % of the wrench bridged"
     )
 
 

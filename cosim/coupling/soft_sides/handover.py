@@ -14,8 +14,8 @@ FADE_INCREMENTS: Final = 10
 """The same in statics."""
 INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
-MOST_TIP_M, MOST_WRENCH = 5e-4, 0.02
-"""Jumps beyond which the section model does not take back."""
+MOST_TIP_M, MOST_WRENCH = 5e-4, 0.05
+"""Jump and gap beyond which the section model does not take back."""
 LOOK_S: Final = 0.02
 """Simulated time between two looks at where in that range the film is; in statics every increment."""
 _LOOKS, _LOOKS_MAX = 5, 80
@@ -27,30 +27,29 @@ _SOON_S, _SOON_INCREMENTS = 1.0, 20
 class Handover:
     """One change of the model that stands for the soft robot.
 
-    Both models take the last tick before it from the same state; jumps are what they differ by at its end.
+    Both models take the last tick before it from the same state, with the forces that bridge them; jumps and
+    gaps are what they differ by at its end. Gaps are bridged as well: the flange does not feel them at once.
 
     Args:
         tick: the first that the new model takes; 0: the run begins with it.
         to: the new model.
         why: why.
         tip_jump_m: of the tip.
-        force_jump_N: of the force on the flange.
-        wrench_jump: of the wrench on the flange over its size, at least the soft robot's weight; not a number
+        force_gap_N: of the force on the flange.
+        wrench_gap: of the wrench on the flange over its size, at least the soft robot's weight; not a number
             where the tick could not be taken by both.
         kinetic_jump_J: of the kinetic energy.
         pressure_jump_Pa: of the gas in the first chamber, where it is sealed.
-        contact_jump_N: of the force of what is touched; the wrench on the flange does not follow it at once.
     """
 
     tick: int
     to: Model
     why: str
     tip_jump_m: float = 0.0
-    force_jump_N: float = 0.0
-    wrench_jump: float = 0.0
+    force_gap_N: float = 0.0
+    wrench_gap: float = 0.0
     kinetic_jump_J: float = 0.0
     pressure_jump_Pa: float = 0.0
-    contact_jump_N: float = 0.0
 
 
 @final

@@ -313,7 +313,7 @@ class HandoverArm(SoftSide):
         self._events.append(
             Handover(
                 self._ticks + 1, to, why, jumps.tip_m, jumps.force_N, jumps.wrench, jumps.kinetic_J,
-                jumps.pressure_Pa, jumps.contact_N,
+                jumps.pressure_Pa,
             )
         )  # fmt: skip
 

@@ -9,9 +9,8 @@ and moment of a ring over its nodes, the film under the dead forces
     B = G - J^T g
 
 answers as the chain does, and the chain under -B as the film. B fades (`Bridge`). The flange bears its
-resultant, so that it is a force within the soft robot, as the film's own are. What is touched presses on the
-film otherwise than on the chain, as films give way between their rings: on the flange, that difference fades
-as well.
+resultant, so that it is a force within the soft robot, as the film's own are. By what the wrenches of both
+still differ, of inertia and of what is touched, is put on the flange and fades as well.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
 from cosim.reduced.solve.clamp import carried
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.elements.element import Sums
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
@@ -190,17 +187,6 @@ class Bridge:
         """Return the forces (n, 3) [N] at the end of a step, world axes."""
         return np.asarray(self.share(step) * self.force @ flange.rotation.T)
 
-    def closing(self, contact: ContactPlanes | None, shapes: tuple[Array, Array], flange: Pose) -> Bridge:
-        """Return it with the load that closes the gap of what is touched by two models.
-
-        Args:
-            contact: what is touched; None for nothing.
-            shapes: (n, 3) [m], of the film in the model that was left, and in the new one.
-            flange: its pose.
-        """
-        before, after = (contact_load(contact, shape, flange) for shape in shapes)
-        return replace(self, load=before - after)
-
     def on_flange(self, positions: Array, flange: Pose, step: int) -> Wrench:
         """Return what it puts on the flange at the end of a step, world axes.
 
@@ -223,22 +209,6 @@ class Bridge:
         mean = 0.5 * (self.share(self.done) + self.share(self.done + 1))
         work = mean * float(np.einsum("nr,nr->", self.force, after - before))
         return replace(self, done=self.done + 1, work_J=self.work_J + work)
-
-
-def contact_load(contact: ContactPlanes | None, positions: Array, flange: Pose) -> Array:
-    """Return force and torque (6,) of what is touched on the soft robot, at the flange's origin, its axes.
-
-    Args:
-        contact: what is touched; None for nothing.
-        positions: (n, 3) [m], of the film.
-        flange: its pose.
-    """
-    if contact is None:
-        return np.zeros(6)
-    gradient = np.zeros_like(positions)
-    contact.add(positions, Sums(gradient), hessian=False)
-    load = borne(gradient, positions, flange)
-    return np.concatenate([load.force @ flange.rotation, load.torque @ flange.rotation])
 
 
 def borne(force: Array, positions: Array, flange: Pose) -> Wrench:

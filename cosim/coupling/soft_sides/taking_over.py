@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Wrench
 from cosim.coupling.soft_sides.handover import fade_steps
-from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, contact_load, flange_of, on_rings
+from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, flange_of, on_rings
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
@@ -65,7 +65,6 @@ class Jumps:
     wrench: float
     kinetic_J: float
     pressure_Pa: float
-    contact_N: float = 0.0
 
 
 NO_JUMPS: Final = Jumps(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -193,9 +192,8 @@ class TakingOver:
             reply = None
         kinetic = _of_film(film) - self._of_chain(last.chain)
         wrench = acting.with_borne(supplied_wrench(last.figures), shape, saved.flange)
-        bridge = bridge.closing(acting.own.contact, (shape, film.state.positions), saved.flange)
-        jumps = self._jumps(film, (tip, wrench), reply, (bridge, saved.flange), kinetic)
-        return bridge, replace(jumps, pressure_Pa=film.pressures_Pa[0] - pressure)
+        bridge, jumps = self._closed(bridge, film, (tip, wrench), reply, saved.flange)
+        return bridge, replace(jumps, kinetic_J=kinetic, pressure_Pa=film.pressures_Pa[0] - pressure)
 
     def _film_stands(
         self,
@@ -238,10 +236,8 @@ class TakingOver:
         there = bridge.at(flange, 0)
         reply = chain.advance(flange, with_force(acting.own, there), step_s)
         kinetic = self._of_chain(chain.last.chain) - _of_film(film)
-        ends = saved.soft.positions, chain.state.positions
-        bridge = bridge.closing(acting.own.contact, ends, flange)
-        jumps = self._jumps(chain, (tip, wrench), reply, (bridge, flange), kinetic)
-        return bridge, replace(jumps, pressure_Pa=chain.last.pressure_Pa - pressure)
+        bridge, jumps = self._closed(bridge, chain, (tip, wrench), reply, flange)
+        return bridge, replace(jumps, kinetic_J=kinetic, pressure_Pa=chain.last.pressure_Pa - pressure)
 
     def _fitted(
         self, soft: SoftState, flanges: tuple[Pose, Pose], step_s: float
@@ -279,7 +275,8 @@ class TakingOver:
         if not bridged:
             return film.rest_near(state, flange, acting.own, _NEAR_ITERATIONS), None
         found = film.solve(state, flange, with_force(acting.own, force))
-        return without(found, acting.own, self._bridge_at_rest(force, begin, found))
+        bridge = Bridge(force @ flange.rotation, np.zeros(6), fade_steps(0.0))
+        return self._joined(begin, *without(found, acting.own, bridge))
 
     def chain_rests(self, begin: Equilibrium, acting: Acting) -> tuple[Equilibrium, Bridge]:
         """Return the chain at rest where the film is at an equilibrium, by bridging forces.
@@ -298,15 +295,14 @@ class TakingOver:
         self._chain.go_to(still, flange, acting.own)
         found = self._chain.solve(self._chain.state, flange, with_force(acting.own, force))
         self._chain.follow(found, flange, acting.own)
-        return without(found, acting.own, self._bridge_at_rest(force, begin, found))
+        bridge = Bridge(force @ flange.rotation, np.zeros(6), fade_steps(0.0))
+        return self._joined(begin, *without(found, acting.own, bridge))
 
     @staticmethod
-    def _bridge_at_rest(force: Array, left: Equilibrium, found: Equilibrium) -> Bridge:
-        """Return what bridges two equilibria at one pose of the flange, of forces (n, 3) [N], world axes."""
-        flange = found.world_from_flange
-        ends = ((each.loads.contact, each.state.positions) for each in (left, found))
-        before, after = (contact_load(*end, flange) for end in ends)
-        return Bridge(force @ flange.rotation, before - after, fade_steps(0.0))
+    def _joined(begin: Equilibrium, found: Equilibrium, bridge: Bridge) -> tuple[Equilibrium, Bridge]:
+        """Return an equilibrium with the wrench of one that was left, and what bridges both."""
+        load = _between(found.wrench, begin.wrench, found.world_from_flange)
+        return replace(found, wrench=begin.wrench), replace(bridge, load=load)
 
     def _tip(self, positions: Array) -> Array:
         return self._section.body.tip_position(positions)
@@ -320,30 +316,25 @@ class TakingOver:
         tip, new_tip = self._tip(left.state.positions), self._tip(new.state.positions)
         return self._apart(tip, left.wrench, new_tip, new.wrench, new.world_from_flange)
 
-    def _jumps(
-        self,
-        new: SoftSide,
-        left: tuple[Array, Wrench],
-        reply: SoftReply | None,
-        bridging: tuple[Bridge, Pose],
-        kinetic_J: float,
-    ) -> Jumps:
-        """Return the jumps from the tip and the wrench that a model has left to those of a new one.
+    def _closed(
+        self, bridge: Bridge, new: SoftSide, left: tuple[Array, Wrench], reply: SoftReply | None, flange: Pose
+    ) -> tuple[Bridge, Jumps]:
+        """Return a bridge that closes what the wrenches still differ by, and that; and the jump of the tip.
 
         Args:
+            bridge: so far.
             new: model, at the end of the tick.
-            left: tip (3,) [m] and wrench.
+            left: tip (3,) [m] and wrench of the other.
             reply: of the new one; None where it has not taken the tick.
-            bridging: what bridges them, and the flange's pose.
-            kinetic_J: jump of the kinetic energy.
+            flange: pose of the flange.
         """
-        (tip, before), (bridge, flange), x = left, bridging, new.state.positions
+        (tip, before), x = left, new.state.positions
         if reply is None:
             tip_m = float(np.linalg.norm(self._tip(x) - tip))
-            return Jumps(tip_m, math.nan, math.nan, kinetic_J, 0.0)
+            return bridge, Jumps(tip_m, math.nan, math.nan, 0.0, 0.0)
         wrench = together(reply.wrench, bridge.on_flange(x, flange, 0))
-        found = replace(self._apart(tip, before, self._tip(x), wrench, flange), kinetic_J=kinetic_J)
-        return replace(found, contact_N=float(np.linalg.norm(bridge.load[:3])))
+        jumps = self._apart(tip, before, self._tip(x), wrench, flange)
+        return replace(bridge, load=_between(wrench, before, flange)), jumps
 
     def _apart(self, tip: Array, left: Wrench, new_tip: Array, new: Wrench, flange: Pose) -> Jumps:
         """Return by how much tip and wrench differ, the latter over its size or the soft robot's weight."""
@@ -355,6 +346,12 @@ class TakingOver:
         size_Nm = max(float(np.linalg.norm(left.torque)), 0.5 * weight * length)
         tip_m = float(np.linalg.norm(new_tip - tip))
         return Jumps(tip_m, away_N, max(away_N / size_N, away_Nm / size_Nm), 0.0, 0.0)
+
+
+def _between(found: Wrench, wanted: Wrench, flange: Pose) -> Array:
+    """Return what a wrench lacks of another (6,), in the flange's axes."""
+    force, torque = wanted.force - found.force, wanted.torque - found.torque
+    return np.concatenate([force @ flange.rotation, torque @ flange.rotation])
 
 
 def _of_film(film: SoftArm) -> float:
