@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cosim
 from cosim.app.driver import build_simulation, with_fidelity_chosen
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
@@ -25,9 +23,9 @@ from cosim.soft.solve.assembly import FilmEnergies
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.energy import COLUMNS, EnergyFigures, EnergyParts, EnergyRow
 from cosim.telemetry.energy_terms import TERMS
+from cosim.telemetry.handovers import handover_line
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.summary import SummaryBuilder
-from cosim.telemetry.handovers import handover_line
 from tests.small_section import on_a_ur5e, section
 from tests.stepping.snapshots import assert_close
 

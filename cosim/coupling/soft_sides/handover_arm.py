@@ -32,7 +32,7 @@ from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
 from cosim.coupling.soft_sides.taking_over import (
     NO_JUMPS,
-    Acting,
+    LoadsLeft,
     Jumps,
     TakingOver,
     together,
@@ -271,10 +271,10 @@ class HandoverArm(SoftSide):
         flange = side.save_state().flange
         return np.asarray((side.state.positions - flange.translation) @ flange.rotation)
 
-    def _acting_loads(self, whole: Loads) -> Acting:
+    def _acting_loads(self, whole: Loads) -> LoadsLeft:
         """Return the loads at the end of the last step with bridging forces, and without."""
         own = whole if self._bridge is None else replace(whole, nodal_force=self._given)
-        return Acting(whole, own)
+        return LoadsLeft(whole, own)
 
     def _hand_over(self, error: ConvergenceError) -> None:
         """Let the film take over where the chain could not go on.
@@ -333,7 +333,7 @@ class HandoverArm(SoftSide):
         self._begun = True
         if not (self._film_acts and self._inside.due and self._bridge is None):
             return here
-        acting = Acting(here.loads, here.loads)
+        acting = LoadsLeft(here.loads, here.loads)
         try:
             found, bridge = self._over.chain_rests(here, acting)
         except ConvergenceError:
@@ -377,7 +377,7 @@ class HandoverArm(SoftSide):
         whole = self._loaded(begin).loads
         try:
             bridged = self._bridged and not self._film_acts
-            return self._over.film_rests(begin, Acting(whole, begin.loads), bridged)
+            return self._over.film_rests(begin, LoadsLeft(whole, begin.loads), bridged)
         except ConvergenceError as failed:
             raise error.at(f"the film did not take over ({failed})") from failed
 
@@ -430,7 +430,7 @@ class HandoverArm(SoftSide):
         except ConvergenceError as error:
             if side is self.film:
                 raise
-            first, _ = self._over.film_rests(begin, Acting(begin.loads, begin.loads), bridged=False)
+            first, _ = self._over.film_rests(begin, LoadsLeft(begin.loads, begin.loads), bridged=False)
             found = find(self.film, first)
             self._pending = _Pending(found.state, None, _reason(error), NO_JUMPS)
             return found

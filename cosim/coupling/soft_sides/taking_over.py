@@ -36,7 +36,7 @@ _G_m_s2: Final = 9.81
 
 @final
 @dataclass(frozen=True)
-class Acting:
+class LoadsLeft:
     """Loads in which a model was left: with the bridging forces that acted on it, and without.
 
     Args:
@@ -141,7 +141,7 @@ class TakingOver:
         if not np.array_equal(wanted.nodes, self._film.clamp.nodes):
             self._film.hold(wanted)
 
-    def _to_film(self, frames: Array, acting: Acting, pressure_Pa: float) -> tuple[SoftState, Array]:
+    def _to_film(self, frames: Array, acting: LoadsLeft, pressure_Pa: float) -> tuple[SoftState, Array]:
         """Return the film at rest with rings held at frames, and B (n, 3) [N], world axes."""
         film, chain = self._film, self._chain
         held = self._rings.at_rest(frames, None, acting.own, pressure_Pa)
@@ -151,7 +151,7 @@ class TakingOver:
         force[film.clamp.nodes] = 0.0
         return held.state, force
 
-    def _to_chain(self, frames: Array, shape: SoftState, acting: Acting, pressure_Pa: float) -> Array:
+    def _to_chain(self, frames: Array, shape: SoftState, acting: LoadsLeft, pressure_Pa: float) -> Array:
         """Return -B (n, 3) [N], world axes, of a film near a shape."""
         held, chain = self._rings.at_rest(frames, shape, acting.whole, pressure_Pa), self._chain
         resisted = chain.resisting(frames, acting.own, pressure_Pa)
@@ -159,7 +159,7 @@ class TakingOver:
         force[self._film.clamp.nodes] = 0.0
         return np.asarray(force)
 
-    def film_steps(self, acting: Acting, step_s: float) -> tuple[Bridge, Jumps]:
+    def film_steps(self, acting: LoadsLeft, step_s: float) -> tuple[Bridge, Jumps]:
         """Let the film take the last tick of the chain, and be where that ends.
 
         Args:
@@ -201,7 +201,7 @@ class TakingOver:
         now: ChainState,
         pressure_Pa: float,
         flanges: tuple[Pose, Pose],
-        acting: Acting,
+        acting: LoadsLeft,
     ) -> None:
         """Put the film where the chain is, without a step of its own."""
         before = now.frames if now.earlier is None else now.earlier[0]
@@ -213,7 +213,7 @@ class TakingOver:
         here = replace(state, velocities=velocity, earlier=earlier)
         self._film.go_to(here, 0.0, flanges[0], (flanges[1], acting.own))
 
-    def chain_steps(self, acting: Acting, wrench: Wrench, step_s: float) -> tuple[Bridge, Jumps]:
+    def chain_steps(self, acting: LoadsLeft, wrench: Wrench, step_s: float) -> tuple[Bridge, Jumps]:
         """Let the chain take the last tick of the film, and be where that ends.
 
         Args:
@@ -256,7 +256,7 @@ class TakingOver:
         return ChainState(*motions), shape
 
     def film_rests(
-        self, begin: Equilibrium, acting: Acting, bridged: bool
+        self, begin: Equilibrium, acting: LoadsLeft, bridged: bool
     ) -> tuple[Equilibrium, Bridge | None]:
         """Return the film at rest where the chain is at an equilibrium, by bridging forces, or near there.
 
@@ -278,7 +278,7 @@ class TakingOver:
         bridge = Bridge(force @ flange.rotation, np.zeros(6), fade_steps(0.0))
         return self._joined(begin, *without(found, acting.own, bridge))
 
-    def chain_rests(self, begin: Equilibrium, acting: Acting) -> tuple[Equilibrium, Bridge]:
+    def chain_rests(self, begin: Equilibrium, acting: LoadsLeft) -> tuple[Equilibrium, Bridge]:
         """Return the chain at rest where the film is at an equilibrium, by bridging forces.
 
         Args:
