@@ -32,7 +32,8 @@ def _has_losses(robot: AnySoftRobot) -> bool:
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
-    if scenario.fidelity not in ("section", "rigid"):
+    film = scenario.fidelity in ("lumped", "refined") or scenario.hands_over
+    if film:
         from cosim.soft.contact import self_contact_candidates, self_contact_search  # overlap is looked for
 
         modules = self_contact_candidates, self_contact_search
@@ -40,7 +41,7 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             from cosim.telemetry import energy
 
             modules += (energy,)
-    if scenario.touches_itself and scenario.fidelity != "section":  # that is built without a run, and kept
+    if scenario.touches_itself and film:  # a section model is built without a run, and kept
         from cosim.soft.contact import self_contact_pairs
         from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
         from cosim.soft.solve import self_contact
@@ -54,7 +55,7 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.elements import eyelets
 
         modules += (eyelets,)
-    if scenario.fidelity not in ("section", "rigid") and _has_losses(scenario.soft_robot):
+    if film and _has_losses(scenario.soft_robot):
         from cosim.soft.elements import strain_rate
         from cosim.soft.film import strain_rates
 
@@ -76,8 +77,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             from cosim.coupling import film_ticks, half_ticks, section_ticks
             from cosim.soft.elements import eyelets  # whose losses rows of ticks add up
 
-            rows = {"section": (section_ticks,), "rigid": ()}.get(scenario.fidelity, (film_ticks, eyelets))
-            modules += (half_ticks, *rows)
+            of_film = (film_ticks, eyelets) if film else ()
+            of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
+            modules += (half_ticks, *of_film, *of_chain)
     return modules
 
 

@@ -186,9 +186,11 @@ def _range(
     if model.section is None:
         return ()
     name = name_of(_asked_name(scenario, model), way, scenario.commands, touched)
-    return (
-        model.kept.made("range", name, lambda: section_range(scenario, plan, model.trial(), arm, touched)),
-    )
+
+    def walked() -> Decision:
+        return section_range(scenario, plan, model.chain(), arm, touched)
+
+    return (model.kept.made("range", name, walked),)
 
 
 def _asked_name(scenario: Scenario, model: SoftModel) -> str:

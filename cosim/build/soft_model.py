@@ -25,6 +25,7 @@ from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, ModelTabl
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
 from cosim.config.toml.reading import blamed_on
 from cosim.coupling.soft_sides.frozen_body import FrozenBody
+from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide
@@ -122,7 +123,8 @@ def _rung(scenario: Scenario, section: SectionModel | None) -> str:
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
         return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
     if section is not None:
-        return _section_rung(section)
+        film = "; where it ends, the film takes over" if scenario.hands_over else ""
+        return _section_rung(section) + film
     if scenario.fidelity == "refined":
         return "refined: every triangle divided into four"
     if isinstance(scenario.soft_robot, GivenBodyTable):
@@ -261,12 +263,22 @@ class SoftModel:
         It is of the model that runs, but that a rigid one is planned on the lumped one: tensions and flange
         poses are then those of the run that it stands for.
         """
-        if self.section is not None:
-            section = SectionBody(self.body, self.section)
-            return SectionArm(section, self._flange, self._statics, self._dynamics)
+        return self._flexible(bridged=False)
+
+    def chain(self) -> SectionArm:
+        """Return the chain of the section model, which there is."""
+        assert self.section is not None, "of a scenario whose fidelity is another"
+        section = SectionBody(self.body, self.section)
+        return SectionArm(section, self._flange, self._statics, self._dynamics)
+
+    def _flexible(self, *, bridged: bool) -> SoftSide:
+        """Return a new soft side; `bridged` is whether forces bridge what models differ by at a handover."""
+        chain = None if self.section is None else self.chain()
+        if chain is not None and not self._scenario.hands_over:
+            return chain
         arm = SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
         arm.effort.tell = self._tell
-        return arm
+        return arm if chain is None else HandoverArm(chain, arm, bridged=bridged)
 
     @property
     def finer(self) -> Callable[[int], SoftArm] | str:
@@ -289,7 +301,7 @@ class SoftModel:
 
     def side(self) -> SoftSide:
         """Return a soft side to run."""
-        flexible = self.trial()
+        flexible = self._flexible(bridged=True)
         if self._scenario.fidelity == "rigid":
             return FrozenBody(flexible, self._scenario.solver.air_drag_per_s)
         return flexible

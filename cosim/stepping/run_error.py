@@ -28,6 +28,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
+from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
 from cosim.coupling.soft_sides.source_film import SourceFilm
@@ -171,7 +172,8 @@ class ErrorFinder:
     def source(self) -> SourceFilm | None:
         """The film that the section model of the run was condensed from; None of a run with a film."""
         soft, refined = self._parts.soft, self._refined
-        return SourceFilm(soft, refined(0)) if isinstance(soft, SectionArm) and callable(refined) else None
+        chain = soft.chain if isinstance(soft, HandoverArm) else soft
+        return SourceFilm(chain, refined(0)) if isinstance(chain, SectionArm) and callable(refined) else None
 
     @property
     def side(self) -> SoftArm:
@@ -182,7 +184,7 @@ class ErrorFinder:
 
     def observe(self, batch: TickBatch) -> None:
         """Take in ticks; they come in order, and the run is where the last of them has led."""
-        phase, side = int(batch.phase[-1]), self._parts.soft
+        phase, side = int(batch.phase[-1]), self._parts.soft.acting
         if isinstance(side, SoftArm | SectionArm) and batch.branchings:
             here: Any = side.shape_now()
             length_m = float(side.shape_reader().figures([here]).center_line_m[0])
@@ -340,8 +342,10 @@ class ErrorFinder:
             return {}, "the refined mesh is on another branch"
         wanted = self._wanted(end)
         away = apart(away, here) | self._of_tension(wanted, pair, mesh, away["tip_m"])
-        of_section = {} if self.source is None else {"of_section": self._of_section(end, here, wanted, pair)}
-        return of_section | {
+        parts: dict[str, Any] = {}
+        if isinstance(end.state, SectionArmState):
+            parts["of_section"] = self._of_section(end.state, here, wanted, pair)
+        return parts | {
             "of_mesh": {key: FACTORS[key] * value for key, value in away.items()},
             "of_tick": {} if self._swings is None else self._of_tick(end.ticks, film, pair.rest),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
@@ -367,12 +371,11 @@ class ErrorFinder:
         return {}
 
     def _of_section(
-        self, end: PhaseEnd, here: dict[str, Any], wanted: TipTarget | None, pair: Pair
+        self, state: SectionArmState, here: dict[str, Any], wanted: TipTarget | None, pair: Pair
     ) -> dict[str, float]:
         """Return how far the chain of a section model is off its film, where both are at rest."""
-        source, state = self.source, end.state
+        source = self.source
         assert source is not None, "of a run with a section model"
-        assert isinstance(state, SectionArmState), "of a run with a section model"
         rest = source.chain_at_rest(state)
         frame = (state.flange.translation, state.flange.rotation[:, 2])
         own = shape_figures(self.side, rest.state.positions, frame)

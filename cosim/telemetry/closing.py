@@ -1,4 +1,4 @@
-"""What a run says at its end, in six lines: each from the summary alone, which holds the details."""
+"""What a run says at its end, in six lines or seven: each from the summary alone, which holds the details."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
+from cosim.telemetry.handovers import handover_line
 
 _ITSELF: Final = "contact with itself"
 _ERRORS: Final = {
@@ -26,7 +27,7 @@ _WIDTH: Final = len("stability: ")
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
-    """Return the six lines that end a run on screen.
+    """Return the six lines that end a run on screen; with a handover one more.
 
     Args:
         summary: of the run.
@@ -37,6 +38,7 @@ def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence
         "modelled": modelled_line(summary),
         "stability": stability_line(summary),
         "overlap": overlap_line(summary),
+        **({"handover": handover_line(summary["handover"])} if summary["handover"] else {}),
         "error": error_line(summary),
         "warnings": warnings_line(summary),
         "files": files_line(summary, directory, recordings),

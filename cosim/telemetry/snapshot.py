@@ -16,6 +16,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
 from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan.decision import Decision
@@ -213,6 +214,7 @@ class RunInfo(Shown):
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
         stiffener_strain: node positions (n, 3) [m] -> strain and strength of the stiffeners, None without.
         section_model: error and size of the section model; None where the film itself is modelled.
+        hands_over: whether the film takes over where the section model ends.
         expected_error: of each figure of the soft robot: low, high, against what, source; None: not measured.
         arm: what the plan asks of the arm; None without one.
         tip_paths: that the tip follows, by the index of their phase.
@@ -248,6 +250,7 @@ class RunInfo(Shown):
     hinge_energy_share: Callable[[Array], float] | None = None
     stiffener_strain: Callable[[Array], StiffenerStrain | None] | None = None
     section_model: dict[str, float] | None = None
+    hands_over: bool = False
     expected_error: dict[str, dict[str, Any] | None] = field(default_factory=dict)
     arm: PlannedArm | None = None
     tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
@@ -319,6 +322,7 @@ class Snapshot(Shown):
         branchings: unstable states that the soft robot has met in the tick, or is in.
         overlaps: of its films, at ticks at which it is looked for.
         footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
+        handovers: changes of the model that stands for the soft robot, before the tick, and ends of bridges.
     """
 
     tick: int
@@ -346,6 +350,7 @@ class Snapshot(Shown):
     branchings: tuple[Branching, ...] = ()
     overlaps: tuple[FilmOverlap, ...] = ()
     footing: Footing | None = None
+    handovers: tuple[Handover | BridgeEnd, ...] = ()
 
     @property
     def node_position(self) -> Array:

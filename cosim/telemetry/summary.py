@@ -14,6 +14,7 @@ from cosim.base.state_check import check_state
 from cosim.errors import InputError
 from cosim.telemetry import figures
 from cosim.telemetry.closing import error_line, swing_lines, swing_warnings
+from cosim.telemetry.handovers import handover_figures, handover_line, with_handovers
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -58,6 +59,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
         *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
+        *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
         f"- error: {error_line(summary)}",
         *figures.arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
@@ -154,6 +156,7 @@ class SummaryBuilder:
         self._tip_path = figures.TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
         self._overlaps: list[dict[str, Any]] = []
+        self._handovers: list[dict[str, Any]] = []
         self._devices = figures.DeviceFigures()
 
     def observe(self, batch: TickBatch) -> TickBatch:
@@ -170,6 +173,8 @@ class SummaryBuilder:
             self._branchings = figures.joined_branchings(self._branchings, name, time_s[row], passed)
         for row, overlaps in batch.overlaps.items():
             self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
+        for row, passed_on in batch.handovers.items():
+            self._handovers = with_handovers(self._handovers, name, time_s[row], passed_on)
         if self._energy is not None and self._stage.energy is not None:
             self._energy, each = self._energy.after(batch, self._stage.energy)
             batch = replace(batch, energy_J=each)
@@ -198,7 +203,7 @@ class SummaryBuilder:
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
         check_state(
             state.gathered,
-            own | {"_phases": [], "_branchings": [], "_overlaps": []},
+            own | {"_phases": [], "_branchings": [], "_overlaps": [], "_handovers": []},
             place="figures",
             sizes={"cables": len(self._stage.cables)},
             finite=False,
@@ -248,6 +253,7 @@ class SummaryBuilder:
             **self._figures,
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
+            "handover": handover_figures(self._handovers, simulated_s) if stage.hands_over else None,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
             "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},

@@ -26,6 +26,7 @@ from cosim.telemetry.snapshot import FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
+    from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
     from cosim.coupling.ticks_taken import TicksTaken
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
@@ -36,7 +37,7 @@ _STACKED: Final = (
     "body_contact_force", "soft_center", "soft_inertia", "chamber_pressure_Pa", "cable_tension_N",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
-_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing")
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers")
 """What few ticks have: by the rows of those."""
 _KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
 _OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
@@ -95,6 +96,7 @@ class TickBatch(RigidColumns):
         branchings: of the soft robot's states, by row; rows left out have none.
         overlaps: of its films, by row; rows left out have none, or were not looked at.
         footing: of the soft robot, by row, at ends of phases.
+        handovers: changes of its model before a tick, and ends of bridges, by row.
     """
 
     film: FilmShapes
@@ -137,6 +139,7 @@ class TickBatch(RigidColumns):
     branchings: Mapping[int, tuple[Branching, ...]]
     overlaps: Mapping[int, tuple[FilmOverlap, ...]]
     footing: Mapping[int, Footing]
+    handovers: Mapping[int, tuple[Handover | BridgeEnd, ...]]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:

@@ -213,6 +213,10 @@ class Interface:
         contact = None if self.contact is None else self.contact.save_state()
         return contact, None if self.light is None else self.light.save_state()
 
+    def begin_ticks(self) -> int:
+        """Let the soft side get ready for ticks; return how many may be taken before this is called again."""
+        return self.soft.begin_ticks(self.wrench, self.scene.tick_s)
+
     def begin(self, count: int) -> TicksTaken:
         """Return room for ticks, with what is there before the first of them."""
         flange, handed, bodies = self.scene.flange_pose, self.handed, self._bodies
@@ -314,6 +318,7 @@ class Interface:
             six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), float(bodies[6])
         )
         self.ticks += count
+        self.soft.passed(count)
 
 
 class Coupling(ABC):

@@ -315,6 +315,7 @@ class IteratedCoupling(Coupling):
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         interface, vector = self.interface, FlangeLoad(self.interface)
+        interface.begin_ticks()
         if interface.to_be_weighed:
             interface.update_stability_ratio()
         taken, joints = interface.begin(1), len(servos.position[0])

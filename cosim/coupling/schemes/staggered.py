@@ -150,7 +150,7 @@ class SoftHalves:
 
 def soft_halves(interface: Interface) -> SoftHalves:
     """Return what takes the ticks of an interface in a row."""
-    soft = interface.soft
+    soft = interface.soft.rowing
     if isinstance(soft, SectionArm) and interface.contact is None and not soft.stepper.losses_follow_shape:
         return _SectionHalves(interface)
     if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
@@ -168,7 +168,7 @@ class _FilmHalves(SoftHalves):
 
     @property
     def _soft(self) -> SoftArm:
-        soft = self.interface.soft
+        soft = self.interface.soft.rowing
         assert isinstance(soft, SoftArm), "soft_halves() has asked"
         return soft
 
@@ -272,7 +272,7 @@ class _SectionHalves(SoftHalves):
 
     @property
     def _soft(self) -> SectionArm:
-        soft = self.interface.soft
+        soft = self.interface.soft.rowing
         assert isinstance(soft, SectionArm), "soft_halves() has asked"
         return soft
 
@@ -401,11 +401,15 @@ class StaggeredCoupling(Coupling):
         self._weights = expecting_no_change(interface.soft.answer_weights)
         self._past = np.zeros((len(self._weights), joints))
         self._carries = False
-        self._halves = soft_halves(interface)
+        self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
-        self.interface.scene.check()
-        count = min(len(loads), self._halves.most)
+        interface = self.interface
+        interface.scene.check()
+        most = interface.begin_ticks()
+        if interface.soft.rowing is not self._rowing:  # another model steps from here on
+            self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
+        count = min(len(loads), self._halves.most, most)
         taken = self.interface.begin(count)
         self._halves.begin(loads[:count])
         try:
@@ -423,7 +427,8 @@ class StaggeredCoupling(Coupling):
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
 
         Returns:
-            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind.
+            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind,
+            nor where another model steps.
         """
         interface, first = self.interface, taken.done
         if interface.to_be_weighed:
@@ -442,7 +447,7 @@ class StaggeredCoupling(Coupling):
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
-        return not self._halves.plain
+        return not self._halves.plain and interface.soft.rowing is self._rowing
 
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy())

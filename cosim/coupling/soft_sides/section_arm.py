@@ -193,10 +193,16 @@ class SectionArm(SoftSide):
 
     @state.setter
     def state(self, film: SoftState) -> None:
-        chain, pressure = self._chain_of(film, self._flange)
+        chain, pressure = self.chain_of(film, self._flange)
         self._last, self._film = self._standing(chain, pressure, self._last.gradient), film
 
-    def _chain_of(self, film: SoftState, flange: Pose) -> tuple[ChainState, float]:
+    def chain_of(self, film: SoftState, flange: Pose) -> tuple[ChainState, float]:
+        """Return the chain of a film with the flange at a pose, and the pressure [Pa] it was made with.
+
+        Args:
+            film: that this arm has made, or any other, whose frames are then fitted.
+            flange: pose of the first frame.
+        """
         return self._films.chain(film, flange, self._last.pressure_Pa)
 
     def _standing(self, chain: ChainState, pressure_Pa: float, gradient: Array) -> ChainStep:
@@ -274,7 +280,7 @@ class SectionArm(SoftSide):
     ) -> Equilibrium:
         """Find the equilibrium near a state in one go; the present state stays."""
         begin = state if start is None else SoftState.at_rest(start, state.memory)
-        chain, pressure = self._chain_of(begin, world_from_flange)
+        chain, pressure = self.chain_of(begin, world_from_flange)
         return self._equilibria.solve(chain.frames, self.clamp, world_from_flange, loads, pressure)
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
@@ -306,7 +312,7 @@ class SectionArm(SoftSide):
         return self._stiffness_at(here).named(lowest, max(1, here.negative_pivots or 0))
 
     def _stiffness_at(self, here: Equilibrium) -> ChainStiffness:
-        chain, pressure = self._chain_of(here.state, here.world_from_flange)
+        chain, pressure = self.chain_of(here.state, here.world_from_flange)
         return self._stiffness(ChainShape(chain.frames, pressure), here.loads)
 
     def undecided(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Branching | None:
@@ -323,7 +329,7 @@ class SectionArm(SoftSide):
 
     def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
-        chain, pressure = self._chain_of(here.state, here.world_from_flange)
+        chain, pressure = self.chain_of(here.state, here.world_from_flange)
         acting = given_tensions(self._solver, chain.frames, here.loads, pressure)
         return ChainSensitivity(self._solver, chain.frames, self.clamp.free, acting, pressure)
 
@@ -339,7 +345,7 @@ class SectionArm(SoftSide):
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
-        chain, pressure = self._chain_of(found.state, found.world_from_flange)
+        chain, pressure = self.chain_of(found.state, found.world_from_flange)
         given, _ = given_tensions(self._solver, chain.frames, found.loads, pressure)
         gradient = self._solver.evaluate(chain.frames, given, pressure)
         self._last, self._film = self._standing(chain, pressure, gradient), found.state
@@ -349,6 +355,25 @@ class SectionArm(SoftSide):
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
         self.obstacles = self._equilibria.obstacles = obstacles
+
+    def resisting(self, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
+        """Return the gradient (f, 6) [N, N m] of the potential at frames (f, 4, 3) at rest, under loads.
+
+        Args:
+            frames: (f, 4, 3).
+            loads: that act.
+            pressure_Pa: of the gas.
+        """
+        given, _ = given_tensions(self._solver, frames, loads, pressure_Pa)
+        return self._solver.evaluate(frames, given, pressure_Pa)
+
+    def standing(self, chain: ChainState, pressure_Pa: float) -> ChainStep:
+        """Return a chain (without forces) as a step that ended there, to `go_to`."""
+        return self._standing(chain, pressure_Pa, np.zeros((len(chain.frames), 6)))
+
+    def hold_as(self, clamp: FrameClamp) -> None:
+        """Be held as a clamp has it."""
+        self.clamp = clamp
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they go with the flange."""

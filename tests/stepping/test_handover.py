@@ -1,0 +1,251 @@
+"""Runs that hand over between a section model and its film: no jumps, energy, saved states, what is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.app.driver import build_simulation, with_fidelity_chosen
+from cosim.build import soft_model
+from cosim.config.loading import load_scenario
+from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
+from cosim.coupling.soft_sides.handover_arm import HandoverArm
+from cosim.errors import OutOfRangeError
+from cosim.reduced.section_model import SectionModel
+from cosim.reduced.sections.section_energy import BENT
+from cosim.soft.solve.assembly import FilmEnergies
+from cosim.stepping.stepped_run import SteppedRun
+from cosim.telemetry.energy import COLUMNS, EnergyFigures, EnergyParts, EnergyRow
+from cosim.telemetry.energy_terms import TERMS
+from cosim.telemetry.handovers import handover_line
+from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.summary import SummaryBuilder
+from tests.small_section import on_a_ur5e, section
+from tests.stepping.snapshots import assert_close
+
+SWING = """
+[[phase]]
+name = "turn"
+duration_s = 0.3
+increments = 12
+flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.8 }
+[[phase]]
+name = "back"
+duration_s = 0.3
+settle_s = 0.5
+increments = 24
+flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = 0.8 }
+"""
+JERK = """
+[[phase]]
+name = "jerk"
+duration_s = 0.1
+settle_s = 0.25
+flange_shift_m = [0.04, 0.0, 0.0]
+"""
+DROP = """
+[[phase]]
+name = "bear"
+duration_s = 0.3
+[[object]]
+name = "box"
+shape = "box"
+size_m = [0.03, 0.03, 0.03]
+mass_kg = 0.05
+position_m = [0.48, 0.0, 0.50]
+"""
+HANGING, LEANING = [0.0, 0.0, -1.0], [0.8, 0.0, -0.6]
+
+
+@cache
+def narrowed(share: float) -> SectionModel:
+    """Return the model of three units with a share of its range of bending."""
+    model = section().model
+    energy = model.energy.copy()
+    energy[:, :, BENT] *= share**2
+    return replace(model, energy=energy)
+
+
+def run_of(
+    folder: Path, phases: str, share: float = 0.5, direction: Any = HANGING, **changes: Any
+) -> SteppedRun:
+    """Return a run of three units on a UR5e."""
+    path = folder / "three_units.toml"
+    text = on_a_ur5e(25e3, phases).replace("[0.0, 0.0, -1.0]", str(direction))
+    path.write_text(text, encoding="utf-8")
+    given = {"model.handover": True, "solver.integrator": "bdf2", "solver.dynamic_tolerance_N": 1e-5}
+    given |= {name.replace("__", "."): value for name, value in changes.items()}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder / str(share)))
+        patch.setattr(soft_model, "build_model", lambda *_: narrowed(share))
+        scenario = with_fidelity_chosen(load_scenario(path, given), lambda _text: None)
+        return build_simulation(scenario)
+
+
+def changes_of(snapshots: list[Snapshot]) -> list[Handover]:
+    return [each for shot in snapshots for each in shot.handovers if isinstance(each, Handover)]
+
+
+def together(run: SteppedRun, many: int = 64) -> list[Snapshot]:
+    return [snapshot for batch in run.batches(many) for snapshot in batch]
+
+
+def check_no_jumps(snapshots: list[Snapshot], changes: list[Handover]) -> None:
+    """What is told of each change is small, and so is what tip and wrench do there beyond their usual way."""
+    for change in changes:
+        assert change.tip_jump_m < 5e-4
+        assert change.wrench_gap < 0.05
+        near = range(change.tick - 4, change.tick + 4)
+        tips = np.array([snapshots[k].tip_position for k in near])
+        forces = np.array([snapshots[k].ledger.wrench.force for k in near])
+        bends, kinks = (np.linalg.norm(np.diff(x, n=2, axis=0), axis=1) for x in (tips, forces))
+        assert bends[2:5].max() < 5e-4
+        assert kinks[2:5].max() - np.median(kinks) < 0.02 * np.linalg.norm(forces, axis=1).max()
+
+
+def test_a_swinging_arm_is_handed_over_and_taken_back(tmp_path: Path) -> None:
+    snapshots = together(run_of(tmp_path, SWING, 0.1, solver__damping_per_s=20.0))
+    changes = changes_of(snapshots)
+    assert [change.to for change in changes] == ["film", "section"]
+    assert "bent by 1.0 degrees" in changes[0].why
+    check_no_jumps(snapshots, changes)
+    whole = together(run_of(tmp_path, SWING, 1.0, solver__damping_per_s=20.0))
+    assert not changes_of(whole)
+    assert np.linalg.norm(snapshots[-1].tip_position - whole[-1].tip_position) < 1e-4
+    film = together(run_of(tmp_path, SWING, fidelity="lumped", solver__damping_per_s=20.0))
+    at = range(changes[0].tick + 100, changes[1].tick)  # where the film acts alone
+    away = [np.linalg.norm(snapshots[k].tip_position - film[k].tip_position) for k in at]
+    assert max(away) < 3e-4
+
+
+def test_a_jerk_and_a_falling_box_make_no_jump(tmp_path: Path) -> None:
+    jerked = together(run_of(tmp_path, JERK))
+    assert [change.to for change in changes_of(jerked)] == ["film"]
+    check_no_jumps(jerked, changes_of(jerked))
+    hit = together(run_of(tmp_path, DROP, 0.3, LEANING))
+    (change,) = changes_of(hit)
+    assert max(shot.ledger.contacts for shot in hit) > 0
+    assert change.tip_jump_m < 5e-4
+    assert change.wrench_gap < 0.05
+
+
+def test_without_a_handover_the_run_ends_there(tmp_path: Path) -> None:
+    with pytest.raises(OutOfRangeError, match="the section model ends here"):
+        together(run_of(tmp_path, JERK, model__handover=False, contact__only_in_reach=False))
+
+
+def test_how_many_ticks_come_at_once_changes_nothing(tmp_path: Path) -> None:
+    changes = {"solver__damping_per_s": 20.0, "phase__back__settle_s": 0.45}
+    rows = together(run_of(tmp_path, SWING, 0.1, **changes))
+    ticks = list(run_of(tmp_path, SWING, 0.1, **changes).steps())
+    assert changes_of(rows)[1].to == "section"
+    assert_close(rows, ticks, 1e-9)
+    assert [shot.handovers for shot in rows] == [shot.handovers for shot in ticks]
+
+
+@pytest.mark.parametrize("at", [100, 360, 420], ids=["on film, fading", "fading", "taken back"])
+def test_a_run_goes_on_from_a_saved_state(tmp_path: Path, at: int) -> None:
+    run = run_of(tmp_path, SWING, 0.1, solver__damping_per_s=20.0)
+    run.advance(at + 1)
+    state = run.save_state()
+    expected = list(run.steps(40))
+    other = run_of(tmp_path, SWING, 0.1, solver__damping_per_s=20.0)
+    other.advance(1)
+    other.restore_state(state)
+    assert_close(list(other.steps(40)), expected, 0.0)
+    run.restore_state(state)
+    assert_close(list(run.steps(40)), expected, 0.0)
+
+
+def test_statics_hand_over_and_take_back(tmp_path: Path) -> None:
+    snapshots = together(run_of(tmp_path, SWING, 0.1, mode="quasistatic"))
+    changes = changes_of(snapshots)
+    assert [change.to for change in changes] == ["film", "section"]
+    assert max(change.tip_jump_m for change in changes) < 1e-5
+    tips = np.array([shot.tip_position for shot in snapshots])
+    film = together(run_of(tmp_path, SWING, fidelity="lumped", mode="quasistatic"))
+    assert np.linalg.norm(tips[12] - film[12].tip_position) < 3e-4
+    for change in changes:
+        near = tips[change.tick - 3 : change.tick + 4]
+        assert np.linalg.norm(np.diff(near, n=3, axis=0), axis=1).max() < 5e-4
+
+
+def test_a_run_tells_its_changes(tmp_path: Path) -> None:
+    run = run_of(tmp_path, JERK)
+    summary = SummaryBuilder(run.stage, 0.0, "test")
+    for batch in run.batches():
+        summary.observe(batch)
+    found = summary.finish("completed", None, 1.0)["handover"]
+    (change,) = found["changes"]
+    assert (change["to"], change["phase"]) == ("film", "jerk")
+    assert found["section_s"] == pytest.approx(change["time_s"])
+    assert found["section_s"] + found["film_s"] == pytest.approx(run.stage.duration_s)
+    assert change["faded_s"] == pytest.approx(change["time_s"] + 0.2, abs=0.003)
+    assert f"film from {change['time_s']:.4g} s" in handover_line(found)
+    whole = run_of(tmp_path, JERK, 1.0)
+    assert handover_line({"changes": [], "film_s": 0.0}).startswith("none")
+    assert whole.stage.hands_over
+
+
+def seen_ticks(snapshots: list[Snapshot]) -> Any:
+    """Return what the balance sees of ticks."""
+
+    def column(read: Any) -> Any:
+        return np.array([np.ravel(read(shot)) for shot in snapshots])
+
+    none = np.zeros(len(snapshots))
+    return SimpleNamespace(
+        node_position=np.array([shot.node_position for shot in snapshots]),
+        chamber_volume_m3=column(lambda shot: shot.chamber_volume_m3),
+        chamber_pressure_Pa=column(lambda shot: shot.chamber_pressure_Pa),
+        cable_tension_N=column(lambda shot: shot.cable_tension_N),
+        wrench=column(lambda shot: [shot.ledger.wrench.force, shot.ledger.wrench.torque]),
+        flange_position=column(lambda shot: shot.world_from_flange.translation),
+        flange_rotation=np.array([shot.world_from_flange.rotation for shot in snapshots]),
+        flange_twist=column(lambda shot: [shot.flange_twist.linear, shot.flange_twist.angular]),
+        contact_work_J=none, self_contact_work_J=none, eyelets_J=none,
+    )  # fmt: skip
+
+
+def test_energy_is_balanced_over_the_change(tmp_path: Path) -> None:
+    """From the first tick of the film on: what the bridge does is all that is put in besides."""
+    run = run_of(tmp_path, JERK, contact__enabled=False)
+    soft, snapshots = run._parts.soft, [run.advance(1)]
+    assert isinstance(soft, HandoverArm)
+    while not changes_of(snapshots[-1:]):
+        snapshots.append(run.advance(1))
+    state, bridge = soft.film.state, soft.save_state().bridge
+    assert state.earlier is not None
+    assert bridge is not None
+    done_J = bridge.work_J
+    snapshots = [snapshots[-1], *run.steps()]
+    film = FilmEnergies(soft.body, run.stage.tick_s)
+    parts = EnergyParts.of(
+        soft.body, film.elastic, None, soft.film.dynamics, run.stage.tick_s, run.stage.gravity
+    )
+    x, v, (x_before, v_before) = state.positions, state.velocities, state.earlier
+    accelerations = (v - v_before) / run.stage.tick_s
+    motion = np.array([x, x_before, v, v_before, accelerations, np.zeros_like(x)])
+    kinetic = 0.5 * float(np.einsum("n,nr,nr->", soft.body.node_mass, v, v))
+    first = seen_ticks(snapshots[:1])
+    columns = (
+        first.chamber_volume_m3, first.chamber_pressure_Pa, first.cable_tension_N, first.wrench,
+        first.flange_position, first.flange_rotation.reshape(1, 9),
+    )  # fmt: skip
+    row = EnergyRow(motion, np.zeros(COLUMNS), np.zeros(len(parts.segments)), np.hstack(columns)[0])
+    begun = EnergyFigures(done=kinetic, elastic=film.elastic(x), ticks=1, last=row)
+    _, terms = begun.after(seen_ticks(snapshots[1:]), parts)
+    known = dict(zip(TERMS, terms.T, strict=True))
+    (faded,) = [each for shot in snapshots for each in shot.handovers if isinstance(each, BridgeEnd)]
+    ends = int(np.flatnonzero(np.isfinite(known["rest_J"]))[-1])
+    works = ("gas_J", "flange_J", "gravity_J", "kinetic_J")
+    turned = max(abs(known[name][: ends + 1]).max() for name in works)
+    rest, bridged = known["rest_J"][ends] + kinetic, faded.work_J - done_J
+    assert abs(bridged) > 0.005 * turned
+    assert rest == pytest.approx(-bridged, abs=0.002 * turned)
