@@ -9,7 +9,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.reduced.sections.assembly import assemble, change_frames
 from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
-from cosim.reduced.solve.clamp import carried
+from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.newton import nothing_touched
 
 FRAMES = 4
@@ -34,7 +34,7 @@ class Loaded:
         eyelets, tension = random.normal(0.0, 0.03, (FRAMES - 1, 2, 3)), random.uniform(1.0, 2.0, FRAMES - 1)
         length = np.full(FRAMES - 1, 50.0)
         cables = np.arange(1, FRAMES), eyelets, tension
-        self.chain = LoadedChain(coefficients, length, mass, load, *cables, *nothing_touched())
+        self.chain = LoadedChain(coefficients, length, np.arange(FRAMES - 1), mass, load, *cables, *nothing_touched())
 
     def at(self, frames: Array, *, hessian: bool = False) -> tuple[float, Array, Array]:
         """Return potential, gradient (6 f,) and Hessian (6 f, 6 f)."""
