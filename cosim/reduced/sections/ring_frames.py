@@ -18,6 +18,8 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 
 POINTS = 4
+_ALIKE_M = 1e-9
+_ROUNDING = 1e-6
 
 
 def points_of(pose: Pose) -> Array:
@@ -143,6 +145,28 @@ class RingFrames:
     def __len__(self) -> int:
         return len(self.rings) + 1
 
+    @property
+    def alike(self) -> list[list[int]]:
+        """The sections of one copy in groups that differ in nothing but their place; ends are by themselves."""
+        last, groups = len(self.near) // self.copies - 1, list[list[int]]()
+        for s in range(last + 1):
+            same = (g for g in groups if 0 < s < last and g[0] > 0 and self._differ(g[0], s) < _ALIKE_M)
+            group = next(same, None)
+            if group is None:
+                groups.append([s])
+            else:
+                group.append(s)
+        return groups
+
+    def _differ(self, s: int, other: int) -> float:
+        """Return by how much [m] the drawn rings of two sections differ, infinite if in their nodes."""
+        (start, end), (begin, stop) = (self.shapes[k - 1 : k + 1] for k in (s, other))
+        if start.shape != begin.shape or end.shape != stop.shape:
+            return np.inf
+        heights = [self.drawn[k + 1, 0, 2] - self.drawn[k, 0, 2] for k in (s, other)]
+        rings = max(np.abs(start - begin).max(), np.abs(end - stop).max())
+        return float(max(rings, abs(heights[0] - heights[1])))
+
     def fit(self, positions: Array, flange: Pose) -> Array:
         """Return the frames (f, 4, 3) of a film at node positions (n, 3) [m]."""
         frames = np.empty((len(self), POINTS, 3))
@@ -235,3 +259,12 @@ def frames_from_strains(first: Array, values: Array) -> Array:
         step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
         frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))
     return np.array(frames)
+
+
+def corners(shape: Array) -> tuple[int, float]:
+    """Return how many corners a ring (m, 3) has, and the angle of one; 0 if they are not evenly spaced."""
+    radius, angle = np.hypot(shape[:, 0], shape[:, 1]), np.arctan2(shape[:, 1], shape[:, 0])
+    at = np.sort(angle[radius > radius.max() * (1.0 - _ROUNDING)])
+    steps = np.diff([*at, at[0] + 2.0 * np.pi])
+    even = np.abs(steps - steps.mean()).max() < _ROUNDING
+    return (len(at), float(at[0])) if even and len(at) > 2 else (0, 0.0)
