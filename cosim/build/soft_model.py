@@ -10,7 +10,7 @@ What stands for the soft robot of a scenario: its body, its section model, and s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import final
@@ -155,8 +155,9 @@ def section_model(
     Raises:
         ScenarioError: the film has no smooth states to condense.
     """
-    if body is None:
-        body = build_soft_body(file_of(scenario, "a section model"), scenario.model)
+    robot = file_of(scenario, "a section model")
+    if body is None or robot.copies is not None:  # copies share the model of one of them
+        body = build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
     # a section model's cables lose one way: energies are condensed along one way of loading
     one_way = (replace(cable, directed=False, loss_N=0.0) for cable in body.cables)
     body = body.with_other(Cable, *one_way)
@@ -199,9 +200,8 @@ def largest_covered(scenario: Scenario) -> float:
     """Return the pressure [Pa] up to which a scenario's section model is built."""
     given = [scenario.start.pressure_Pa, *(phase.pressure_Pa for phase in scenario.phases)]
     given += [p for phase in scenario.phases for p in (phase.pump_pressure_Pa or {}).values()]
-    # a stack of units is one chamber; where several are named, there is no section model
-    single = [float(p) for p in given if isinstance(p, int | float)]
-    return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for p in single))
+    values = [p.values() if isinstance(p, Mapping) else p if isinstance(p, tuple) else (p,) for p in given]
+    return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for row in values for p in row if p is not None))
 
 
 def content_hash(body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None) -> str:

@@ -13,6 +13,7 @@ from cosim.config.schema.phase import (
     CELL_KEYS,
     SETPOINTS,
     ForceTable,
+    PerChamber,
     PhaseTable,
     StartTable,
     SupportTable,
@@ -176,12 +177,6 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
     robot = scenario.soft_robot
     if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable):
         return
-    if robot.copies:
-        yield Fault(
-            "soft_robot.copies",
-            "have no section model: fingers fold where they close, and a folded section has no equilibrium "
-            f"to condense (docs/section.md); {_TAKE}",
-        )
     if robot.attachments:
         yield "soft_robot.attach", f"has no section model: it is of one stack of units; {_TAKE}"
     if robot.base != (FIRST_RING,):
@@ -191,6 +186,23 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
             f"soft_robot.cable.{cable.name}.eyelet_loss_N",
             f"is not in a section model, whose cables lose a share of their tension one way; {_TAKE}, or 0",
         )
+
+
+@rule
+def _copies_of_a_section_model_have_one_pressure(scenario: Scenario) -> Told:
+    robot = scenario.soft_robot
+    if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable) or not robot.copies:
+        return
+    settings: list[tuple[str, PerChamber[float] | None]] = [("start.pressure_Pa", scenario.start.pressure_Pa)]
+    settings += [(f"phase.{phase.name}.pressure_Pa", phase.pressure_Pa) for phase in scenario.phases]
+    for key, given in settings:
+        values = tuple(given.values()) if isinstance(given, Mapping) else given
+        if isinstance(values, tuple) and (len(values) < robot.copies.count or len(set(values)) > 1):
+            yield key, f"is not alike for all copies, as their section models need it; {_TAKE}"
+    for phase in scenario.phases:
+        gas = tuple(phase.gas.values()) if isinstance(phase.gas, Mapping) else phase.gas
+        if gas is not None and "sealed" in (gas if isinstance(gas, tuple) else (gas,)):
+            yield f"phase.{phase.name}.gas", f"is sealed; section models of copies need pressures; {_TAKE}"
 
 
 @rule

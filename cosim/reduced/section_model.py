@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.reduced.sections.assembly import chain_points, combine_points, gas_volumes
-from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
+from cosim.errors import InputError
+from cosim.reduced.sections.assembly import GasTables, chain_points, combine_points, gas_volumes
+from cosim.reduced.sections.ring_frames import RingFrames
 from cosim.reduced.sections.section_energy import HIGH, PressureSpline
 from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.gas import SealedGas
 
 _REACH_PRESSURES = 20
 _REACH_MARGIN = 1.05  # of lengths along the axes over those across: sections are sheared a little
@@ -47,21 +50,29 @@ class SectionModel:
     tip_error: float = float("nan")
     tip_error_m: float = float("nan")
 
+    def times(self, copies: int) -> SectionModel:
+        """Return the model of so many copies side by side."""
+        energy, length = np.tile(self.energy, (1, copies, 1)), np.tile(self.length, (1, copies))
+        return replace(self, energy=energy, length=length, nodes=np.tile(self.nodes, (1, copies, 1, 1)))
+
 
 @final
 class SectionBody:
-    """A stack of units as a chain of frames.
+    """A stack of units as a chain of frames, or copies of it as chains side by side.
 
     Args:
         body: whose film it is.
-        model: condensed from that film.
+        model: condensed from that film, of one copy.
     """
 
     def __init__(self, body: SoftBody, model: SectionModel) -> None:
-        self.body, self.model = body, model
         self.frames = RingFrames.of(body)
+        self.copies = self.frames.copies
+        self.body, self.model = body, model.times(self.copies)
+        model = self.model
         self.mass = self.frames.masses(body.node_mass, body.positions)
         self.mass_kg = float(self.mass[:, 0, 0].sum())
+        self._one = model.length.shape[1] // self.copies
         size = model.spline.size
         self._energies = np.ascontiguousarray(model.energy.reshape(size, -1))
         self._lengths = np.ascontiguousarray(model.length)
@@ -81,14 +92,16 @@ class SectionBody:
         spline, model = self.model.spline, self.model
         over = np.array([spline.basis(pressure)[0] for pressure in spline.pressures(_REACH_PRESSURES)])
         stretch = np.einsum("pk,ks->ps", over, model.energy[:, :, HIGH])
-        length = float(((over @ model.length) * (1.0 + stretch)).sum(axis=1).max())
-        radius = float(np.linalg.norm(self.body.positions[:, :2], axis=1).max())
-        return _REACH_MARGIN * (length + radius)
+        ends = ((over @ model.length) * (1.0 + stretch))[:, : self._one]
+        frames = self.frames
+        base, nodes = frames.drawn[frames.chains[0].start], self.body.positions[: len(frames.before) // self.copies]
+        radius = float(np.linalg.norm((nodes - base[0]) @ base[1:3].T, axis=1).max())
+        return float(np.linalg.norm(base[0])) + _REACH_MARGIN * (float(ends.sum(axis=1).max()) + radius)
 
     @property
-    def chain(self) -> tuple[Array, Array, Array]:
-        """Coefficients (s, c), 1 / L (s,) [1/m] and masses (f, 4, 4) as the kernels take them."""
-        return self.coefficients, self.inverse_length, self.mass
+    def chain(self) -> tuple[Array, Array, IntArray, Array]:
+        """Coefficients (s, c), 1 / L (s,) [1/m], frames before and masses (f, 4, 4) as the kernels take them."""
+        return self.coefficients, self.inverse_length, self.frames.near, self.mass
 
     @property
     def tables(self) -> tuple[Array, Array]:
@@ -105,22 +118,48 @@ class SectionBody:
         self.terms.values(self._lengths, self.inverse_length)
         np.divide(1.0, self.inverse_length, out=self.inverse_length)
 
-    def volume(self, frames: Array) -> float:
-        """Return the enclosed volume [m^3] at frames (f, 4, 3), at the pressure that is set."""
-        return float(self.volumes(frames[None], np.array([self._pressure]))[0])
+    def volume(self, frames: Array) -> Array:
+        """Return the volumes (copies,) [m^3] enclosed at frames (f, 4, 3), at the pressure that is set."""
+        found: Array = self.volumes(frames[None], np.array([self._pressure]))[0]
+        return found
+
+    def pressure(self, loads: Loads) -> float:
+        """Return the gauge pressure [Pa] that loads give the gas.
+
+        Raises:
+            InputError: copies are given different ones.
+        """
+        given = loads.pressures(self.copies)
+        if min(given) != max(given):
+            raise InputError(
+                f"pressures of copies are {min(given):g} to {max(given):g} Pa; section models of copies have "
+                "one for all; use fidelity = 'lumped'"
+            )
+        return given[0]
+
+    def gas(self, loads: Loads) -> SealedGas | None:
+        """Return the sealed gas of loads; None where its pressure is given.
+
+        Raises:
+            InputError: there are copies, whose gases would have pressures of their own.
+        """
+        gases = loads.gases(self.copies)
+        if self.copies > 1 and any(gas is not None for gas in gases):
+            raise InputError("section models of copies need given pressures; use fidelity = 'lumped'")
+        return gases[0]
 
     def straight(self, pressure_Pa: float) -> Array:
         """Return the frames (f, 4, 3) of a straight chain with sections in the middle of their range."""
         frames = self.frames.drawn.copy()
-        frames[1:, 0, 2] = np.cumsum(self.model.spline.basis(pressure_Pa)[0] @ self.model.length)
-        return frames
+        length = self.model.spline.basis(pressure_Pa)[0] @ self.model.length
+        return self.frames.strained(frames, np.outer(length, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)))
 
     def stretched(self, frames: Array, before_Pa: float, after_Pa: float) -> Array:
         """Return the frames (f, 4, 3) at another pressure, each section at the same place in its range."""
         spline, length = self.model.spline, self.model.length
-        values = strains(frames[:-1], frames[1:])
+        values = self.frames.strains(frames)
         values[:, 2] *= (spline.basis(after_Pa)[0] @ length) / (spline.basis(before_Pa)[0] @ length)
-        return frames_from_strains(frames[0], values)
+        return self.frames.strained(frames, values)
 
     def node_weights(self, pressure_Pa: float) -> Array:
         """Return (n, 2, 4): each node as a combination of the points of the frames beside it."""
@@ -153,10 +192,11 @@ class SectionBody:
         return result
 
     def volumes(self, frames: Array, pressure_Pa: Array) -> Array:
-        """Return the enclosed volumes (k,) [m^3] of chains (k, f, 4, 3) at pressures (k,)."""
-        model = self.model
-        found = gas_volumes(frames, pressure_Pa, model.spline, self._energies, self._lengths, model.gas)
-        return np.asarray(found)
+        """Return the volumes (k, copies) [m^3] enclosed by chains (k, f, 4, 3) at pressures (k,)."""
+        tables = GasTables(self._energies, self._lengths, self.model.gas, self.frames.near)
+        result = np.empty((len(frames), self.copies))
+        gas_volumes(frames, pressure_Pa, self.model.spline, tables, result)
+        return result
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
         """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""

@@ -80,8 +80,9 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
     if not faces.can_meet:
         return "none: the film is one unit, which does not touch itself"
     if scenario.fidelity == "section":
-        film = "; between all of them while the film stands for it" if scenario.hands_over else ""
-        return f"between neighbouring units, in the energy of the sections, without friction{film}"
+        apart = "; copies pass through one another" if body.copies else ""
+        apart = "; between all of them while the film stands for it" if scenario.hands_over else apart
+        return f"between neighbouring units, in the energy of the sections, without friction{apart}"
     friction = "no friction" if scenario.mode == "quasistatic" else f"friction {given.self_friction:g}"
     since = "" if given.self_contact is True else ", from where they come to press"
     return f"between {faces.units} units, outside of the film, {friction}{since}"

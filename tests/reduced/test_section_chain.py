@@ -7,12 +7,25 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.reduced.sections.assembly import assemble, change_frames
-from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
+from cosim.reduced.sections.ring_frames import carried
+from cosim.reduced.sections.section_energy import (
+    BENT,
+    COEFFICIENTS,
+    COLUMNS,
+    HIGH,
+    LINE,
+    LOW,
+    ROWS,
+    Z_FROM,
+    PressureSpline,
+    basis,
+)
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
-from cosim.reduced.solve.clamp import carried
 from cosim.reduced.solve.newton import nothing_touched
 
 FRAMES = 4
+FIXED = np.array([-0.5, 0.2, 0.07, 4.0, np.cos(0.7), np.sin(0.7)])
+"""Knots, and a square ring whose first corner is at no round angle."""
 
 
 class Loaded:
@@ -24,9 +37,10 @@ class Loaded:
         origins = np.array([[0.0, 0.0, 0.02 * f] for f in range(FRAMES)])
         origins += random.normal(0.0, 1e-3, origins.shape)
         self.frames = np.array([np.vstack([r, turn.T]) for r, turn in zip(origins, turns, strict=True)])
-        coefficients = self.coefficients = np.zeros((FRAMES - 1, COEFFICIENTS + 3))
+        coefficients = self.coefficients = np.zeros((FRAMES - 1, COLUMNS))
         self.coefficients[:, :COEFFICIENTS] = random.normal(size=(FRAMES - 1, COEFFICIENTS))
-        self.coefficients[:, 17:20] *= 1e3  # shear is in metres
+        self.coefficients[:, ROWS * LINE : ROWS * LINE + 9] *= 1e3  # shear is in metres
+        self.coefficients[:, Z_FROM:] = FIXED
         self.coefficients[:, [LOW, HIGH, BENT]] = (-10.0, 10.0, 10.0)
         square = random.normal(size=(FRAMES, 4, 6))
         mass, load = square @ square.transpose(0, 2, 1), random.normal(size=(FRAMES, 4, 3))
@@ -34,7 +48,8 @@ class Loaded:
         eyelets, tension = random.normal(0.0, 0.03, (FRAMES - 1, 2, 3)), random.uniform(1.0, 2.0, FRAMES - 1)
         length = np.full(FRAMES - 1, 50.0)
         cables = np.arange(1, FRAMES), eyelets, tension
-        self.chain = LoadedChain(coefficients, length, mass, load, *cables, *nothing_touched())
+        sections = coefficients, length, np.arange(FRAMES - 1)
+        self.chain = LoadedChain(*sections, mass, load, *cables, *nothing_touched())
 
     def at(self, frames: Array, *, hessian: bool = False) -> tuple[float, Array, Array]:
         """Return potential, gradient (6 f,) and Hessian (6 f, 6 f)."""
@@ -120,7 +135,7 @@ def test_the_slopes_of_the_terms_are_theirs() -> None:
 
     def values(x: Array) -> tuple[Array, Array]:
         value, gradient = np.zeros((5, COEFFICIENTS)), np.zeros((5, 6, COEFFICIENTS))
-        basis(x, np.full(5, 10.0), value, gradient)
+        basis(x, np.full(5, 10.0), FIXED, value, gradient)
         return value, gradient
 
     gradients = values(strain)[1]

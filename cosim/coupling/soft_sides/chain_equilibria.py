@@ -12,10 +12,10 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import supplied_wrench
+from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainScheme, ChainState, ChainStep
 from cosim.reduced.solve.clamp import (
     FrameClamp,
-    carried,
     check_pressure,
     place_in_range,
     rates_from_nodes,
@@ -108,11 +108,11 @@ class ChainEquilibria:
             hung = self.solve(self._straight(0.0, flange), clamp, flange, hanging)
             return self.follow(hung, clamp, flange, loads)
         except ConvergenceError:
-            if loads.gases(1)[0] is not None:
+            if self._section.gas(loads) is not None:
                 raise
-        pressure = loads.pressures(1)[0]
+        pressure = self._section.pressure(loads)
         x, y, z = (float(np.linalg.norm(loads.gravity)) * flange.rotation[:, 2]).tolist()
-        hanging = Loads((pressure,), slack, (x, y, z))
+        hanging = Loads((pressure,) * self._section.copies, slack, (x, y, z))
         hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
         return self.follow(hung, clamp, flange, loads)
 
@@ -170,7 +170,7 @@ class ChainEquilibria:
         )
         if self.obstacles is None:
             return solve_loaded(self._solver, task, loads, start, begin_Pa), loads
-        pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+        pressure = begin_Pa if self._section.gas(loads) is not None else self._section.pressure(loads)
         spent = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
@@ -210,8 +210,8 @@ class ChainEquilibria:
             motion = pose @ here.world_from_flange.inverse()
             chain, pressure = self._films.chain(here.state, here.world_from_flange, pressure_Pa)
             load, frames = begin.loads.interpolated(loads, load_factor), chain.frames
-            if load.gases(1)[0] is None:
-                frames = self._section.stretched(frames, pressure, load.pressures(1)[0])
+            if self._section.gas(load) is None:
+                frames = self._section.stretched(frames, pressure, self._section.pressure(load))
             try:
                 found = self.solve(carried(frames, motion), clamp, pose, load, pressure)
             except ConvergenceError as error:

@@ -25,8 +25,9 @@ from cosim.coupling.soft_sides.soft_side import (
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
-from cosim.reduced.solve.clamp import FrameClamp, carried, node_motion, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.clamp import FrameClamp, node_motion, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
 from cosim.reduced.solve.stability import ChainStiffness
 from cosim.reduced.solve.time_step import ChainStepper, given_tensions
@@ -113,7 +114,7 @@ class ChainReader(ShapeReader):
         frames, pressure_Pa = _stacked(shapes)
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
-        return figures_at(found, self._tip, volumes[:, None])
+        return figures_at(found, self._tip, volumes)
 
 
 @final
@@ -425,10 +426,13 @@ class SectionArm(SoftSide):
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         rates = rates_from_nodes(self.section.frames, self._last.frames, displacement)
-        moved = twists(self._last.frames, rates)
-        moved[0] = rigid_motion(
+        frames, bases = self._last.frames, self.section.frames.bases
+        moved = twists(frames, rates)
+        flange = rigid_motion(
             self.body.positions[self.body.base] @ self._flange.rotation.T, displacement[self.body.base]
         )
+        moved[bases, :3] = flange[:3] + np.cross(flange[3:], frames[bases, 0] - frames[0, 0])
+        moved[bases, 3:] = flange[3:]
         return float(np.einsum("fi,fi->", self._last.gradient[self.clamp.held], moved[self.clamp.held]))
 
     def shape_now(self) -> ChainShape:
@@ -445,8 +449,8 @@ class SectionArm(SoftSide):
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:
-        """Volume inside film and caps at the present shape."""
-        return (self._solver.volume(self._last.frames, self._last.pressure_Pa),)
+        """Volume inside film and caps of each copy at the present shape."""
+        return tuple(self._solver.volume(self._last.frames, self._last.pressure_Pa).tolist())
 
     @property
     def reach_m(self) -> float:
@@ -455,8 +459,8 @@ class SectionArm(SoftSide):
 
     @property
     def pressures_Pa(self) -> tuple[float, ...]:
-        """Gauge pressure in the chamber: the given one, or that of the sealed gas at the present volume."""
-        return (self._last.pressure_Pa,)
+        """Gauge pressure in the chambers: the given one, or that of the sealed gas at the present volume."""
+        return (self._last.pressure_Pa,) * self.section.copies
 
     @property
     def mass_kg(self) -> float:

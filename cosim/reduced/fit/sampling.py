@@ -14,13 +14,13 @@ section hang known forces only, so their resultant is the derivative of its ener
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import final
+from typing import TypeAlias, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.errors import ConvergenceError
-from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
+from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Sums
@@ -126,12 +126,20 @@ def _chosen(measure: Array, place: IntArray) -> Array:
     return np.asarray(measure.transpose(0, 2, 1, 3)[np.arange(len(place))[:, None], place])
 
 
+Sample: TypeAlias = tuple[float, Array, Array, float, Array, Array]
+"""Pressure, strains, forces, volume, frames and nodes, as in `Samples`."""
+
 _STILL = (0.0, 0.0, 0.0)
 _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
-_BEND_MAX = 0.5
+_BEND_MAX = 0.6
+_ONE_WAY, _ANGLES = 0.5, 12  # share of ways that bend in one plane, at one of so many angles
+_TIP_SHARE = 0.3
+_BASE_REACH = 1.8  # nothing on the other side of the base meets the first ring
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
-_LEAST_STEP = 0.1  # of the way to a sample
+_BEND_STEP, _STEP = 0.06, 0.08  # bend, and share of the length, from one sample of a way to the next
+_LEAST_STEP = 0.05  # of that
+_ROUNDING = 1e-9
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
 
 
@@ -144,21 +152,21 @@ class WorkingRange:
         pressures_Pa: rising from 0.
         tension_N: axial force up to which sections are stretched.
         compression: largest shortening of a section over its length without load; less at low pressure.
-        bend: largest angle between neighbouring frames, relative to that at which their rims would meet.
+        bend: largest angle between neighbouring frames, relative to that at which their corners would meet.
         twist: sine of the largest angle about the axis.
         shear_m: largest shift between neighbouring frames.
         small: share of bend, twist and shear in samples that are almost straight.
-        samples: at each pressure, besides straight and almost straight ones.
+        samples: ways at each pressure, besides those to straight and almost straight ones.
     """
 
     pressures_Pa: tuple[float, ...]
     tension_N: float
     compression: float = 0.35
-    bend: float = 0.75
-    twist: float = 0.02
-    shear_m: float = 3e-4
+    bend: float = 1.5
+    twist: float = 0.1
+    shear_m: float = 1.5e-3
     small: float = 0.15
-    samples: int = 24
+    samples: int = 16
 
 
 @final
@@ -214,7 +222,8 @@ class Sampler:
         self._slack = Loads((), (0.0,) * len(body.cables), _STILL)
         self._body = body
         self.reached: list[float] = []
-        self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
+        radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
+        self._radii = np.maximum(radii, np.concatenate([radii[:1], radii[:-1]]))
 
     def collect(self, work: WorkingRange, seed: int) -> Samples:
         """Return samples over a working range.
@@ -225,7 +234,7 @@ class Sampler:
         """
         random = np.random.default_rng(seed)
         free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
-        rows: list[tuple[float, Array, Array, float, Array, Array]] = []
+        rows = list[Sample]()
         lengths, failures = [], 0
         for pressure in work.pressures_Pa:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
@@ -239,14 +248,12 @@ class Sampler:
             small = [
                 at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
                 for at in straight
-                for _ in range(2)
             ]
             bent = [random_strains(random, low, high, self._radii, work) for _ in range(work.samples)]
             for wanted in straight + small + bent:
-                try:
-                    rows.append(self._guided(free, wanted))
-                except ConvergenceError:
-                    failures += 1
+                way = self._way(free, wanted)
+                rows += way
+                failures += not way
         pressures, strain, force, volume, frames, positions = (
             np.array(column) for column in zip(*rows, strict=True)
         )
@@ -254,45 +261,46 @@ class Sampler:
 
     def _lengths(self, free: Equilibrium, work: WorkingRange) -> tuple[Array, Array]:
         """Return the shortest and the longest length (s,) [m] of each section to sample."""
-        still = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
+        still = self._frames.strains(self._frames.fit(free.state.positions, Pose()))[:, 2]
         force = np.zeros_like(free.state.positions)
         force[self._body.tip, 2] = work.tension_N / len(self._body.tip)
         pulled = self._solver.follow(free, Pose(), replace(free.loads, nodal_force=force))
-        long = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
+        long = self._frames.strains(self._frames.fit(pulled.state.positions, Pose()))[:, 2]
         pressure = free.loads.pressures(1)[0]
         shortened = work.compression * pressure / (pressure + _HALF_STIFF_Pa)
         return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
 
-    def _guided(self, free: Equilibrium, wanted: Array) -> tuple[float, Array, Array, float, Array, Array]:
-        """Return the sample at wanted strains (s, 6), or as far on the way there as the film goes.
+    def _way(self, free: Equilibrium, wanted: Array) -> list[Sample]:
+        """Return samples on the way from the free shape to wanted strains (s, 6), as far as the film goes.
 
-        Raises:
-            ConvergenceError: it goes nowhere.
+        Each begins in the shape of the one before: where films fold and meet, a shape that is guessed is one
+        that they do not come back from.
         """
-        frames = self._frames
-        here = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
-        found, guides, done, step = free, None, 0.0, 1.0
-        while done < 1.0 and step > _LEAST_STEP:
-            target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * (wanted - here))
-            tried = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
-            x = found.state.positions
-            start = frames.carried(x, frames.fit(x, Pose()), target)
+        frames, rows = self._frames, list[Sample]()
+        here = frames.strains(frames.fit(free.state.positions, Pose()))
+        whole = wanted - here
+        pieces = max(np.abs(whole[:, 3:5]).max() / _BEND_STEP, np.abs(whole[:, 2] / here[:, 2]).max() / _STEP)
+        longest = step = 1.0 / max(1, int(np.ceil(pieces)))
+        found, done = free, 0.0
+        while done < 1.0 - _ROUNDING and step > _LEAST_STEP * longest:
+            target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * whole)
+            guides = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
             try:
-                found = self._solver.solve(found.state, Pose(), replace(free.loads, extra=tried), start)
+                found = self._solver.solve(found.state, Pose(), replace(free.loads, extra=guides))
             except ConvergenceError:
                 step *= 0.5
                 continue
-            guides, done = tried, done + step
-        if guides is None:
-            raise ConvergenceError("no pose on the way to a sample has an equilibrium", float("nan"), 0)
-        self.reached.append(min(1.0, done))
-        return self._sample(found, guides.force(found.state.positions))
+            done = min(1.0, done + step)
+            step = min(longest, 2.0 * step)
+            rows.append(self._sample(found, guides.force(found.state.positions)))
+        self.reached.append(done)
+        return rows
 
-    def _sample(self, found: Equilibrium, force: Array) -> tuple[float, Array, Array, float, Array, Array]:
+    def _sample(self, found: Equilibrium, force: Array) -> Sample:
         x = found.state.positions
         here = self._frames.fit(x, Pose())
         volume = float(self._system.gas.enclosed_volumes(x[None]).sum())
-        strain = strains(*self._pairs(here))
+        strain = self._frames.strains(here)
         return found.loads.pressures(1)[0], strain, self._section_forces(x, here, force), volume, here, x
 
     def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
@@ -306,10 +314,6 @@ class Sampler:
             pull, origin = pull + force[ring].sum(axis=0), r
             result[s] = np.linalg.solve(_motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment]))
         return result
-
-    @staticmethod
-    def _pairs(frames: Array) -> tuple[Array, Array]:
-        return frames[:-1], frames[1:]
 
 
 # far above a section's own stiffness in bending and length, so that it goes where it is sent; below it in
@@ -333,7 +337,7 @@ def random_strains(
         random: source.
         low: (s,) [m], shortest lengths.
         high: (s,) [m], longest lengths.
-        radii: (s,) [m], of the far rings.
+        radii: (s,) [m], of the larger ring of each.
         work: working range.
     """
     way = np.linspace(0.0, 1.0, len(low))[:, None]
@@ -341,15 +345,21 @@ def random_strains(
     def field(size: int) -> Array:
         """Return (s, size): constant and linear parts and a little of anything, within about -1 to 1."""
         ends = random.uniform(-1.0, 1.0, (2, size))
-        return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.05, (len(low), size)))
+        return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.1, (len(low), size)))
 
     result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
-    result[:, :2] = work.shear_m * field(2)
+    result[:, :2] = work.shear_m * random.uniform(0.0, 1.0) ** 2 * field(2)
     bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
-    # rims of neighbouring frames meet at an angle of length over radius
-    largest = np.minimum(work.bend * result[:, 2] / radii, _BEND_MAX)
+    if random.uniform() < _ONE_WAY:
+        angle = random.integers(_ANGLES) * np.pi / _ANGLES
+        bend = bend[:, :1] * np.array([np.cos(angle), np.sin(angle)])
+    # what holds the base bends the first section by itself; little bends the last one, which is half a unit
+    bend[0] = 1.3 * random.uniform(-1.0, 1.0, 2)
+    bend[-1] *= _TIP_SHARE
+    reach = np.where(np.arange(len(low)) == 0, _BASE_REACH, 1.0) * work.bend
+    largest = np.minimum(reach * result[:, 2] / radii, _BEND_MAX)
     result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
-    result[:, 5] = work.twist * field(1)[:, 0]
+    result[:, 5] = work.twist * random.uniform(0.0, 1.0) ** 2 * field(1)[:, 0]
     return result
 
 

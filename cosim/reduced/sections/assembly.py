@@ -13,6 +13,8 @@ What a chain of frames shows its surroundings: the wrench on the flange, centre 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Wrench
@@ -183,15 +185,34 @@ def chain_points(
         combine_points(frames[k], before, combinations, out[k])
 
 
+class GasTables(NamedTuple):
+    """What the gas in a chain hangs on, over the spline of pressure; see `SectionModel`.
+
+    Args:
+        energy: (size, s c).
+        length: (size, s).
+        gas: (size,), of one copy.
+        near: (s,) the frame before each section.
+    """
+
+    energy: Matrix
+    length: Matrix
+    gas: Vector
+    near: Indices
+
+
 @kernel(allocates=True)
 def gas_volumes(
-    frames: Cubes, pressures: Vector, spline: PressureSpline, energy: Matrix, length: Matrix, gas: Vector
-) -> Vector:
-    """Return the enclosed volumes (k,) [m^3], -d(energy of all sections)/dp, of chains (k, f, 4, 3).
+    frames: Cubes, pressures: Vector, spline: PressureSpline, tables: GasTables, out: Matrix
+) -> None:
+    """Fill out (k, copies) with the enclosed volumes [m^3], -d(energy of a copy's sections)/dp.
 
-    pressures: (k,); energy: (size, s c); length: (size, s); gas: (size,); see `SectionModel`.
+    frames: (k, f, 4, 3), of chains; pressures: (k,).
     """
-    sections, out = length.shape[1], np.zeros(len(frames))
+    energy, length, gas, near = tables.energy, tables.length, tables.gas, tables.near
+    sections = length.shape[1]
+    own = sections // out.shape[1]
+    out[:] = 0.0
     terms, value, slope = small_matrix(2, TERMS), np.empty(energy.shape[1]), np.empty(energy.shape[1])
     coefficients, rates = value.reshape(sections, -1), slope.reshape(sections, -1)
     inverse_length, length_rate, rest = np.empty(sections), np.empty(sections), 0.0
@@ -209,13 +230,14 @@ def gas_volumes(
             for s in range(sections):
                 inverse_length[s] = 1.0 / inverse_length[s]
         for s in range(sections):
-            section_strains(frames[k], s, d, x)
+            copy = s // own
+            section_strains(frames[k], near[s], d, x)
             section_energy(coefficients, s, x, inverse_length[s], gradient, none)
             # z = u_3 / L - 1 moves with L
-            out[k] += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
-            out[k] -= section_energy(rates, s, x, inverse_length[s], gradient, none)
-        out[k] -= rest
-    return out
+            out[k, copy] += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
+            out[k, copy] -= section_energy(rates, s, x, inverse_length[s], gradient, none)
+        for copy in range(out.shape[1]):
+            out[k, copy] -= rest
 
 
 WRENCH, CENTER, INERTIA, FIGURES = 0, 6, 9, 18

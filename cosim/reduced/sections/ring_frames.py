@@ -13,11 +13,13 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose, cross_matrix
+from cosim.base.frames import Array, IntArray, Mask, Pose, cross_matrix
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 
 POINTS = 4
+_ALIKE_M = 1e-9
+_ROUNDING = 1e-6
 
 
 def points_of(pose: Pose) -> Array:
@@ -25,26 +27,38 @@ def points_of(pose: Pose) -> Array:
     return np.vstack([pose.translation, pose.rotation.T])
 
 
+def carried(frames: Array, motion: Pose) -> Array:
+    """Return the frames (f, 4, 3) moved rigidly by a motion, world to world."""
+    result = frames @ motion.rotation.T
+    result[:, 0] += motion.translation
+    return np.ascontiguousarray(result)
+
+
 @final
 @dataclass(frozen=True)
 class RingFrames:
     """Which rings are frames, and how the other nodes go with them.
 
-    Frame 0 is the flange, which holds the first ring of the body's centre line.
+    Frame 0 is the flange. Of one stack it holds the first ring of the centre line, and the chain begins there.
+    Copies have chains of their own, side by side: each begins at a frame that goes with the flange.
 
     Args:
-        rings: nodes of frames 1, 2, ...
+        rings: nodes of frames 1, 2, ...; of a frame at which a copy begins none: the flange holds it.
         shapes: their drawn offsets (m, 3) [m] from the mean.
         drawn: (f, 4, 3), all frames as drawn, in the flange frame.
+        near: (s,) the frame before each section; the next one is near + 1.
         before: (n,) the frame before each node; the next one is before + 1.
         fraction: (n,) how far on the way from that frame to the next it is drawn, 0 to 1.
+        copies: how many chains there are.
     """
 
     rings: tuple[IntArray, ...]
     shapes: tuple[Array, ...]
     drawn: Array
+    near: IntArray
     before: IntArray
     fraction: Array
+    copies: int = 1
 
     @classmethod
     def of(cls, body: SoftBody) -> RingFrames:
@@ -53,37 +67,114 @@ class RingFrames:
         Raises:
             InputError: it has no rings for frames, is not held at the first of its centre, or feels rates.
         """
-        if any("/" in name for name in body.rings):
-            raise InputError("section models are of one stack of units; this soft robot has copies")
+        copies = len(body.copies)
+        if not copies and any("/" in name for name in body.rings):
+            raise InputError("section models are of one stack of units or its copies; this one is attached to")
         for element in (element for element in body.elements if element.remembers_steps):
             raise InputError(f"section models have no rates; this soft robot has {element.label}")
+        own = len(body.base) // max(copies, 1)
         first = body.rings[body.center_rings[0]] if body.center_rings else body.base[:0]
-        if not body.frame_rings or set(body.base.tolist()) != set(first.tolist()):
+        if not body.frame_rings or set(body.base[:own].tolist()) != set(first.tolist()):
             raise InputError(
                 "section models need frame rings, and a base at the first ring of the centre: a stack of "
                 "units held at unit_1.hole"
             )
         rings = (*(body.rings[name] for name in body.frame_rings), body.tip)
-        shapes = tuple(body.positions[ring] - body.positions[ring].mean(axis=0) for ring in rings)
+        if not copies:
+            return cls._of_stack(body.positions, rings)
+        one = body.positions[: body.nodes // copies]
+        return cls._of_stack(body.copies[0].inverse().apply(one), rings)._copied(body.copies)
+
+    @classmethod
+    def _of_stack(cls, positions: Array, rings: tuple[IntArray, ...]) -> RingFrames:
+        """Return the frames of one stack along the z axis, with nodes (n, 3) [m]."""
+        shapes = tuple(positions[ring] - positions[ring].mean(axis=0) for ring in rings)
         drawn = np.zeros((len(rings) + 1, POINTS, 3))
         drawn[:, 1:] = np.eye(3)
-        drawn[1:, 0] = [body.positions[ring].mean(axis=0) for ring in rings]
+        drawn[1:, 0] = [positions[ring].mean(axis=0) for ring in rings]
         heights = drawn[:, 0, 2]
-        z = body.positions[:, 2]
+        z = positions[:, 2]
         before = np.clip(np.searchsorted(heights, z, side="right") - 1, 0, len(rings) - 1)
         fraction = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
         for f, ring in enumerate(rings, start=1):  # on its own frame, whatever rounding says of its height
             before[ring], fraction[ring] = min(f, len(rings) - 1), float(f == len(rings))
-        return cls(rings, shapes, drawn, before.astype(np.int64), fraction)
+        return cls(rings, shapes, drawn, np.arange(len(rings)), before.astype(np.int64), fraction)
+
+    def _copied(self, poses: tuple[Pose, ...]) -> RingFrames:
+        """Return the frames of copies of one stack, at poses in the flange frame."""
+        nodes, own = len(self.before), len(self)
+        begins = 1 + own * np.arange(len(poses))
+        none, still = np.zeros(0, np.int64), np.zeros((0, 3))
+        rings = [ring for k in range(len(poses)) for ring in (none, *(r + nodes * k for r in self.rings))]
+        drawn = np.concatenate(
+            [points_of(Pose())[None], *(carried(self.drawn, pose) for pose in poses)]
+        )
+        return RingFrames(
+            tuple(rings),
+            (still, *self.shapes) * len(poses),
+            drawn,
+            (begins[:, None] + self.near).ravel(),
+            (begins[:, None] + self.before).ravel(),
+            np.tile(self.fraction, len(poses)),
+            len(poses),
+        )
+
+    @property
+    def chains(self) -> list[slice]:
+        """The frames of each chain, base to tip."""
+        own = len(self.near) // self.copies + 1
+        first = len(self) - own * self.copies
+        return [slice(first + own * k, first + own * (k + 1)) for k in range(self.copies)]
+
+    @property
+    def bases(self) -> Mask:
+        """(f,) the frames without a ring, which go with the flange."""
+        return np.array([True, *(len(ring) == 0 for ring in self.rings)])
+
+    def strains(self, frames: Array) -> Array:
+        """Return the strains (s, 6) of all sections of frames (f, 4, 3)."""
+        return strains(frames[self.near], frames[self.near + 1])
+
+    def strained(self, frames: Array, values: Array) -> Array:
+        """Return frames (f, 4, 3) with other strains (s, 6), each chain from where it begins."""
+        result = frames.copy()
+        for chain, own in zip(self.chains, np.split(values, self.copies), strict=True):
+            result[chain] = frames_from_strains(frames[chain.start], own)
+        return result
 
     def __len__(self) -> int:
         return len(self.rings) + 1
+
+    @property
+    def alike(self) -> list[list[int]]:
+        """The sections of one copy in groups that differ in nothing but their place; ends are by themselves."""
+        last, groups = len(self.near) // self.copies - 1, list[list[int]]()
+        for s in range(last + 1):
+            same = (g for g in groups if 0 < s < last and g[0] > 0 and self._differ(g[0], s) < _ALIKE_M)
+            group = next(same, None)
+            if group is None:
+                groups.append([s])
+            else:
+                group.append(s)
+        return groups
+
+    def _differ(self, s: int, other: int) -> float:
+        """Return by how much [m] the drawn rings of two sections differ, infinite if in their nodes."""
+        (start, end), (begin, stop) = (self.shapes[k - 1 : k + 1] for k in (s, other))
+        if start.shape != begin.shape or end.shape != stop.shape:
+            return np.inf
+        heights = [self.drawn[k + 1, 0, 2] - self.drawn[k, 0, 2] for k in (s, other)]
+        rings = max(np.abs(start - begin).max(), np.abs(end - stop).max())
+        return float(max(rings, abs(heights[0] - heights[1])))
 
     def fit(self, positions: Array, flange: Pose) -> Array:
         """Return the frames (f, 4, 3) of a film at node positions (n, 3) [m]."""
         frames = np.empty((len(self), POINTS, 3))
         frames[0] = points_of(flange)
         for f, (ring, shape) in enumerate(zip(self.rings, self.shapes, strict=True), start=1):
+            if not len(ring):
+                frames[f] = carried(self.drawn[f : f + 1], flange)[0]
+                continue
             center = positions[ring].mean(axis=0)
             u, _, v = np.linalg.svd((positions[ring] - center).T @ shape)
             # a ring is flat: the sign of its third axis is that of a rotation
@@ -136,7 +227,7 @@ class RingFrames:
         """
         result = np.zeros((len(self), POINTS, POINTS))
         for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
-            local = positions - self.drawn[frame, 0]
+            local = np.einsum("nr,nar->na", positions - self.drawn[frame, 0], self.drawn[frame, 1:])
             point = np.concatenate([np.ones((len(local), 1)), local], axis=1)
             point[:, 3] = 0.0
             np.add.at(result, frame, np.einsum("n,na,nb->nab", weight * node_mass, point, point))
@@ -168,3 +259,12 @@ def frames_from_strains(first: Array, values: Array) -> Array:
         step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
         frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))
     return np.array(frames)
+
+
+def corners(shape: Array) -> tuple[int, float]:
+    """Return how many corners a ring (m, 3) has, and the angle of one; 0 if they are not evenly spaced."""
+    radius, angle = np.hypot(shape[:, 0], shape[:, 1]), np.arctan2(shape[:, 1], shape[:, 0])
+    at = np.sort(angle[radius > radius.max() * (1.0 - _ROUNDING)])
+    steps = np.diff([*at, at[0] + 2.0 * np.pi])
+    even = np.abs(steps - steps.mean()).max() < _ROUNDING
+    return (len(at), float(at[0])) if even and len(at) > 2 else (0, 0.0)

@@ -45,6 +45,7 @@ class LoadedChain(NamedTuple):
     Args:
         coefficients: (s, c), of the sections' energies.
         inverse_length: (s,) [1/m].
+        near: (s,) the frame before each section; the far one is the next.
         mass: M (f, 4, 4), symmetric.
         load: (f, 4, 3) [N, N m], on the frames' points.
         far: (k,) frame at the far end of each cable segment; the near end is on the frame before.
@@ -57,6 +58,7 @@ class LoadedChain(NamedTuple):
 
     coefficients: Matrix
     inverse_length: Vector
+    near: Indices
     mass: Blocks
     load: Blocks
     far: Indices
@@ -269,15 +271,16 @@ def add_sections(
     lean, turn = small_matrix(2, 3), small_matrix(3, 3)
     energy = 0.0
     for s in range(c.shape[0]):
-        section_strains(frames, s, d, x)
+        f = chain.near[s]
+        section_strains(frames, f, d, x)
         place = x[2] * inverse_length[s] - 1.0
         if not (c[s, LOW] <= place <= c[s, HIGH] and x[3] * x[3] + x[4] * x[4] <= c[s, BENT]):
             return np.inf
         energy += section_energy(c, s, x, inverse_length[s], g, h)
-        _add_pull(frames, s, d, g, gradient, (lean, turn))
+        _add_pull(frames, f, d, g, gradient, (lean, turn))
         if hessian:
-            _add_stiffness(frames, s, d, h, work.diagonal, work.off)
-            _add_geometric(s, d, lean, turn, work.diagonal, work.off)
+            _add_stiffness(frames, f, d, h, work.diagonal, work.off)
+            _add_geometric(f, d, lean, turn, work.diagonal, work.off)
     return energy
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.errors import InputError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.ring_frames import RingFrames, strains
+from cosim.reduced.sections.ring_frames import RingFrames, carried
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
 
 
@@ -28,13 +28,6 @@ def twists(frames: Array, rates: Array) -> Array:
     """
     spin = 0.5 * cross(frames[:, 1:], rates[:, 1:]).sum(axis=1)
     return np.concatenate([rates[:, 0], spin], axis=1)
-
-
-def carried(frames: Array, motion: Pose) -> Array:
-    """Return the frames (f, 4, 3) moved rigidly by a motion, world to world."""
-    result = frames @ motion.rotation.T
-    result[:, 0] += motion.translation
-    return np.ascontiguousarray(result)
 
 
 def upright(frames: Array) -> Array:
@@ -58,7 +51,7 @@ def rigid_motion(arm: Array, moved: Array) -> Array:
 
 
 def rates_from_nodes(layout: RingFrames, frames: Array, moved: Array) -> Array:
-    """Return how the frames' points (f, 4, 3) move with the film's nodes, the flange taken to be at rest.
+    """Return how the frames' points (f, 4, 3) move with the film's nodes, what the flange holds taken to rest.
 
     Args:
         layout: which rings are frames.
@@ -66,7 +59,8 @@ def rates_from_nodes(layout: RingFrames, frames: Array, moved: Array) -> Array:
         moved: (n, 3) [m or m/s].
     """
     rates = np.zeros_like(frames)
-    for f, (ring, shape) in enumerate(zip(layout.rings, layout.shapes, strict=True), start=1):
+    for f in np.flatnonzero(~layout.bases):
+        ring, shape = layout.rings[f - 1], layout.shapes[f - 1]
         motion = rigid_motion(shape @ frames[f, 1:], moved[ring])
         rates[f, 0] = motion[:3]
         rates[f, 1:] = np.cross(motion[3:], frames[f, 1:])
@@ -111,9 +105,8 @@ class FrameClamp:
 
     @classmethod
     def of_base(cls, section: SectionBody) -> FrameClamp:
-        """Return the clamp that holds the flange's own frame."""
-        drawn = section.frames.drawn
-        return cls(np.arange(len(drawn)) == 0, drawn)
+        """Return the clamp that holds the flange's own frame, and those at which copies begin."""
+        return cls(section.frames.bases, section.frames.drawn)
 
     @cached_property
     def free(self) -> Mask:
@@ -141,7 +134,7 @@ class FrameClamp:
         held, covered = self.held.copy(), np.zeros_like(nodes)
         covered[section.body.base] = True
         for f, ring in enumerate(section.frames.rings, start=1):
-            if nodes[ring].all():
+            if nodes[ring].all():  # one without a ring is held anyway
                 held[f], covered[ring] = True, True
         if (nodes & ~covered).any():
             raise InputError("section models hold whole outer rings or the tip ring; use fidelity = 'lumped'")
@@ -198,15 +191,17 @@ def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> P
         pressure_Pa: gauge.
     """
     section.set_pressure(pressure_Pa)
-    values, limits = strains(frames[:-1], frames[1:]), section.coefficients
+    values, limits = section.frames.strains(frames), section.coefficients
     stretch = values[:, 2] * section.inverse_length - 1.0
     bend, bend_end = np.hypot(values[:, 3], values[:, 4]), np.sqrt(limits[:, BENT])
     stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
     fractions = np.stack([stretch / stretch_end, bend / bend_end])
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
-    count = len(stretch)
+    copy, at = divmod(worst, count := len(stretch) // section.frames.copies)
     names = ("flange", *section.body.frame_rings, "tip")
-    where = f"section {worst + 1} of {count} ({names[worst]} to {names[worst + 1]})"
+    where = f"section {at + 1} of {count} ({names[at]} to {names[at + 1]})"
+    if section.frames.copies > 1:
+        where += f" of copy {copy + 1}"
     if kind:
         what = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
     else:

@@ -207,7 +207,7 @@ class ChainSolver:
         count = len(section.frames)
         self.work = ChainWork.room(count)
         self.lever_m = float(
-            np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes])
+            np.mean([np.linalg.norm(shape, axis=1).mean() for shape in section.frames.shapes if len(shape)])
         )
         self._route()
         self._gravity: tuple[float, float, float] | None = None
@@ -279,15 +279,15 @@ class ChainSolver:
             start: one of the kernel's, or frames (f, 4, 3).
             begin_Pa: gauge pressure to begin with; without meaning where it is given.
         """
-        gas = loads.gases(1)[0]
-        pressure, step, before = loads.pressures(1)[0] if gas is None else begin_Pa, 0.0, 0.0
+        gas = self.section.gas(loads)
+        pressure, step, before = self.section.pressure(loads) if gas is None else begin_Pa, 0.0, 0.0
         found = self._attempt(task, loads, start, pressure)
         if gas is None:
             return found
         for _ in range(_ROUNDS_MAX - 1):
             if found.outcome is not Outcome.CONVERGED:
                 break
-            off = gas.gauge_pressure(self.section.volume(found.frames)) - pressure
+            off = gas.gauge_pressure(float(self.section.volume(found.frames)[0])) - pressure
             whole = abs(pressure) + gas.ambient_Pa
             if abs(off) <= _TOLERANCE * whole:
                 break
@@ -347,8 +347,8 @@ class ChainSolver:
         assemble(frames, chain, bed or Bed(0.0, self._still), gradient, self.work, hessian)
         return gradient
 
-    def volume(self, frames: Array, pressure_Pa: float) -> float:
-        """Return the enclosed volume [m^3] of frames (f, 4, 3) at a gauge pressure."""
+    def volume(self, frames: Array, pressure_Pa: float) -> Array:
+        """Return the volumes (copies,) [m^3] enclosed by frames (f, 4, 3) at a gauge pressure."""
         self.section.set_pressure(pressure_Pa)
         return self.section.volume(frames)
 

@@ -72,7 +72,7 @@ class ChainStiffness:
         """Return what is known of where it gives way along a mode, in so many independent directions."""
         tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
         return Branching(
-            1.0, (self._pressure,), tensions, lowest.place, lowest.direction, lowest.extent,
+            1.0, (self._pressure,) * self._solver.section.copies, tensions, lowest.place, lowest.direction, lowest.extent,
             ways, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
         )  # fmt: skip
 
@@ -86,7 +86,7 @@ class ChainStiffness:
         section, frames, count = self._solver.section, self._frames, len(self._frames)
         motion = node_motion(section, frames, self._pressure).reshape(-1, 3, 6 * count)[:, :, self._free]
         system, x = SoftSystem(section.body), section.positions(frames, self._pressure)
-        loads = replace(self._loads, pressure_Pa=(self._pressure,), gas=(), cable_length_m=())
+        loads = replace(self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=())
         size = DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
         answers = motion @ np.linalg.solve(self._matrix, np.einsum("n,nkd->dk", size, motion))
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
@@ -130,13 +130,14 @@ class ChainStiffness:
 
     def _grown(self, share: float, frames: Array) -> tuple[Loads, float]:
         """Return loads grown by a share, and the gas pressure that they have at frames (f, 4, 3)."""
-        volume, pressure = self._solver.volume(self._frames, self._pressure), self._pressure
-        loads = self._loads.grown(share, (volume,))
-        gas = loads.gases(1)[0]
+        volumes, pressure = self._solver.volume(self._frames, self._pressure), self._pressure
+        loads = self._loads.grown(share, tuple(volumes.tolist()))
+        section = self._solver.section
+        gas = section.gas(loads)
         if gas is None:
-            return loads, loads.pressures(1)[0]
+            return loads, section.pressure(loads)
         for _ in range(_ROUNDS):
-            ends = [self._solver.volume(frames, pressure + off) for off in (_PROBE_Pa, -_PROBE_Pa)]
+            ends = [float(self._solver.volume(frames, pressure + off)[0]) for off in (_PROBE_Pa, -_PROBE_Pa)]
             swelling, volume = (ends[0] - ends[1]) / (2.0 * _PROBE_Pa), 0.5 * (ends[0] + ends[1])
             falls = gas.exponent * gas.absolute_pressure(volume) / volume
             pressure += (gas.gauge_pressure(volume) - pressure) / (1.0 + falls * swelling)
@@ -153,15 +154,15 @@ class ChainStiffness:
     def _tangent(self, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
         solver, given = self._solver, given_tensions(self._solver, frames, loads, pressure_Pa)
         whole = whole_tangent(solver, frames, given, pressure_Pa)
-        gas = loads.gases(1)[0]
+        gas = solver.section.gas(loads)
         if gas is not None:
             # energy at a pressure is less by p V: its slope is -V, of its gradient -dV
             ends = [
-                (solver.volume(frames, p), solver.evaluate(frames, given[0], p).ravel())
+                (float(solver.volume(frames, p)[0]), solver.evaluate(frames, given[0], p).ravel())
                 for p in (pressure_Pa + _PROBE_Pa, pressure_Pa - _PROBE_Pa)
             ]
             swelling, slope = ((a - b) / (2.0 * _PROBE_Pa) for a, b in zip(*ends, strict=True))
-            volume = solver.volume(frames, pressure_Pa)
+            volume = float(solver.volume(frames, pressure_Pa)[0])
             falls = gas.exponent * gas.absolute_pressure(volume) / volume
             whole = whole + falls / (1.0 + falls * swelling) * np.outer(slope, slope)
         return np.asarray(whole[np.ix_(self._free, self._free)])

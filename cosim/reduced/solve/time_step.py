@@ -147,7 +147,7 @@ def solve_loaded(
         return solver.find(task, with_tensions(loads, tuple(tension.tolist())), begin, pressure)
 
     near = np.asarray(start) if task.begin is None else task.begin.frames
-    pressure = begin_Pa if loads.gases(1)[0] is not None else loads.pressures(1)[0]
+    pressure = begin_Pa if solver.section.gas(loads) is not None else solver.section.pressure(loads)
     tension, spent = np.array(tensions_at(solver, near, loads, pressure)), 0
     found, good, known = attempt(tension, None), None, tension.copy()
     known[chosen] = 0.0  # a chain that its cables pull too far has no equilibrium
@@ -214,7 +214,7 @@ class ChainStepper:
             loads: that act in the first of them: given pressure and tensions, dead loads.
             frames: (f, 4, 3), where they begin.
         """
-        chain = self._solver.acting(loads, loads.pressures(1)[0], frames)
+        chain = self._solver.acting(loads, self._solver.section.pressure(loads), frames)
         chain = chain._replace(tension=chain.tension.copy())
         return ChainSide(chain, clamp.free, clamp.offsets, self.tangent.work)
 

@@ -16,7 +16,7 @@ from typing import Final, TypedDict, TypeVar, Unpack, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, cross
+from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
 from cosim.soft.elements.cable import Cable
@@ -179,6 +179,7 @@ class SoftBody:
         center_rings: names of those that the centre line runs through before the tip; none: base to tip.
         frame_rings: names of those that are frames of a section model, base to tip; none: it has none.
         chambers: which parts enclose a gas of their own; none: all of it encloses one.
+        copies: flange_from_copy of the copies that it is made of, node after node; none: it is one body.
     """
 
     positions: Array
@@ -192,6 +193,7 @@ class SoftBody:
     center_rings: tuple[str, ...] = ()
     frame_rings: tuple[str, ...] = ()
     chambers: tuple[GasChamber, ...] = ()
+    copies: tuple[Pose, ...] = ()
 
     def __post_init__(self) -> None:
         for needed in (Membranes, Hinges):

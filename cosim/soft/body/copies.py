@@ -54,6 +54,7 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
         center_rings=body.center_rings,
         frame_rings=body.frame_rings,
         chambers=_chambers(body, number),
+        copies=tuple(poses),
     )
 
 
