@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import FilmTable, HingeTable, SoftRobotTable
+from cosim.config.schema.soft_robot import FaceGroupTable, FilmTable, HingeTable, SoftRobotTable
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import TipFrame
@@ -400,3 +401,24 @@ def test_a_welded_area_bends_eight_times_as_hard_as_a_sheet(tmp_path: Path) -> N
 def robot_of(table: PatternTable) -> SoftRobotTable:
     film = FilmTable(1e9, 0.3, 1e-4, 1000.0)
     return SoftRobotTable("pouch", "a test", film, body=table, base=("base",), hinge=HingeTable("shell"))
+
+
+def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path) -> None:
+    sheet = Sheet().pouch("PORT").line("SEAL", [(20.0, 0.0), (20.0, LENGTH)])
+    for name, x in (("LEFT", 10.0), ("RIGHT", 30.0)):
+        sheet.space.add_point((x, 60.0), dxfattribs={"layer": f"PORT_{name}"})
+    table = sheet.table(tmp_path, chambers=("right", "left"))
+    thick = FaceGroupTable("back", FilmTable(1e9, 0.3, 2e-4, 1000.0))
+    robot = replace(robot_of(table), groups=(thick,))
+    body = build_soft_body(robot, ModelTable())
+    assert robot.chamber_names() == ("right", "left") == tuple(part.name for part in body.gas_chambers)
+    bulged = body.positions.copy()  # the front of the right half, towards -y
+    front = np.unique(
+        drawn_pattern(table, "base").triangles[drawn_pattern(table, "base").face_groups["front"]]
+    )
+    seam = np.isin(np.arange(len(bulged)), np.unique(body.triangles)) & (np.abs(bulged[:, 0]) < 1e-9)
+    right = front[(bulged[front, 0] > 0.0) & ~seam[front]]
+    bulged[right, 1] -= 1e-3
+    volumes = GasChambers(body.enclosures).enclosed_volumes(bulged[None])[0]
+    assert volumes[0] > 1e-6
+    assert volumes[1] == pytest.approx(0.0, abs=1e-15)
