@@ -66,7 +66,8 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         cut=cut,
         holes=holes,
         seal=seal,
-        ports=_layer(read, "PORT", name),
+        ports=_ports(table, read, name),
+        chambers=table.chambers,
         folds=read.layers.get("FOLD", ()),
         sets=tuple(_choice(entry, read, name) for entry in table.sets),
         seam_width_m=table.seam_width_m,
@@ -75,6 +76,19 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         pairs=table.pairs,
         pair_height_m=table.pair_height_m or 0.0,
     )
+
+
+def _ports(table: PatternTable, drawing: Drawing, name: str) -> tuple[DrawnLine, ...]:
+    """Return the ports of a drawing, those of named chambers in the order of the names."""
+    if not table.chambers:
+        return _layer(drawing, "PORT", name)
+    found = [_layer(drawing, f"PORT_{chamber}", name) for chamber in table.chambers]
+    for chamber, lines in zip(table.chambers, found, strict=True):
+        if len(lines) > 1:
+            raise MeshError(
+                f"{name}: layer PORT_{chamber.upper()} has {len(lines)} lines; a chamber has one port"
+            )
+    return tuple(lines[0] for lines in found)
 
 
 def _layer(drawing: Drawing, layer: str, name: str) -> tuple[DrawnLine, ...]:

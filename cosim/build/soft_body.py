@@ -41,7 +41,7 @@ from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import Faults
 from cosim.errors import MeshError, ScenarioError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
-from cosim.soft.body.body import SoftBody
+from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
@@ -371,7 +371,9 @@ def build_soft_body(
         tip=mesh.ring(mesh.tip_ring),
         rings=mesh.rings,
     )
-    body = replace(body, center_rings=mesh.center_rings, frame_rings=mesh.seam_rings)
+    body = replace(
+        body, center_rings=mesh.center_rings, frame_rings=mesh.seam_rings, chambers=_chambers(robot, mesh)
+    )
     if robot.stiffener.kind != "none":
         body = body.with_elements(_stiffener(mesh, robot.stiffener))
     body = body.with_elements(*(entry.element(body) for entry in robot.elements))
@@ -424,6 +426,24 @@ def _face_groups(robot: SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
     own = [mesh.face_groups[name] for name in _own_films(robot) if name in mesh.face_groups]
     rest = np.setdiff1d(np.arange(len(mesh.triangles)), np.concatenate([np.zeros(0, np.int64), *own]))
     return {**mesh.face_groups, _REST: rest}
+
+
+def _chambers(robot: SoftRobotTable, mesh: NamedMesh) -> tuple[GasChamber, ...]:
+    """Return the chambers of a film that encloses several; the body has its triangles film by film."""
+    if not mesh.chambers:
+        return ()
+    groups, films = _face_groups(robot, mesh), _films(robot)
+    order = np.concatenate([groups[name] for name in films]) if isinstance(films, dict) else None
+    place = np.arange(len(mesh.triangles))
+    if order is not None:
+        place[order] = np.arange(len(order))
+    found = []
+    for name in mesh.chambers:
+        own = mesh.face_groups[name]
+        inside = set(mesh.triangles[own].ravel().tolist())
+        caps = tuple(k for k, cap in enumerate(mesh.caps) if inside.issuperset(cap.tolist()))
+        found.append(GasChamber(name, np.sort(place[own]), caps))
+    return tuple(found)
 
 
 def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmTable], float]) -> Array:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, DrawnLine, in_mm, read_drawing, write_dxf
+from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, in_mm, read_drawing, write_dxf
 from cosim.base.files import write_whole
 from cosim.base.resources import is_file, soft_robot_path, writing
 from cosim.build.patterns import cut_pattern
@@ -48,9 +48,10 @@ def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) 
         figure_kind()
     path = Path(name)
     try:
+        drawing: Drawing | None
         if path.suffix.lower() in DRAWING_SUFFIXES:
-            drawing = read_drawing(path, unit)
-            table = _table_of(path, drawing, unit, sealed)
+            read = drawing = read_drawing(path, unit)
+            table = _table_of(path, read, unit, sealed)
         else:
             table = _robot_pattern(name)
             drawing = None if table.file is None else read_drawing(Path(table.file), table.unit)
@@ -183,16 +184,21 @@ def export_pattern_command(name: str, out: Path) -> None:
         pattern = cut_pattern(table)
     except MeshError as error:
         raise InputError(str(error)) from None
-    layers: dict[str, list[DrawnLine]] = {
-        "CUT": list(pattern.cut), "HOLE": list(pattern.holes), "SEAL": list(pattern.seal), "PORT": "
-        "list(pattern.ports),
-        "FOLD": list(pattern.folds),
-    }  # fmt: skip
+    drawn = {
+        "CUT": pattern.cut,
+        "HOLE": pattern.holes,
+        "SEAL": pattern.seal,
+        "PORT": pattern.ports,
+        "FOLD": pattern.folds,
+    }
+    layers = {layer: list(lines) for layer, lines in drawn.items()}
     for entry, choice in zip(table.sets, pattern.sets, strict=True):
         layers.setdefault((entry.layer or entry.name).upper(), []).extend(choice.lines)
     with writing(out):
         write_dxf(out, layers)
-    length = sum(np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() for line in pattern.cut)
+    length = sum(
+        np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() for line in (*pattern.cut, *pattern.holes)
+    )
     print(printable(f"{out}: {1e3 * length:.2f} mm to cut, in mm"))
 
 

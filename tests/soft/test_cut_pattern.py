@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,18 @@ import numpy as np
 import pytest
 
 from cosim.base.drawing import DrawnLine, in_mm, read_drawing
-from cosim.base.frames import Array
+from cosim.base.frames import Array, rotation_from_vector
 from cosim.build.patterns import cut_pattern, drawn_pattern
+from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.soft_robot import FaceGroupTable, FilmTable, HingeTable, SoftRobotTable
 from cosim.errors import MeshError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.places import TipFrame
+from cosim.soft.elements.hinge import bending_measure
+from cosim.soft.elements.material import Film
+from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 
@@ -327,3 +336,89 @@ def test_what_is_no_drawing_is_refused(suffix: str, text: str, tmp_path: Path) -
 
 def test_a_place_is_told_in_mm() -> None:
     assert in_mm(np.array([0.01234, -0.5])) == "(12.34, -500.00) mm"
+
+
+def test_pairs_of_sheets_are_joined_at_their_hole_and_closed_at_both_ends(tmp_path: Path) -> None:
+    half, hole = 0.03, 0.004
+    angles = (2.0 * math.pi * k / 96 for k in range(96))
+    corners = tuple((math.cos(angle), math.sin(angle)) for angle in angles)
+    rim = tuple((hole * x, hole * y) for x, y in (*corners, corners[0]))
+    sets = (
+        PatternSetTable("base", line_m=rim, sheet="back", pair=1),
+        PatternSetTable("tip", line_m=rim, sheet="front", pair=3),
+    )
+    table = PatternTable(
+        outline_m=tuple((half * x, half * y) for x, y in corners),
+        holes_m=(tuple((hole * x, hole * y) for x, y in corners),),
+        port_m=(0.01, 0.0),
+        edge="sealed",
+        plane="flat",
+        pairs=3,
+        pair_height_m=0.002,
+        mesh_m=0.002,
+        sets=sets,
+    )
+    mesh = drawn_pattern(table, "base")
+    assert len(mesh.caps) == 2
+    x, caps = mesh.positions, [mesh.ring("base"), mesh.ring("tip")]
+    assert [x[cap, 2].mean() for cap in caps] == pytest.approx([0.0, 0.006])
+    gas = GasChambers([(mesh.triangles, mesh.caps)])
+    cones = 3 * math.pi * 0.002 / 3.0 * (half**2 + half * hole + hole**2)  # from seam to hole
+    assert gas.enclosed_volumes(x[None])[0, 0] == pytest.approx(cones, rel=0.01)
+    body = SoftBody.from_arrays(x, mesh.triangles, Film(1e9, 0.3, 1e-4), caps=mesh.caps, tip=mesh.ring("tip"))
+    assert body.tip_direction(x) == pytest.approx((0.0, 0.0, 1.0))
+
+
+def test_the_direction_of_a_tip_that_is_a_line_is_that_of_the_centre_line(tmp_path: Path) -> None:
+    mesh = drawn_pattern(Sheet().pouch().table(tmp_path), "base")
+    rings = {"base": mesh.ring("base")}
+    body = SoftBody.from_arrays(
+        mesh.positions, mesh.triangles, Film(1e9, 0.3, 1e-4), tip=mesh.ring("tip"), rings=rings
+    )
+    assert body.tip_is_line
+    rotation = rotation_from_vector(np.array([0.3, -0.4, 0.2]))
+    x = mesh.positions @ rotation.T
+    assert TipFrame.of(body, x).direction == pytest.approx(rotation[:, 2])
+    moved = 1e-7 * np.random.default_rng(1).normal(size=x.shape)
+    turn = TipFrame.of(body, x).motion(body, x, moved)
+    after = rotation_from_vector(turn[3:]) @ TipFrame.of(body, x).rotation
+    assert TipFrame.of(body, x + moved).rotation == pytest.approx(after, abs=1e-10)
+
+
+def test_a_welded_area_bends_eight_times_as_hard_as_a_sheet(tmp_path: Path) -> None:
+    sheet = Sheet().pouch("PORT").line("SEAL", [(0.0, 60.0), (WIDTH, 60.0)]).port(20.0, 30.0)
+    robot = robot_of(sheet.table(tmp_path))
+    body = build_soft_body(robot, ModelTable())
+    hinges, x = body.hinges, body.positions
+    upper = x[hinges.nodes].mean(axis=1)[:, 2] + 1e-9 > 0.065
+    lower = x[hinges.nodes].mean(axis=1)[:, 2] < 0.05
+    rigidity = build_film(robot.film).flexural_rigidity_Nm
+    for part, factor, area in ((upper, 8.0, 0.04 * 0.05), (lower, 2.0, 0.04 * 0.05)):
+        measure = bending_measure(x, hinges.nodes[part], hinges.stiffness[part])
+        assert measure / rigidity / area == pytest.approx(factor, rel=0.12)
+
+
+def robot_of(table: PatternTable) -> SoftRobotTable:
+    film = FilmTable(1e9, 0.3, 1e-4, 1000.0)
+    return SoftRobotTable("pouch", "a test", film, body=table, base=("base",), hinge=HingeTable("shell"))
+
+
+def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path) -> None:
+    sheet = Sheet().pouch("PORT").line("SEAL", [(20.0, 0.0), (20.0, LENGTH)])
+    for name, x in (("LEFT", 10.0), ("RIGHT", 30.0)):
+        sheet.space.add_point((x, 60.0), dxfattribs={"layer": f"PORT_{name}"})
+    table = sheet.table(tmp_path, chambers=("right", "left"))
+    thick = FaceGroupTable("back", FilmTable(1e9, 0.3, 2e-4, 1000.0))
+    robot = replace(robot_of(table), groups=(thick,))
+    body = build_soft_body(robot, ModelTable())
+    assert robot.chamber_names() == ("right", "left") == tuple(part.name for part in body.gas_chambers)
+    bulged = body.positions.copy()  # the front of the right half, towards -y
+    front = np.unique(
+        drawn_pattern(table, "base").triangles[drawn_pattern(table, "base").face_groups["front"]]
+    )
+    seam = np.isin(np.arange(len(bulged)), np.unique(body.triangles)) & (np.abs(bulged[:, 0]) < 1e-9)
+    right = front[(bulged[front, 0] > 0.0) & ~seam[front]]
+    bulged[right, 1] -= 1e-3
+    volumes = GasChambers(body.enclosures).enclosed_volumes(bulged[None])[0]
+    assert volumes[0] > 1e-6
+    assert volumes[1] == pytest.approx(0.0, abs=1e-15)

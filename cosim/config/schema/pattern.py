@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, final
+from typing import Annotated, Final, Literal, final
 
 from annotated_types import Interval, Len
 
@@ -16,6 +16,9 @@ from cosim.config.toml.reading import Told, rule
 
 Point = tuple[float, float]
 Polyline = Annotated[tuple[Point, ...], Len(min_length=2)]
+
+GROUPS: Final = ("front", "back", "welded")
+"""Face groups that every pattern has."""
 
 
 @final
@@ -70,6 +73,8 @@ class PatternTable(BodySourceTable):
         seams_m: points of each further seam, in place of a drawing.
         holes_m: corners of each hole, in place of a drawing.
         port_m: a point within the chamber, in place of a drawing.
+        chambers: names of several chambers: NAME has its port on layer PORT_NAME. Omitted: there is one,
+            with its port on layer PORT.
         edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only, and these close every
             chamber; "sealed": along all edges of the sheets as well; "open": as drawn, and where no seam
             closes a chamber it has an open end, closed by a cap that carries the pressure.
@@ -94,6 +99,7 @@ class PatternTable(BodySourceTable):
     seams_m: tuple[Polyline, ...] = ()
     holes_m: tuple[Annotated[tuple[Point, ...], Len(min_length=3)], ...] = ()
     port_m: Point | None = None
+    chambers: tuple[Name, ...] = ()
     edge: Literal["drawn", "sealed", "open"] = "drawn"
     pairs: Annotated[int, Interval(ge=1, le=200)] = 1
     pair_height_m: Positive | None = None
@@ -146,9 +152,22 @@ class PatternTable(BodySourceTable):
             if entry.layer is not None:
                 yield f"set.{entry.name}.layer", "is of a drawing; give box_m or line_m"
 
+    @rule
+    def _has_chambers(self) -> Told:
+        if self.chambers and self.file is None:
+            yield "chambers", "are those of a drawing; an outline of points has one"
+        elif len(set(self.chambers)) < len(self.chambers):
+            yield "chambers", f"are {list(self.chambers)}; names must differ"
+        for name in [name for name in self.chambers if name in GROUPS][:1]:
+            yield "chambers", f"'{name}' is the name of sheets; take another"
+
     def set_names(self) -> tuple[str, ...]:
         """Return the names of the node sets."""
         return tuple(entry.name for entry in self.sets)
+
+    def chamber_names(self) -> tuple[str, ...]:
+        """Return the names of the chambers."""
+        return self.chambers or super().chamber_names()
 
 
 BodySourceTable.kinds["pattern"] = PatternTable

@@ -48,6 +48,10 @@ class BodySourceTable(KindTable):
         """Return the names of the node sets, by which robots and scenarios hold, load and route cables."""
         raise NotImplementedError
 
+    def chamber_names(self) -> tuple[str, ...]:
+        """Return the names of the gas chambers that the film encloses."""
+        return (ONLY_CHAMBER,)
+
     def mesh(self) -> Any:
         """Return the film (`cosim.soft.geometry.named_mesh.NamedMesh`), in the flange's frame.
 
@@ -542,11 +546,18 @@ class SoftRobotTable:
         )
 
     def chamber_names(self) -> tuple[str, ...]:
-        """Return the names of all gas chambers: "chamber" ("arm" with attachments), or one for each copy."""
+        """Return the names of all gas chambers: "chamber" ("arm" with attachments), or one for each copy.
+
+        A body with several chambers has them by their names, copy_k/NAME where there are copies.
+        """
+        drawn = (ONLY_CHAMBER,) if self.body is None else self.body.chamber_names()
+        single = len(drawn) == 1
         count = 0 if self.copies is None else self.copies.count
-        own = tuple(f"copy_{k}" for k in range(1, count + 1))
+        own = tuple(
+            f"copy_{k}" if single else f"copy_{k}/{name}" for k in range(1, count + 1) for name in drawn
+        )
         if not own:
-            own = (ARM_CHAMBER if self.attachments else ONLY_CHAMBER,)
+            own = (ARM_CHAMBER if self.attachments else ONLY_CHAMBER,) if single else drawn
         for part in self.attachments:
             names = part.robot.chamber_names()
             own += (

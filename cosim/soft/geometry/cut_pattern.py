@@ -62,6 +62,7 @@ class CutPattern:
         holes: outlines of holes through them.
         seal: seams.
         ports: a line or point within each chamber.
+        chambers: names of the chambers, in the order of their ports; none: there is one.
         folds: lines that become edges of the mesh.
         sets: named nodes.
         seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
@@ -75,6 +76,7 @@ class CutPattern:
     cut: tuple[DrawnLine, ...]
     seal: tuple[DrawnLine, ...]
     ports: tuple[DrawnLine, ...]
+    chambers: tuple[str, ...] = ()
     holes: tuple[DrawnLine, ...] = ()
     folds: tuple[DrawnLine, ...] = ()
     sets: tuple[NodeChoice, ...] = ()
@@ -462,6 +464,9 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     for choice in pattern.sets:
         nodes = _on_sheets(film.sets[choice.name], choice, flat, sheets)
         sets[choice.name] = next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
+    groups = {FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded}
+    for number, name in enumerate(pattern.chambers):  # what is welded holds no gas, so any may have it
+        groups[name] = place[:, :, film.chamber.clip(0) == number].ravel()
     return NamedMesh(
         positions=positions,
         triangles=triangles,
@@ -471,9 +476,10 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         tip_ring=placing.tip,
         center_rings=placing.center,
         lines=sets,
-        face_groups={FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded},
+        face_groups=groups,
         face_values={"wrinkle_panel_m": np.full(len(triangles), panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
+        chambers=pattern.chambers,
     )
 
 

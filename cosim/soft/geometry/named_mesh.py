@@ -35,6 +35,7 @@ class NamedMesh:
         face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
         sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds
             within a sheet and turns freely between two. None: the film is one surface.
+        chambers: face groups that enclose a gas each; every triangle is in one. None: the film encloses one.
 
     Raises:
         MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring or line names a node that does not
@@ -54,6 +55,7 @@ class NamedMesh:
     face_groups: Mapping[str, IntArray] = field(default_factory=dict)
     face_values: Mapping[str, Array] = field(default_factory=dict)
     sheets: tuple[str, ...] = ()
+    chambers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_mesh(self.positions, self.triangles, [self.face_groups[name] for name in self.sheets])
