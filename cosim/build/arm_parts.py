@@ -216,6 +216,7 @@ class ArmParts:
         description = SceneDescription(
             arm=file,
             tick_s=scenario.clock.tick_s,
+            substeps=int(__import__('os').environ.get('SUB','1')),
             gravity=gravity,
             objects=tuple(rigid_object(entry) for entry in scenario.objects),
             wires=scenario.wires,

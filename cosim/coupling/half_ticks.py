@@ -139,6 +139,25 @@ def _read_scene(scene: NativeScene, ticks: Any, k: int) -> None:
 
 
 @device_function
+def _go_on(scene: NativeScene) -> None:
+    """Let servos go on through a tick of several steps, at the speed that they are asked for."""
+    for j in range(scene.control.shape[0]):
+        scene.control[j, 0] += scene.step_s * scene.control[j, 1]
+
+
+@device_function
+def _drive(scene: NativeScene, left: int) -> None:
+    """Put a cell's joints on their way to where they are to be at the tick's end, so many steps from here."""
+    for d in range(scene.drive_place.shape[0]):
+        place, dof = scene.drive_place[d], scene.drive_dof[d]
+        if left == 1:
+            scene.coordinates[place], scene.speeds[dof] = scene.drive_aim[0, d], scene.drive_aim[1, d]
+        else:  # MuJoCo has gone on by a step at the speed of before
+            way = scene.drive_aim[0, d] - scene.coordinates[place] + scene.step_s * scene.speeds[dof]
+            scene.coordinates[place] += way / left - scene.step_s * scene.speeds[dof]
+
+
+@device_function
 def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
     """Let MuJoCo step under servos and the wrench of row k; return whether it has not warned."""
     scene, carried = rigid.scene, rigid.carried
@@ -154,15 +173,16 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
-    call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
-    for d in range(scene.drive_place.shape[0]):  # a cell's joints are where they were to be then
-        scene.coordinates[scene.drive_place[d]] = scene.drive_aim[0, d]
-        scene.speeds[scene.drive_dof[d]] = scene.drive_aim[1, d]
-    call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
-    for kind in range(scene.warnings.shape[0]):
-        if scene.warnings[kind] != 0:
-            return False
-    _carry(scene, carried.inertia)
+    for left in range(scene.substeps, 0, -1):
+        if left < scene.substeps:
+            _go_on(scene)
+        call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+        _drive(scene, left)
+        call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
+        for kind in range(scene.warnings.shape[0]):
+            if scene.warnings[kind] != 0:
+                return False
+        _carry(scene, carried.inertia)
     _read_scene(scene, ticks, k)
     return True
 

@@ -167,7 +167,7 @@ class ContactExchange:
         before = applied[bodies]
         applied[bodies] = loads.reshape(-1, 6)
         foresee(leads, tick_s)
-        mobility = tick_s**2 * self.bodies.mobility(bodies, held=True)
+        mobility = self.bodies.way_s2(tick_s) * self.bodies.mobility(bodies, held=True)
         applied[bodies] = before
         return leads.lead[bodies], mobility
 

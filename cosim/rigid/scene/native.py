@@ -15,21 +15,24 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from cosim.base.frames import IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 from cosim.errors import SceneError
 from cosim.rigid.scene.arm import ArmLayout, CellDrives
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
 """Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
-ACCELERATE, CONSTRAIN, VELOCITIES = 0, 1, 2
-"""Places in `Foresight.steps`: accelerations without and with constraints; velocities of bodies."""
+ACCELERATE, CONSTRAIN, VELOCITIES, REBEGIN, REFINISH, REFACTORISE = range(6)
+"""Places in `Foresight.steps`: accelerations without and with constraints, velocities of bodies; then those
+of `NativeScene.steps`."""
 
 
 class NativeScene(NamedTuple):
     """Views of one scene; MuJoCo's arrays stay where they are in memory.
 
     Args:
+        substeps: steps in a tick, and
+        step_s: the length of one [s].
         steps: (3,) addresses of the functions of both half steps and of the factorisation of the mass matrix.
         sides: (2,) addresses of model and state, which are their arguments.
         control: (joints, 3), position, velocity and feedforward of each servo.
@@ -56,6 +59,8 @@ class NativeScene(NamedTuple):
         drive_aim: (2, d), see `CellDrives.aim`.
     """
 
+    substeps: int
+    step_s: float
     steps: Indices
     sides: Indices
     control: Matrix
@@ -82,11 +87,50 @@ class NativeScene(NamedTuple):
     drive_aim: Matrix
 
 
+class StepsAhead(NamedTuple):
+    """A second state of a scene, in which a tick of several steps is taken ahead.
+
+    Args:
+        substeps: steps in a tick, and
+        step_s: the length of one [s].
+        sides: (2,) addresses of model and second state.
+        state: (k,) state and inputs of the scene, array by array, and
+        copy: (k,), those of the second one.
+        control: (joints, 3), of the second state, see `NativeScene.control`.
+        spin: (bodies, 6), and
+        tree: (bodies, 3), of the second state, see `Leads`.
+        mass: entries of its sparse mass matrix.
+        mass_places: see `NativeScene`.
+        carried: (joints, joints) [kg m^2], on the arm.
+    """
+
+    substeps: int
+    step_s: float
+    sides: Indices
+    position: Vector
+    warm: Vector
+    applied_dofs: Vector
+    applied: Matrix
+    servos: Vector
+    to_position: Vector
+    to_speed: Vector
+    to_warm: Vector
+    to_applied_dofs: Vector
+    to_applied: Matrix
+    control: Matrix
+    to_servos: Vector
+    spin: Matrix
+    tree: Matrix
+    mass: Vector
+    mass_places: IndexTable
+    carried: Matrix
+
+
 class Foresight(NamedTuple):
     """How a scene is going to move, by MuJoCo's own accelerations; its arrays stay where they are in memory.
 
     Args:
-        steps: (3,) addresses of functions.
+        steps: (6,) addresses of functions.
         sides: (2,) addresses of model and state, which are their arguments.
         speed: (nv,), velocities of all degrees of freedom.
         acceleration: (nv,), theirs in the last step.
@@ -94,6 +138,7 @@ class Foresight(NamedTuple):
         mass: entries of the sparse mass matrix.
         diagonal: (nv,), where in it the diagonal is.
         damping: (nv,), of the joints.
+        ahead: of a tick of several steps.
     """
 
     steps: Indices
@@ -104,9 +149,12 @@ class Foresight(NamedTuple):
     mass: Vector
     diagonal: Indices
     damping: Vector
+    ahead: StepsAhead
 
 
-def foresight(model: mujoco.MjModel, data: mujoco.MjData) -> Foresight:
+def foresight(
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, substeps: int, carried: Array
+) -> Foresight:
     """Return how a scene is going to move.
 
     Raises:
@@ -114,13 +162,26 @@ def foresight(model: mujoco.MjModel, data: mujoco.MjData) -> Foresight:
     """
     diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
     return Foresight(
-        np.array(_addresses(_ANSWERS)), np.array((model._address, data._address)), data.qvel, data.qacc,
+        np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel, data.qacc,
         np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
+        _steps_ahead(model, data, layout, substeps, carried),
+    )  # fmt: skip
+
+
+def _steps_ahead(
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, substeps: int, carried: Array
+) -> StepsAhead:
+    other = mujoco.MjData(model) if substeps > 1 else data
+    return StepsAhead(
+        substeps, float(model.opt.timestep), np.array((model._address, other._address)), data.qpos,
+        data.qacc_warmstart, data.qfrc_applied, data.xfrc_applied, data.ctrl, other.qpos, other.qvel,
+        other.qacc_warmstart, other.qfrc_applied, other.xfrc_applied, other.ctrl.reshape(-1, 3), other.ctrl,
+        other.cvel, other.subtree_com, other.M, _mass_places(model, layout), carried,
     )  # fmt: skip
 
 
 def native_scene(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives, substeps: int
 ) -> NativeScene:
     """Return a compiled scene as kernels see it.
 
@@ -129,7 +190,7 @@ def native_scene(
     """
     mount = layout.mount
     return NativeScene(
-        np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        substeps, float(model.opt.timestep), np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
