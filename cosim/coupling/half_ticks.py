@@ -173,11 +173,11 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
-    for left in range(scene.substeps, 0, -1):
-        if left < scene.substeps:
+    for i in range(scene.pace[0]):
+        if i > 0:
             _go_on(scene)
         call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
-        _drive(scene, left)
+        _drive(scene, scene.pace[1] - i)
         call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
         for kind in range(scene.warnings.shape[0]):
             if scene.warnings[kind] != 0:

@@ -42,6 +42,7 @@ from cosim.coupling.contact.contact_arrays import (
 )
 from cosim.coupling.contact.contact_kernels import (
     contact_calls,
+    fastest_touched,
     find_touched,
     foresee,
     search_calls,
@@ -170,6 +171,10 @@ class ContactExchange:
         mobility = self.bodies.way_s2(tick_s) * self.bodies.mobility(bodies, held=True)
         applied[bodies] = before
         return leads.lead[bodies], mobility
+
+    def fastest_m_s(self, state: SoftState) -> float:
+        """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
+        return float(fastest_touched(self.at, state.positions, state.velocities))
 
     @property
     def rest_reach_m(self) -> float:

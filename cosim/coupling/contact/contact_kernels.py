@@ -185,7 +185,7 @@ def _take_ahead(leads: Any) -> None:
             ahead.to_applied[b, r] = ahead.applied[b, r]
     leads.lead[:] = 0.0
     now, flange = small_vector(6), small_vector(6)
-    for _ in range(ahead.substeps):
+    for _ in range(ahead.pace[0]):
         call_native(steps[REBEGIN], sides[0], sides[1])
         if ahead.carried[0, 0] != 0.0:
             joints = ahead.carried.shape[0]
@@ -223,7 +223,7 @@ def foresee(leads: Leads, h: float) -> None:
         h: length of the step [s].
     """
     sight = leads.foresight
-    if sight.ahead.substeps > 1:
+    if sight.ahead.pace[0] > 1:
         _take_ahead(leads)
         return
     sides, speed, kept = sight.sides, sight.speed, sight.kept
@@ -242,15 +242,49 @@ def foresee(leads: Leads, h: float) -> None:
     call_native(sight.steps[VELOCITIES], sides[0], sides[1])
 
 
+@kernel
+def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
+    """Return how fast [m/s] the film comes on to bodies that can move, or loaded ones move on the flange.
+
+    Args:
+        at: address of the `ContactArrays`.
+        x: (n, 3) [m], after a step.
+        velocity: (n, 3) [m/s], then.
+    """
+    contact = record_at(at, ContactArrays)
+    leads, planes, most = contact.bodies.leads, contact.touched.planes, 0.0
+    flange, body, point, own = small_vector(6), small_vector(6), small_vector(3), small_vector(3)
+    fill_speed(leads, leads.flange, flange)
+    for f in range(contact.movable.shape[0]):
+        b = contact.movable[f]
+        fill_speed(leads, b, body)
+        for e in range(contact.counts[TOUCHES]):
+            if planes.body[e] != b:
+                continue
+            for r in range(3):
+                point[r] = own[r] = 0.0
+                for a in range(3):
+                    weight, node = planes.weights[e, a], planes.nodes[e, a]
+                    point[r] += weight * x[node, r]
+                    own[r] += weight * velocity[node, r]
+            approach, square = 0.0, 0.0
+            for r in range(3):
+                speed = led(body, point, r)
+                approach -= planes.normal[e, r] * (own[r] - speed)
+                square += (speed - led(flange, point, r)) ** 2
+            most = max(most, approach, math.sqrt(square) if contact.bodies.loaded[b] else 0.0)
+    return most
+
+
 _EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
 _CALLED = (find_near, span, fill_near_box, foresee)
-_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED = range(len(_CALLED) + 3)
+_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST = range(len(_CALLED) + 4)
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (7,) of the kernels of contact, for one another and for who takes a whole tick."""
-    taken = *_CALLED, find_touched, settle_touched, meet_touched
+    """Return the addresses (8,) of the kernels of contact, for one another and for who takes a whole tick."""
+    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched
     return np.array([address_of(called) for called in taken])
 
 

@@ -48,6 +48,7 @@ from cosim.coupling.half_ticks import (
     hand_over,
     take_rigid_half,
 )
+from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
 from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
@@ -73,6 +74,7 @@ class SoftHalves:
         interface: between the sides.
     """
 
+    fast_m_s: float = np.inf
     most: int = 64
     """Ticks in a row: fine meshes are large."""
 
@@ -240,7 +242,7 @@ class _FilmHalves(SoftHalves):
             AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
             self._contact_store.address(self._nothing) if contact is None else contact.at,
             self._films_store.address(self._no_films) if films is None else films.at,
-            pressed and quick.sides.has_parts,
+            self.fast_m_s, pressed and quick.sides.has_parts,
         )  # fmt: skip
         done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
         quick.sides.take_over(side, scheme)
@@ -377,11 +379,13 @@ class StaggeredState:
         interface: what it acts on.
         added: (joints, joints) [kg m^2], carried algorithmic mass.
         past: (k, joints) [rad/s^2], accelerations while it was carried.
+        fine: whether the next tick is a fine one.
     """
 
     interface: InterfaceState
     added: Array
     past: Array
+    fine: bool
 
 
 @final
@@ -402,6 +406,8 @@ class StaggeredCoupling(Coupling):
         self._past = np.zeros((len(self._weights), joints))
         self._carries = False
         self._halves = soft_halves(interface)
+        self._fine = FineTicks(interface)
+        self._halves.fast_m_s = self._fine.fast_m_s
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         self.interface.scene.check()
@@ -432,22 +438,30 @@ class StaggeredCoupling(Coupling):
         taken.algorithmic_mass[first : first + most] = self._carries
         joints = len(self._added) if self._carries else 0
         carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
-        done, ending = self._halves.take(interface.rigid(carried), servos.some(0, most), loads[:most], taken)
+        rigid = interface.rigid(carried)
+        if self._fine.on:
+            self._halves.end(taken)
+            self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
+            return not self._halves.plain
+        done, ending = self._halves.take(rigid, servos.some(0, most), loads[:most], taken)
         if done:
             interface.follow(taken, done)
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
+            self._fine.look()
             return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
+        self._fine.look()
         return not self._halves.plain
 
     def save_state(self) -> StaggeredState:
-        return StaggeredState(self.interface.save_state(), self._added, self._past.copy())
+        return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.on)
 
     def restore_state(self, state: StaggeredState) -> None:
+        self._fine.restore(state.fine)
         self.interface.restore_state(state.interface)
         self._added, self._carries = state.added, bool(state.added.any())
         self._past[:] = state.past

@@ -111,11 +111,11 @@ class Bodies:
         data: its state.
         layout: of the arm in the model.
         driven: (bodies,), which no load moves though they have joints.
-        substeps: steps of MuJoCo in a tick.
+        pace: (2,), see `NativeScene`.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask, substeps: int = 1
+        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask, pace: IntArray
     ) -> None:
         self._model, self._data, self.flange = model, data, layout.mount
         self._movable: Mask = (model.body_weldid != 0) & ~driven
@@ -126,7 +126,7 @@ class Bodies:
         self.tree_centers: Array = data.subtree_com
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
         self.carried = AddedInertia(model, data, layout.dofs)
-        self.foresight = foresight(model, data, layout, substeps, self.carried.on_arm)
+        self.foresight = foresight(model, data, layout, pace, self.carried.on_arm)
 
     @property
     def loaded(self) -> IntArray:
@@ -188,7 +188,7 @@ class Bodies:
 
     def way_s2(self, tick_s: float) -> float:
         """Return how far [m] an acceleration of 1 m/s^2 brings a body in a tick: h^2 (n + 1) / 2 n."""
-        steps = self.foresight.ahead.substeps
+        steps = int(self.foresight.ahead.pace[0])
         return tick_s**2 * (steps + 1) / (2 * steps)
 
     def mobility(self, bodies: IntArray, *, held: bool) -> Array:

@@ -31,7 +31,8 @@ class NativeScene(NamedTuple):
     """Views of one scene; MuJoCo's arrays stay where they are in memory.
 
     Args:
-        substeps: steps in a tick, and
+        pace: (2,), how many steps of MuJoCo the next rigid half takes, and how many are left until its
+            tick of the clock ends.
         step_s: the length of one [s].
         steps: (3,) addresses of the functions of both half steps and of the factorisation of the mass matrix.
         sides: (2,) addresses of model and state, which are their arguments.
@@ -59,7 +60,7 @@ class NativeScene(NamedTuple):
         drive_aim: (2, d), see `CellDrives.aim`.
     """
 
-    substeps: int
+    pace: Indices
     step_s: float
     steps: Indices
     sides: Indices
@@ -91,8 +92,8 @@ class StepsAhead(NamedTuple):
     """A second state of a scene, in which a tick of several steps is taken ahead.
 
     Args:
-        substeps: steps in a tick, and
-        step_s: the length of one [s].
+        pace: (2,), see `NativeScene`.
+        step_s: length of a step [s].
         sides: (2,) addresses of model and second state.
         state: (k,) state and inputs of the scene, array by array, and
         copy: (k,), those of the second one.
@@ -104,7 +105,7 @@ class StepsAhead(NamedTuple):
         carried: (joints, joints) [kg m^2], on the arm.
     """
 
-    substeps: int
+    pace: Indices
     step_s: float
     sides: Indices
     position: Vector
@@ -153,7 +154,7 @@ class Foresight(NamedTuple):
 
 
 def foresight(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, substeps: int, carried: Array
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
 ) -> Foresight:
     """Return how a scene is going to move.
 
@@ -164,16 +165,16 @@ def foresight(
     return Foresight(
         np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel, data.qacc,
         np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
-        _steps_ahead(model, data, layout, substeps, carried),
+        _steps_ahead(model, data, layout, pace, carried),
     )  # fmt: skip
 
 
 def _steps_ahead(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, substeps: int, carried: Array
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
 ) -> StepsAhead:
-    other = mujoco.MjData(model) if substeps > 1 else data
+    other = mujoco.MjData(model) if pace[0] > 1 else data
     return StepsAhead(
-        substeps, float(model.opt.timestep), np.array((model._address, other._address)), data.qpos,
+        pace, float(model.opt.timestep), np.array((model._address, other._address)), data.qpos,
         data.qacc_warmstart, data.qfrc_applied, data.xfrc_applied, data.ctrl, other.qpos, other.qvel,
         other.qacc_warmstart, other.qfrc_applied, other.xfrc_applied, other.ctrl.reshape(-1, 3), other.ctrl,
         other.cvel, other.subtree_com, other.M, _mass_places(model, layout), carried,
@@ -181,7 +182,7 @@ def _steps_ahead(
 
 
 def native_scene(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives, substeps: int
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives, pace: IntArray
 ) -> NativeScene:
     """Return a compiled scene as kernels see it.
 
@@ -190,7 +191,7 @@ def native_scene(
     """
     mount = layout.mount
     return NativeScene(
-        substeps, float(model.opt.timestep), np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        pace, float(model.opt.timestep), np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
