@@ -328,8 +328,8 @@ def _take_tick(
     if _settle(row, found, way, ticks, k):
         return ALL_DONE
     if found[0] > 0 and row.fast < np.inf:
-        given = row.contact, x, way.velocity[k + 2]
-        if _fastest_touched(contact.calls[FASTEST], given) > row.fast:
+        moving = row.contact, x, way.velocity[k + 2]
+        if _fastest_touched(contact.calls[FASTEST], moving) > row.fast:
             return ALL_DONE
     return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 

@@ -169,6 +169,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
             torque += servos.by_payload[k, j, i] * payload[i]
         scene.control[j, 0], scene.control[j, 1] = servos.position[k, j], servos.velocity[k, j]
         scene.control[j, 2] = torque
+        ticks.joint_speed[k, j] = scene.speed[j]  # until `_read_scene`
     for r in range(6):
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
@@ -183,6 +184,10 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
             if scene.warnings[kind] != 0:
                 return False
         _carry(scene, carried.inertia)
+    if scene.pace[0] > 1:  # what is given back goes by that of the whole tick
+        for j in range(scene.speed.shape[0]):
+            change = scene.speed[j] - ticks.joint_speed[k, j]
+            scene.acceleration[j] = change / (scene.pace[0] * scene.step_s)
     _read_scene(scene, ticks, k)
     return True
 

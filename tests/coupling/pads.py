@@ -79,7 +79,12 @@ class Grasp:
             objects = (SceneObject("cube", "box", (EDGE_M,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg),)
         self.scene = RigidScene(
             SceneDescription(
-                find_arm("ur5e"), tick_s=tick_s, substeps=substeps, gravity=gravity, objects=objects, wires=wires
+                find_arm("ur5e"),
+                tick_s=tick_s,
+                substeps=substeps,
+                gravity=gravity,
+                objects=objects,
+                wires=wires,
             )
         )
         self.scene.set_control(self.scene.joint_position)

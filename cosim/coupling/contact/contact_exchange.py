@@ -44,11 +44,11 @@ from cosim.coupling.contact.contact_kernels import (
     contact_calls,
     fastest_touched,
     find_touched,
-    foresee,
     search_calls,
     settle_touched,
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
+from cosim.coupling.contact.foresight_kernels import foresee
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies

@@ -28,7 +28,7 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.base.numba_insides import call_native, caller
+from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
     AHEAD_TICKS,
@@ -39,22 +39,14 @@ from cosim.coupling.contact.contact_arrays import (
     REMEMBERED,
     TOUCHES,
     ContactArrays,
-    Leads,
     Search,
     fill_speed,
     led,
 )
+from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
-from cosim.rigid.scene.native import (
-    ACCELERATE,
-    CONSTRAIN,
-    REBEGIN,
-    REFACTORISE,
-    REFINISH,
-    VELOCITIES,
-)
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
 from cosim.soft.contact.point_kernels import combine, span
@@ -152,94 +144,6 @@ def find_near(
         return -1, -1
     points = _find_points(x, active, reach, search)
     return points, _find_features(x, low, high, reach, behind, search)
-
-
-@device_function
-def _fill_leads(leads: Any, h: float) -> None:
-    """Fill by how much bodies are ahead at the velocities that they have."""
-    now, flange = small_vector(6), small_vector(6)
-    fill_speed(leads, leads.flange, flange)
-    for b in range(leads.ahead.shape[0]):
-        lead = leads.lead[b]
-        lead[:] = 0.0
-        if leads.ahead[b]:
-            fill_speed(leads, b, now)
-            for r in range(6):
-                lead[r] = h * (now[r] - flange[r])
-
-
-@device_function
-def _take_ahead(leads: Any) -> None:
-    """Fill by how much bodies are ahead after a tick of several steps."""
-    sight, ahead = leads.foresight, leads.foresight.ahead
-    sides, steps, h = ahead.sides, sight.steps, ahead.step_s
-    for j in range(ahead.position.shape[0]):
-        ahead.to_position[j] = ahead.position[j]
-    for j in range(sight.speed.shape[0]):
-        ahead.to_speed[j], ahead.to_warm[j] = sight.speed[j], ahead.warm[j]
-        ahead.to_applied_dofs[j] = ahead.applied_dofs[j]
-    for j in range(ahead.servos.shape[0]):
-        ahead.to_servos[j] = ahead.servos[j]
-    for b in range(ahead.applied.shape[0]):
-        for r in range(6):
-            ahead.to_applied[b, r] = ahead.applied[b, r]
-    leads.lead[:] = 0.0
-    now, flange = small_vector(6), small_vector(6)
-    for _ in range(ahead.pace[0]):
-        call_native(steps[REBEGIN], sides[0], sides[1])
-        if ahead.carried[0, 0] != 0.0:
-            joints = ahead.carried.shape[0]
-            for i in range(joints):
-                for j in range(i + 1):
-                    ahead.mass[ahead.mass_places[i, j]] += ahead.carried[i, j]
-            call_native(steps[REFACTORISE], sides[0], sides[1])
-        for j in range(ahead.control.shape[0]):
-            ahead.control[j, 0] += h * ahead.control[j, 1]
-        call_native(steps[REFINISH], sides[0], sides[1])
-        call_native(steps[VELOCITIES], sides[0], sides[1])
-        _fill_speed_of(ahead, leads.root, leads.flange, flange)
-        for b in range(leads.ahead.shape[0]):
-            if leads.ahead[b]:
-                _fill_speed_of(ahead, leads.root, b, now)
-                for r in range(6):
-                    leads.lead[b, r] += h * (now[r] - flange[r])
-
-
-@device_function
-def _fill_speed_of(ahead: Any, root: Indices, body: int, out: Vector) -> None:
-    spin, place = ahead.spin[body], ahead.tree[root[body]]
-    for r in range(3):
-        s, q = (r + 1) % 3, (r + 2) % 3
-        out[r] = spin[3 + r] - (spin[s] * place[q] - spin[q] * place[s])
-        out[3 + r] = spin[r]
-
-
-@kernel
-def foresee(leads: Leads, h: float) -> None:
-    """Fill by how much bodies are ahead at the end of MuJoCo's next step, under the loads that act now.
-
-    Args:
-        leads: filled.
-        h: length of the step [s].
-    """
-    sight = leads.foresight
-    if sight.ahead.pace[0] > 1:
-        _take_ahead(leads)
-        return
-    sides, speed, kept = sight.sides, sight.speed, sight.kept
-    for j in range(speed.shape[0]):
-        kept[0, j], kept[1, j] = speed[j], sight.acceleration[j]
-    call_native(sight.steps[ACCELERATE], sides[0], sides[1])
-    call_native(sight.steps[CONSTRAIN], sides[0], sides[1])
-    for j in range(speed.shape[0]):
-        # damping is implicit in MuJoCo's step; joints count as if each were alone
-        inertia = sight.mass[sight.diagonal[j]]
-        speed[j] += h * sight.acceleration[j] * inertia / (inertia + h * sight.damping[j])
-    call_native(sight.steps[VELOCITIES], sides[0], sides[1])
-    _fill_leads(leads, h)
-    for j in range(speed.shape[0]):
-        speed[j], sight.acceleration[j] = kept[0, j], kept[1, j]
-    call_native(sight.steps[VELOCITIES], sides[0], sides[1])
 
 
 @kernel
@@ -395,7 +299,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
     body, listed, held, met = contact.shapes.body, search.lists.features, search.held, 0
-    _fill_leads(bodies.leads, ahead / AHEAD_TICKS)
+    fill_leads(bodies.leads, ahead / AHEAD_TICKS)
     _read_poses(bounds, body, bodies.leads, bodies.centers)
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))

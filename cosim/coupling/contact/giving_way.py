@@ -535,7 +535,8 @@ class LightBodies:
         self._gives[:] = UNKNOWN
         if not len(self._known) or self.ratio > _VERY_LIGHT:
             return
-        mobility = self._exchange.bodies.way_s2(self._tick_s) * self._exchange.bodies.mobility(self._known, held=False)
+        bodies = self._exchange.bodies
+        mobility = bodies.way_s2(self._tick_s) * bodies.mobility(self._known, held=False)
         for k, body in enumerate(self._known.tolist()):
             own = slice(6 * k, 6 * k + 3)
             free = np.zeros_like(mobility[own])

@@ -1,12 +1,12 @@
 """Fine ticks: a tick of the clock in which something light is hit or thrown, as several exchanges.
 
 Where the film comes on to a body that can move, or takes one along on the flange, by more than a bound in a
-tick, a longer step has it fly past what it would meet. Such a tick is taken in as many shorter ones as MuJoCo
-takes steps in it, each an exchange of its own with a step of either side. A step of the film of another length
-begins as one of implicit Euler; after the last one it looks back over a whole tick again.
+tick, a step of that length has the body fly past what it would meet. Such a tick is taken in as many pieces
+as MuJoCo takes steps in it, each an exchange with one step of either side. The film's first step of another
+length is one of implicit Euler; after the last piece it looks back over a whole tick again.
 
-Servos and loads go on within the tick; what is shown of it is what there is at its end, but for sums of work,
-iterations, and the mean force on bodies, whose product with the tick stays the impulse.
+Servos and loads go on within the tick. What is shown of it belongs to its end, but for sums of work and
+iterations, and the mean force on bodies: its product with the tick stays the impulse.
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ class FineTicks:
     def __init__(self, interface: Interface) -> None:
         self._interface, self.on = interface, False
         scene, soft = interface.scene, interface.soft
-        finer = scene.substeps > 1 and interface.contact is not None
-        finer = finer and isinstance(soft, SoftArm) and soft.steps_alone
-        self.fast_m_s = _FAR_M / scene.tick_s if finer else np.inf
+        known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
+        self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
 
     def look(self) -> None:
         """Decide on the next tick, after one."""
@@ -70,12 +69,13 @@ class FineTicks:
         """
         interface = self._interface
         scene, soft = interface.scene, interface.soft
+        assert isinstance(soft, SoftArm), "no other soft side takes fine ticks"
         count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
         fine = interface.begin(count)
         for k in range(count):
             scene.go_finely(count - k)
-            ahead = k * scene.tick_s * servos.velocity
-            if not take_rigid_half(rigid, servos._replace(position=servos.position + ahead), fine.ticks.from_on(k), 0):
+            asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
+            if not take_rigid_half(rigid, asked, fine.ticks.from_on(k), 0):
                 scene.check()
             scene.stepped(fine.ticks.flange(k))
             reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
@@ -83,8 +83,12 @@ class FineTicks:
         self._condense(fine, taken)
         interface.ticks = ticks + 1
         self.look()
-        if not self.on:
+        if not self.on:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
+
+    def stop(self) -> None:
+        """Take no more fine ticks: another scheme takes the next ones."""
+        self._go(False)
 
     def _go(self, on: bool) -> None:
         if on == self.on:
@@ -103,6 +107,5 @@ class FineTicks:
         to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
         to.body_force[k], to.power[k], to.work[k] = of.body_force.mean(0), of.power.mean(0), of.work.sum(0)
         taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
-        taken.trials[k] = len(fine.trials)
         taken.parts.append([soft.shape_now()])
         taken.done += 1

@@ -457,6 +457,11 @@ class StaggeredCoupling(Coupling):
         self._fine.look()
         return not self._halves.plain
 
+    @property
+    def fine(self) -> FineTicks:
+        """What takes ticks in pieces."""
+        return self._fine
+
     def save_state(self) -> StaggeredState:
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.on)
 
@@ -494,12 +499,14 @@ class AutomaticState:
     """Where an `AutomaticCoupling` is.
 
     Args:
-        iterated: its iterated scheme; the staggered one has no state of its own, as it carries no mass.
+        iterated: its iterated scheme; the staggered one carries no mass.
         iterates: whether the last tick was iterated.
+        fine: whether the next tick is a fine one, if it is staggered.
     """
 
     iterated: IteratedState
     iterates: bool
+    fine: bool
 
 
 @final
@@ -524,12 +531,14 @@ class AutomaticCoupling(Coupling):
         iterates = interface.ratio > _FLANGE_RATIO_BOUND
         if iterates and not self._iterates:
             self._iterated.begin_again()
+            self._staggered.fine.stop()
         self._iterates = iterates
         return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
 
     def save_state(self) -> AutomaticState:
-        return AutomaticState(self._iterated.save_state(), self._iterates)
+        return AutomaticState(self._iterated.save_state(), self._iterates, self._staggered.fine.on)
 
     def restore_state(self, state: AutomaticState) -> None:
+        self._staggered.fine.restore(state.fine)
         self._iterated.restore_state(state.iterated)
         self._iterates = state.iterates

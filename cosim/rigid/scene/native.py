@@ -88,38 +88,47 @@ class NativeScene(NamedTuple):
     drive_aim: Matrix
 
 
+class StateRows(NamedTuple):
+    """What a step of a scene depends on; MuJoCo's arrays, each as one row of numbers.
+
+    Args:
+        position: of all joints.
+        speed: (nv,), of all degrees of freedom.
+        warm: (nv,), accelerations from which contact forces are solved.
+        torque: (nv,), applied.
+        applied: (6 bodies,), loads on them.
+        control: (3 joints,), position, velocity and feedforward of each servo.
+    """
+
+    position: Vector
+    speed: Vector
+    warm: Vector
+    torque: Vector
+    applied: Vector
+    control: Vector
+
+
 class StepsAhead(NamedTuple):
     """A second state of a scene, in which a tick of several steps is taken ahead.
 
     Args:
         pace: (2,), see `NativeScene`.
         step_s: length of a step [s].
-        sides: (2,) addresses of model and second state.
-        state: (k,) state and inputs of the scene, array by array, and
-        copy: (k,), those of the second one.
-        control: (joints, 3), of the second state, see `NativeScene.control`.
+        sides: (2,) addresses of the model and of the second state.
+        here: the scene's own state, and
+        there: the second one.
         spin: (bodies, 6), and
-        tree: (bodies, 3), of the second state, see `Leads`.
+        tree: (bodies, 3) [m], of the second state, see `Leads`.
         mass: entries of its sparse mass matrix.
         mass_places: see `NativeScene`.
-        carried: (joints, joints) [kg m^2], on the arm.
+        carried: (joints, joints) [kg m^2], that the arm's joints carry.
     """
 
     pace: Indices
     step_s: float
     sides: Indices
-    position: Vector
-    warm: Vector
-    applied_dofs: Vector
-    applied: Matrix
-    servos: Vector
-    to_position: Vector
-    to_speed: Vector
-    to_warm: Vector
-    to_applied_dofs: Vector
-    to_applied: Matrix
-    control: Matrix
-    to_servos: Vector
+    here: StateRows
+    there: StateRows
     spin: Matrix
     tree: Matrix
     mass: Vector
@@ -139,7 +148,7 @@ class Foresight(NamedTuple):
         mass: entries of the sparse mass matrix.
         diagonal: (nv,), where in it the diagonal is.
         damping: (nv,), of the joints.
-        ahead: of a tick of several steps.
+        ahead: for ticks of several steps.
     """
 
     steps: Indices
@@ -163,8 +172,8 @@ def foresight(
     """
     diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
     return Foresight(
-        np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel, data.qacc,
-        np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
+        np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel,
+        data.qacc, np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
         _steps_ahead(model, data, layout, pace, carried),
     )  # fmt: skip
 
@@ -172,12 +181,18 @@ def foresight(
 def _steps_ahead(
     model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
 ) -> StepsAhead:
+    """Return a second state of a scene; the scene's own where a tick is one step, which needs none."""
     other = mujoco.MjData(model) if pace[0] > 1 else data
+    here, there = (
+        StateRows(
+            state.qpos, state.qvel, state.qacc_warmstart, state.qfrc_applied, state.xfrc_applied.reshape(-1),
+            state.ctrl,
+        )
+        for state in (data, other)
+    )  # fmt: skip
     return StepsAhead(
-        pace, float(model.opt.timestep), np.array((model._address, other._address)), data.qpos,
-        data.qacc_warmstart, data.qfrc_applied, data.xfrc_applied, data.ctrl, other.qpos, other.qvel,
-        other.qacc_warmstart, other.qfrc_applied, other.xfrc_applied, other.ctrl.reshape(-1, 3), other.ctrl,
-        other.cvel, other.subtree_com, other.M, _mass_places(model, layout), carried,
+        pace, float(model.opt.timestep), np.array((model._address, other._address)), here, there, other.cvel,
+        other.subtree_com, other.M, _mass_places(model, layout), carried,
     )  # fmt: skip
 
 
@@ -191,7 +206,8 @@ def native_scene(
     """
     mount = layout.mount
     return NativeScene(
-        pace, float(model.opt.timestep), np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        pace, float(model.opt.timestep), np.array(_addresses(_STEPS)),
+        np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],

@@ -131,7 +131,7 @@ class RigidScene:
         return self.description.substeps
 
     def go_finely(self, left: int | None) -> None:
-        """Let ticks be of one step of MuJoCo, and say how many are left of one of the clock; None: whole ones."""
+        """Let ticks be single steps of MuJoCo, so many left in a tick of the clock; None: whole ticks."""
         self._pace[:] = self.substeps if left is None else (1, left)
 
     @property
