@@ -155,6 +155,7 @@ def _drive(scene: NativeScene, left: int) -> None:
         else:  # MuJoCo has gone on by a step at the speed of before
             way = scene.drive_aim[0, d] - scene.coordinates[place] + scene.step_s * scene.speeds[dof]
             scene.coordinates[place] += way / left - scene.step_s * scene.speeds[dof]
+            scene.speeds[dof] = way / (left * scene.step_s)
 
 
 @device_function
