@@ -116,5 +116,6 @@ def test_how_many_steps_a_tick_has_follows_from_the_lightest_free_object() -> No
     assert steps(object__roll__mass_kg=0.02) == 8
     assert steps(object__roll__mass_kg=5.0) == 1
     assert steps(contact__enabled=False) == 1
+    assert steps(coupling__scheme="iterated") == 1
     assert rigid_substeps(load_scenario("gripper_lifts_bridge")) == 1  # its plank hangs on a hinge
     assert rigid_substeps(load_scenario("gripper_pulls_wire")) == 1

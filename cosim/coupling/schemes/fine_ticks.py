@@ -6,7 +6,8 @@ as MuJoCo takes steps in it, each an exchange with one step of either side. The 
 length is one of implicit Euler; after the last piece it looks back over a whole tick again.
 
 Servos and loads go on within the tick. What is shown of it belongs to its end, but for sums of work and
-iterations, and the mean force on bodies: its product with the tick stays the impulse.
+iterations, and the force on bodies: its product with the tick is the impulse that they get. What is left at
+the end of a piece acts through the next one, or the next whole tick.
 """
 
 from __future__ import annotations
@@ -43,12 +44,14 @@ class FineTicks:
         known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
         self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
 
-    def look(self) -> None:
+    def look(self, taken: TicksTaken) -> None:
         """Decide on the next tick, after one."""
-        interface = self._interface
+        interface, before = self._interface, self.on
         if self.fast_m_s < np.inf and interface.contact is not None:
             bound = (_SETTLED if self.on else 1.0) * self.fast_m_s
             self._go(interface.contact.fastest_m_s(interface.soft.state) > bound)
+        if self.on and not before:  # its force acts through one piece alone
+            taken.ticks.body_force[taken.done - 1] /= interface.scene.substeps
 
     def restore(self, on: bool) -> None:
         """Be where a saved state was, whose scene and soft side have been restored before."""
@@ -82,7 +85,10 @@ class FineTicks:
             interface.take_reply(fine, reply)
         self._condense(fine, taken)
         interface.ticks = ticks + 1
-        self.look()
+        self.look(taken)
+        acting = np.ones(count)
+        acting[-1] = 1 if self.on else count
+        taken.ticks.body_force[taken.done - 1] = np.tensordot(acting / count, fine.ticks.body_force, 1)
         if not self.on:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
 
@@ -105,7 +111,7 @@ class FineTicks:
                      "contacts", "contact", "self_contact"):  # fmt: skip
             getattr(to, name)[k] = getattr(of, name)[-1]
         to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
-        to.body_force[k], to.power[k], to.work[k] = of.body_force.mean(0), of.power.mean(0), of.work.sum(0)
+        to.power[k], to.work[k] = of.power.mean(0), of.work.sum(0)
         taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
         taken.parts.append([soft.shape_now()])
         taken.done += 1

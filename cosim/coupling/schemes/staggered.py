@@ -449,12 +449,12 @@ class StaggeredCoupling(Coupling):
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
-            self._fine.look()
+            self._fine.look(taken)
             return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
-        self._fine.look()
+        self._fine.look(taken)
         return not self._halves.plain
 
     @property
