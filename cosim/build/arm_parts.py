@@ -176,8 +176,8 @@ _MOST_SUBSTEPS: Final = 8
 def rigid_substeps(scenario: Scenario) -> int:
     """Return how many steps MuJoCo takes in a tick: F h^2 / m of the lightest free object is 0.1 mm in one.
 
-    One where the film touches nothing that it may throw, and in the iterated exchange, which solves for one step
-    of either side. One with wires too: their many contacts make such steps dear.
+    One where the film touches nothing that it may throw, and in the iterated exchange, which solves for one
+    step of either side. One with wires too: their many contacts make such steps dear.
     """
     free = [entry.mass_kg for entry in scenario.objects if entry.mass_kg and not (entry.hinge or entry.slide)]
     touched = (
