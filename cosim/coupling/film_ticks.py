@@ -32,9 +32,11 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import ASKS, LEFT, MET, REMEMBERED, UNKNOWN, ContactArrays
 from cosim.coupling.contact.contact_kernels import (
+    FASTEST,
     FIND_TOUCHED,
     MEET_TOUCHED,
     SETTLE_TOUCHED,
+    fastest_touched,
     find_touched,
     meet_touched,
     settle_touched,
@@ -126,6 +128,7 @@ class FilmSteps(NamedTuple):
         largest_turn: [rad], of the flange in a tick; beyond it a step is left.
         contact: address of the `ContactArrays` with the scene.
         films: address of the `FilmContacts` of films that may touch one another.
+        fast: speed [m/s] of what is touched from which on a row ends.
         whole: whether parts that nothing couples are solved together until films let go, where a row ends.
     """
 
@@ -140,6 +143,7 @@ class FilmSteps(NamedTuple):
     largest_turn: float
     contact: int
     films: int
+    fast: float
     whole: bool
 
 
@@ -149,6 +153,7 @@ _film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over, _add_dampi
     caller, _CALLED
 )
 _find_touched, _settle_touched, _meet_touched = map(caller, (find_touched, settle_touched, meet_touched))
+_fastest_touched = caller(fastest_touched)
 _find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pairs), caller(films_press)
 _pair_work = caller(pair_work)
 
@@ -322,6 +327,10 @@ def _take_tick(
         ticks.work[k, 2] = _eyelet_loss(calls[_LOSS], given)
     if _settle(row, found, way, ticks, k):
         return ALL_DONE
+    if found[0] > 0 and row.fast < np.inf:
+        moving = row.contact, x, way.velocity[k + 2]
+        if _fastest_touched(contact.calls[FASTEST], moving) > row.fast:
+            return ALL_DONE
     return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
 
 

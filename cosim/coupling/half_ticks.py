@@ -139,6 +139,26 @@ def _read_scene(scene: NativeScene, ticks: Any, k: int) -> None:
 
 
 @device_function
+def _go_on(scene: NativeScene) -> None:
+    """Let servos go on through a tick of several steps, at the speed that they are asked for."""
+    for j in range(scene.control.shape[0]):
+        scene.control[j, 0] += scene.step_s * scene.control[j, 1]
+
+
+@device_function
+def _drive(scene: NativeScene, left: int) -> None:
+    """Put a cell's joints on their way to where they are to be at the tick's end, so many steps from here."""
+    for d in range(scene.drive_place.shape[0]):
+        place, dof = scene.drive_place[d], scene.drive_dof[d]
+        if left == 1:
+            scene.coordinates[place], scene.speeds[dof] = scene.drive_aim[0, d], scene.drive_aim[1, d]
+        else:  # MuJoCo has gone on by a step at the speed of before
+            way = scene.drive_aim[0, d] - scene.coordinates[place] + scene.step_s * scene.speeds[dof]
+            scene.coordinates[place] += way / left - scene.step_s * scene.speeds[dof]
+            scene.speeds[dof] = way / (left * scene.step_s)
+
+
+@device_function
 def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
     """Let MuJoCo step under servos and the wrench of row k; return whether it has not warned."""
     scene, carried = rigid.scene, rigid.carried
@@ -150,19 +170,25 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
             torque += servos.by_payload[k, j, i] * payload[i]
         scene.control[j, 0], scene.control[j, 1] = servos.position[k, j], servos.velocity[k, j]
         scene.control[j, 2] = torque
+        ticks.joint_speed[k, j] = scene.speed[j]  # until `_read_scene`
     for r in range(6):
         scene.applied[r] = ticks.figures[k, WRENCH + r]
     _give_back(scene, carried)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
-    call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
-    for d in range(scene.drive_place.shape[0]):  # a cell's joints are where they were to be then
-        scene.coordinates[scene.drive_place[d]] = scene.drive_aim[0, d]
-        scene.speeds[scene.drive_dof[d]] = scene.drive_aim[1, d]
-    call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
-    for kind in range(scene.warnings.shape[0]):
-        if scene.warnings[kind] != 0:
-            return False
-    _carry(scene, carried.inertia)
+    for i in range(scene.pace[0]):
+        if i > 0:
+            _go_on(scene)
+        call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+        _drive(scene, scene.pace[1] - i)
+        call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
+        for kind in range(scene.warnings.shape[0]):
+            if scene.warnings[kind] != 0:
+                return False
+        _carry(scene, carried.inertia)
+    if scene.pace[0] > 1:  # what is given back goes by that of the whole tick
+        for j in range(scene.speed.shape[0]):
+            change = scene.speed[j] - ticks.joint_speed[k, j]
+            scene.acceleration[j] = change / (scene.pace[0] * scene.step_s)
     _read_scene(scene, ticks, k)
     return True
 

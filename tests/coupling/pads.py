@@ -59,6 +59,7 @@ class Grasp:
         objects: held instead of the free cube; one is called "cube" unless there is a wire.
         wires: besides.
         integrator: of the pads.
+        substeps: of MuJoCo in a tick.
     """
 
     def __init__(
@@ -72,11 +73,19 @@ class Grasp:
         objects: tuple[SceneObject, ...] | None = None,
         wires: tuple[WireTable, ...] = (),
         integrator: Integrator = "implicit_euler",
+        substeps: int = 1,
     ) -> None:
         if objects is None:
             objects = (SceneObject("cube", "box", (EDGE_M,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg),)
         self.scene = RigidScene(
-            SceneDescription(find_arm("ur5e"), tick_s=tick_s, gravity=gravity, objects=objects, wires=wires)
+            SceneDescription(
+                find_arm("ur5e"),
+                tick_s=tick_s,
+                substeps=substeps,
+                gravity=gravity,
+                objects=objects,
+                wires=wires,
+            )
         )
         self.scene.set_control(self.scene.joint_position)
         options = StepOptions(integrator, tolerance_N=1e-6, damping_per_s=5.0)
@@ -177,6 +186,7 @@ class CoupledGrasp:
         scheme: makes the coupling.
         integrator: of the pads.
         edge_m: of the cube.
+        substeps: of MuJoCo in a tick.
     """
 
     def __init__(
@@ -186,9 +196,12 @@ class CoupledGrasp:
         scheme: Callable[[Interface], Coupling],
         integrator: Integrator = "implicit_euler",
         edge_m: float = EDGE_M,
+        substeps: int = 1,
     ) -> None:
         cube = SceneObject("cube", "box", (edge_m,) * 3, (0.0, 0.0, 1.5), mass_kg=mass_kg)
-        self.grasp = Grasp(mass_kg, tick_s, light=False, objects=(cube,), integrator=integrator)
+        self.grasp = Grasp(
+            mass_kg, tick_s, light=False, objects=(cube,), integrator=integrator, substeps=substeps
+        )
         self.holder = FixedFlange(self.grasp.scene, self.grasp.flange)
         scene: Any = self.holder
         self.interface = Interface(scene, self.grasp.soft, Wrench(), self.grasp.exchange)

@@ -59,6 +59,7 @@ def bounce(
     seconds: float,
     scheme: Callable[[Interface], Coupling] = StaggeredCoupling,
     beside_m: tuple[float, ...] = (),
+    substeps: int = 1,
 ) -> Bounce:
     """Drop a ball on a cushion, with another one beside it or none."""
     x, triangles = icosphere(2, RADIUS_M)
@@ -72,7 +73,9 @@ def bounce(
     for name, way in (("ball", np.zeros(3)), *([("other", np.array(beside_m))] if beside_m else [])):
         a, b, c = (start + way).tolist()
         balls.append(SceneObject(name, "sphere", (BALL_M,), (a, b, c), mass_kg=mass_kg))
-    scene = RigidScene(SceneDescription(find_arm("ur5e"), tick_s=tick_s, objects=tuple(balls)))
+    scene = RigidScene(
+        SceneDescription(find_arm("ur5e"), tick_s=tick_s, substeps=substeps, objects=tuple(balls))
+    )
     flange = Pose(np.eye(3), HERE)
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
     soft = SoftArm(body, flange, NewtonOptions(), options)

@@ -81,7 +81,13 @@ def leads_of(bodies: Bodies) -> Leads:
 @device_function
 def fill_speed(leads: Any, body: int, out: Vector) -> None:
     """Fill out (6,) with a body's velocity at the world's origin, then its angular velocity."""
-    spin, place = leads.spin[body], leads.tree[leads.root[body]]
+    fill_velocity(leads.spin, leads.tree, leads.root, body, out)
+
+
+@device_function
+def fill_velocity(spins: Matrix, trees: Matrix, root: Indices, body: int, out: Vector) -> None:
+    """Fill out (6,), see `fill_speed`, from MuJoCo's velocities, see `Leads`."""
+    spin, place = spins[body], trees[root[body]]
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
         out[r] = spin[3 + r] - (spin[s] * place[q] - spin[q] * place[s])

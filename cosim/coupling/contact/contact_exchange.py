@@ -42,12 +42,13 @@ from cosim.coupling.contact.contact_arrays import (
 )
 from cosim.coupling.contact.contact_kernels import (
     contact_calls,
+    fastest_touched,
     find_touched,
-    foresee,
     search_calls,
     settle_touched,
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
+from cosim.coupling.contact.foresight_kernels import foresee
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
@@ -167,9 +168,13 @@ class ContactExchange:
         before = applied[bodies]
         applied[bodies] = loads.reshape(-1, 6)
         foresee(leads, tick_s)
-        mobility = tick_s**2 * self.bodies.mobility(bodies, held=True)
+        mobility = self.bodies.way_s2(tick_s) * self.bodies.mobility(bodies, held=True)
         applied[bodies] = before
         return leads.lead[bodies], mobility
+
+    def fastest_m_s(self, state: SoftState) -> float:
+        """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
+        return float(fastest_touched(self.at, state.positions, state.velocities))
 
     @property
     def rest_reach_m(self) -> float:

@@ -28,7 +28,7 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.base.numba_insides import call_native, caller
+from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
     AHEAD_TICKS,
@@ -39,15 +39,14 @@ from cosim.coupling.contact.contact_arrays import (
     REMEMBERED,
     TOUCHES,
     ContactArrays,
-    Leads,
     Search,
     fill_speed,
     led,
 )
+from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
-from cosim.rigid.scene.native import ACCELERATE, CONSTRAIN, VELOCITIES
 from cosim.soft.contact.contact_law import shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
 from cosim.soft.contact.point_kernels import combine, span
@@ -147,54 +146,49 @@ def find_near(
     return points, _find_features(x, low, high, reach, behind, search)
 
 
-@device_function
-def _fill_leads(leads: Any, h: float) -> None:
-    """Fill by how much bodies are ahead at the velocities that they have."""
-    now, flange = small_vector(6), small_vector(6)
-    fill_speed(leads, leads.flange, flange)
-    for b in range(leads.ahead.shape[0]):
-        lead = leads.lead[b]
-        lead[:] = 0.0
-        if leads.ahead[b]:
-            fill_speed(leads, b, now)
-            for r in range(6):
-                lead[r] = h * (now[r] - flange[r])
-
-
 @kernel
-def foresee(leads: Leads, h: float) -> None:
-    """Fill by how much bodies are ahead at the end of MuJoCo's next step, under the loads that act now.
+def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
+    """Return how fast [m/s] the film comes on to bodies that can move, or loaded ones move on the flange.
 
     Args:
-        leads: filled.
-        h: length of the step [s].
+        at: address of the `ContactArrays`.
+        x: (n, 3) [m], after a step.
+        velocity: (n, 3) [m/s], then.
     """
-    sight = leads.foresight
-    sides, speed, kept = sight.sides, sight.speed, sight.kept
-    for j in range(speed.shape[0]):
-        kept[0, j], kept[1, j] = speed[j], sight.acceleration[j]
-    call_native(sight.steps[ACCELERATE], sides[0], sides[1])
-    call_native(sight.steps[CONSTRAIN], sides[0], sides[1])
-    for j in range(speed.shape[0]):
-        # damping is implicit in MuJoCo's step; joints count as if each were alone
-        inertia = sight.mass[sight.diagonal[j]]
-        speed[j] += h * sight.acceleration[j] * inertia / (inertia + h * sight.damping[j])
-    call_native(sight.steps[VELOCITIES], sides[0], sides[1])
-    _fill_leads(leads, h)
-    for j in range(speed.shape[0]):
-        speed[j], sight.acceleration[j] = kept[0, j], kept[1, j]
-    call_native(sight.steps[VELOCITIES], sides[0], sides[1])
+    contact = record_at(at, ContactArrays)
+    leads, planes, most = contact.bodies.leads, contact.touched.planes, 0.0
+    flange, body, point, own = small_vector(6), small_vector(6), small_vector(3), small_vector(3)
+    fill_speed(leads, leads.flange, flange)
+    for f in range(contact.movable.shape[0]):
+        b = contact.movable[f]
+        fill_speed(leads, b, body)
+        for e in range(contact.counts[TOUCHES]):
+            if planes.body[e] != b:
+                continue
+            for r in range(3):
+                point[r] = own[r] = 0.0
+                for a in range(3):
+                    weight, node = planes.weights[e, a], planes.nodes[e, a]
+                    point[r] += weight * x[node, r]
+                    own[r] += weight * velocity[node, r]
+            approach, square = 0.0, 0.0
+            for r in range(3):
+                speed = led(body, point, r)
+                approach -= planes.normal[e, r] * (own[r] - speed)
+                square += (speed - led(flange, point, r)) ** 2
+            most = max(most, approach, math.sqrt(square) if contact.bodies.loaded[b] else 0.0)
+    return most
 
 
 _EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
 _CALLED = (find_near, span, fill_near_box, foresee)
-_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED = range(len(_CALLED) + 3)
+_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST = range(len(_CALLED) + 4)
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (7,) of the kernels of contact, for one another and for who takes a whole tick."""
-    taken = *_CALLED, find_touched, settle_touched, meet_touched
+    """Return the addresses (8,) of the kernels of contact, for one another and for who takes a whole tick."""
+    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched
     return np.array([address_of(called) for called in taken])
 
 
@@ -305,7 +299,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
     body, listed, held, met = contact.shapes.body, search.lists.features, search.held, 0
-    _fill_leads(bodies.leads, ahead / AHEAD_TICKS)
+    fill_leads(bodies.leads, ahead / AHEAD_TICKS)
     _read_poses(bounds, body, bodies.leads, bodies.centers)
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))

@@ -467,6 +467,14 @@ class LightBodies:
         self.weigh()
         return trial.reply
 
+    def begin_ticks_of(self, tick_s: float) -> None:
+        """Take ticks of another length from now on: what bodies weighed in others says nothing of them."""
+        self._tick_s = tick_s
+        self._known, self._stiffness, self._held = np.zeros(0, np.int64), np.zeros((0, 0)), 0.0
+        self._heavy[:], self._touching[:], self.ratio, self._room = 0, 0.0, 0.0, RENEW_ABOVE
+        self._counts[MET] = self._counts[AGE] = 0
+        self._meet_ahead()
+
     def weigh(self) -> None:
         """Find anew which bodies are heavy, where the last tick asks for it."""
         exchange = self._exchange
@@ -527,7 +535,8 @@ class LightBodies:
         self._gives[:] = UNKNOWN
         if not len(self._known) or self.ratio > _VERY_LIGHT:
             return
-        mobility = self._tick_s**2 * self._exchange.bodies.mobility(self._known, held=False)
+        bodies = self._exchange.bodies
+        mobility = bodies.way_s2(self._tick_s) * bodies.mobility(self._known, held=False)
         for k, body in enumerate(self._known.tolist()):
             own = slice(6 * k, 6 * k + 3)
             free = np.zeros_like(mobility[own])

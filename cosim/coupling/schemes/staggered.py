@@ -48,6 +48,7 @@ from cosim.coupling.half_ticks import (
     hand_over,
     take_rigid_half,
 )
+from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
 from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
@@ -73,6 +74,7 @@ class SoftHalves:
         interface: between the sides.
     """
 
+    fast_m_s: float = np.inf
     most: int = 64
     """Ticks in a row: fine meshes are large."""
 
@@ -240,7 +242,7 @@ class _FilmHalves(SoftHalves):
             AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
             self._contact_store.address(self._nothing) if contact is None else contact.at,
             self._films_store.address(self._no_films) if films is None else films.at,
-            pressed and quick.sides.has_parts,
+            self.fast_m_s, pressed and quick.sides.has_parts,
         )  # fmt: skip
         done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
         quick.sides.take_over(side, scheme)
@@ -377,11 +379,13 @@ class StaggeredState:
         interface: what it acts on.
         added: (joints, joints) [kg m^2], carried algorithmic mass.
         past: (k, joints) [rad/s^2], accelerations while it was carried.
+        fine: whether the next tick is a fine one.
     """
 
     interface: InterfaceState
     added: Array
     past: Array
+    fine: bool
 
 
 @final
@@ -402,6 +406,8 @@ class StaggeredCoupling(Coupling):
         self._past = np.zeros((len(self._weights), joints))
         self._carries = False
         self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
+        self._fine = FineTicks(interface)
+        self._halves.fast_m_s = self._fine.fast_m_s
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         interface = self.interface
@@ -409,6 +415,7 @@ class StaggeredCoupling(Coupling):
         most = interface.begin_ticks()
         if interface.soft.rowing is not self._rowing:  # another model steps from here on
             self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
+            self._halves.fast_m_s = self._fine.fast_m_s
         count = min(len(loads), self._halves.most, most)
         taken = self.interface.begin(count)
         self._halves.begin(loads[:count])
@@ -437,22 +444,35 @@ class StaggeredCoupling(Coupling):
         taken.algorithmic_mass[first : first + most] = self._carries
         joints = len(self._added) if self._carries else 0
         carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
-        done, ending = self._halves.take(interface.rigid(carried), servos.some(0, most), loads[:most], taken)
+        rigid = interface.rigid(carried)
+        if self._fine.on:
+            self._halves.end(taken)
+            self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
+            return not self._halves.plain
+        done, ending = self._halves.take(rigid, servos.some(0, most), loads[:most], taken)
         if done:
             interface.follow(taken, done)
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
+            self._fine.look(taken)
             return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
+        self._fine.look(taken)
         return not self._halves.plain and interface.soft.rowing is self._rowing
 
+    @property
+    def fine(self) -> FineTicks:
+        """What takes ticks in pieces."""
+        return self._fine
+
     def save_state(self) -> StaggeredState:
-        return StaggeredState(self.interface.save_state(), self._added, self._past.copy())
+        return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.on)
 
     def restore_state(self, state: StaggeredState) -> None:
+        self._fine.restore(state.fine)
         self.interface.restore_state(state.interface)
         self._added, self._carries = state.added, bool(state.added.any())
         self._past[:] = state.past
@@ -485,12 +505,14 @@ class AutomaticState:
     """Where an `AutomaticCoupling` is.
 
     Args:
-        iterated: its iterated scheme; the staggered one has no state of its own, as it carries no mass.
+        iterated: its iterated scheme; the staggered one carries no mass.
         iterates: whether the last tick was iterated.
+        fine: whether the next tick is a fine one, if it is staggered.
     """
 
     iterated: IteratedState
     iterates: bool
+    fine: bool
 
 
 @final
@@ -515,12 +537,14 @@ class AutomaticCoupling(Coupling):
         iterates = interface.ratio > _FLANGE_RATIO_BOUND
         if iterates and not self._iterates:
             self._iterated.begin_again()
+            self._staggered.fine.stop()
         self._iterates = iterates
         return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
 
     def save_state(self) -> AutomaticState:
-        return AutomaticState(self._iterated.save_state(), self._iterates)
+        return AutomaticState(self._iterated.save_state(), self._iterates, self._staggered.fine.on)
 
     def restore_state(self, state: AutomaticState) -> None:
+        self._staggered.fine.restore(state.fine)
         self._iterated.restore_state(state.iterated)
         self._iterates = state.iterates

@@ -256,6 +256,11 @@ class SoftArm(SoftSide):
         return self._stepper
 
     @property
+    def loads(self) -> Loads:
+        """Loads at the end of the last step, contacts not counted."""
+        return self._loads
+
+    @property
     def steps_alone(self) -> bool:
         """Whether a step is one step, whatever its error."""
         return self.dynamics.substep_error_m is None

@@ -265,7 +265,7 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
         text = str(error).replace("\n", ", ")
         raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {text}") from None
     spec.compiler.degree = False
-    spec.option.timestep = description.tick_s
+    spec.option.timestep = description.step_s
     spec.option.gravity = description.gravity
     spec.option.tolerance, spec.option.ccd_tolerance = _TOLERANCE, _DEPTH_TOLERANCE_M
     # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
@@ -276,7 +276,7 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
         height = description.floor_height_m
         floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
-        object_bodies.add_object(spec, floor, {}, description.tick_s)
+        object_bodies.add_object(spec, floor, {}, description.step_s)
     object_bodies.prepare(spec)
     # What friction holds must not creep, as MuJoCo's regularised friction does. With its default, a pyramid
     # for a cone, it would all the same: each of the pyramid's two directions has a share of the normal force
@@ -284,17 +284,17 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = _WITH_WIRES if description.wires else _FRICTION_OVER_NORMAL
     for item in description.mounted:
-        object_bodies.add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.tick_s)
+        object_bodies.add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.step_s)
     objects = {item.name: item for item in description.objects}
     for item in description.objects_by_parent():
-        object_bodies.add_object(spec, item, objects, description.tick_s)
+        object_bodies.add_object(spec, item, objects, description.step_s)
     for carried, item in product(description.mounted, description.objects):
         if item.mass_kg > 0.0:
             object_bodies.add_corner_contacts(
                 spec, spec.body(carried.name), spec.body(item.name), description.friction
             )
     for wire in description.wires:
-        object_bodies.add_wire(spec, wire, objects, description.tick_s)
+        object_bodies.add_wire(spec, wire, objects, description.step_s)
     if cell is not None:
         still = [item.name for item in description.objects if item.mass_kg == 0.0]
         ground = [FLOOR] if spec.body(FLOOR) is not None else []

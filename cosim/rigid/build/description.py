@@ -282,7 +282,8 @@ class SceneDescription:
 
     Args:
         arm: fixed to the world.
-        tick_s: length of a step [s].
+        tick_s: length of a tick [s].
+        substeps: how many steps MuJoCo takes in one.
         gravity: (3,) [m/s^2], world.
         world_from_base: pose of the arm's root link; that of the arm's file unless given.
         objects: bodies around the arm.
@@ -297,6 +298,7 @@ class SceneDescription:
 
     arm: ArmFile
     tick_s: float = 0.002
+    substeps: int = 1
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     world_from_base: Pose | None = None
     objects: tuple[SceneObject, ...] = ()
@@ -307,6 +309,11 @@ class SceneDescription:
     armature: float | None = None
     gains: ServoGains | None = None
     friction: PairFriction = PairFriction()
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step of MuJoCo [s]."""
+        return self.tick_s / self.substeps
 
     def objects_by_parent(self) -> tuple[SceneObject, ...]:
         """Return the objects in an order in which each comes after the one that it hangs on.

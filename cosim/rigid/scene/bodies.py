@@ -45,7 +45,7 @@ class AddedInertia:
 
     def carry_on_arm(self, inertia: Array) -> None:
         """Set what the arm's joints carry (joints, joints) [kg m^2] from the step in progress on."""
-        self.on_arm = np.array(inertia)
+        self.on_arm[:] = inertia
         self.renew()
 
     def renew(self) -> None:
@@ -111,9 +111,12 @@ class Bodies:
         data: its state.
         layout: of the arm in the model.
         driven: (bodies,), which no load moves though they have joints.
+        pace: (2,), see `NativeScene`.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask, pace: IntArray
+    ) -> None:
         self._model, self._data, self.flange = model, data, layout.mount
         self._movable: Mask = (model.body_weldid != 0) & ~driven
         self.applied: Array = data.xfrc_applied
@@ -122,8 +125,8 @@ class Bodies:
         self.spins: Array = data.cvel
         self.tree_centers: Array = data.subtree_com
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
-        self.foresight = foresight(model, data)
         self.carried = AddedInertia(model, data, layout.dofs)
+        self.foresight = foresight(model, data, layout, pace, self.carried.on_arm)
 
     @property
     def loaded(self) -> IntArray:
@@ -182,6 +185,11 @@ class Bodies:
         loads = np.array(self._data.xfrc_applied[bodies])
         loads[:, 3:] += cross(self._data.xipos[bodies], loads[:, :3])
         return loads
+
+    def way_s2(self, tick_s: float) -> float:
+        """Return how far [m] an acceleration of 1 m/s^2 brings a body in a tick: h^2 (n + 1) / 2 n."""
+        steps = int(self.foresight.ahead.pace[0])
+        return tick_s**2 * (steps + 1) / (2 * steps)
 
     def mobility(self, bodies: IntArray, *, held: bool) -> Array:
         """Return J M^-1 J^T (6 b, 6 b): accelerations of bodies (b,) per load on them.

@@ -15,21 +15,25 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from cosim.base.frames import IntArray
+from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 from cosim.errors import SceneError
 from cosim.rigid.scene.arm import ArmLayout, CellDrives
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
 """Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
-ACCELERATE, CONSTRAIN, VELOCITIES = 0, 1, 2
-"""Places in `Foresight.steps`: accelerations without and with constraints; velocities of bodies."""
+ACCELERATE, CONSTRAIN, VELOCITIES, REBEGIN, REFINISH, REFACTORISE = range(6)
+"""Places in `Foresight.steps`: accelerations without and with constraints, velocities of bodies; then those
+of `NativeScene.steps`."""
 
 
 class NativeScene(NamedTuple):
     """Views of one scene; MuJoCo's arrays stay where they are in memory.
 
     Args:
+        pace: (2,), how many steps of MuJoCo the next rigid half takes, and how many are left until its
+            tick of the clock ends.
+        step_s: the length of one [s].
         steps: (3,) addresses of the functions of both half steps and of the factorisation of the mass matrix.
         sides: (2,) addresses of model and state, which are their arguments.
         control: (joints, 3), position, velocity and feedforward of each servo.
@@ -56,6 +60,8 @@ class NativeScene(NamedTuple):
         drive_aim: (2, d), see `CellDrives.aim`.
     """
 
+    pace: Indices
+    step_s: float
     steps: Indices
     sides: Indices
     control: Matrix
@@ -82,11 +88,59 @@ class NativeScene(NamedTuple):
     drive_aim: Matrix
 
 
+class StateRows(NamedTuple):
+    """What a step of a scene depends on; MuJoCo's arrays, each as one row of numbers.
+
+    Args:
+        position: of all joints.
+        speed: (nv,), of all degrees of freedom.
+        warm: (nv,), accelerations from which contact forces are solved.
+        torque: (nv,), applied.
+        applied: (6 bodies,), loads on them.
+        control: (3 joints,), position, velocity and feedforward of each servo.
+    """
+
+    position: Vector
+    speed: Vector
+    warm: Vector
+    torque: Vector
+    applied: Vector
+    control: Vector
+
+
+class StepsAhead(NamedTuple):
+    """A second state of a scene, in which a tick of several steps is taken ahead.
+
+    Args:
+        pace: (2,), see `NativeScene`.
+        step_s: length of a step [s].
+        sides: (2,) addresses of the model and of the second state.
+        here: the scene's own state, and
+        there: the second one.
+        spin: (bodies, 6), and
+        tree: (bodies, 3) [m], of the second state, see `Leads`.
+        mass: entries of its sparse mass matrix.
+        mass_places: see `NativeScene`.
+        carried: (joints, joints) [kg m^2], that the arm's joints carry.
+    """
+
+    pace: Indices
+    step_s: float
+    sides: Indices
+    here: StateRows
+    there: StateRows
+    spin: Matrix
+    tree: Matrix
+    mass: Vector
+    mass_places: IndexTable
+    carried: Matrix
+
+
 class Foresight(NamedTuple):
     """How a scene is going to move, by MuJoCo's own accelerations; its arrays stay where they are in memory.
 
     Args:
-        steps: (3,) addresses of functions.
+        steps: (6,) addresses of functions.
         sides: (2,) addresses of model and state, which are their arguments.
         speed: (nv,), velocities of all degrees of freedom.
         acceleration: (nv,), theirs in the last step.
@@ -94,6 +148,7 @@ class Foresight(NamedTuple):
         mass: entries of the sparse mass matrix.
         diagonal: (nv,), where in it the diagonal is.
         damping: (nv,), of the joints.
+        ahead: for ticks of several steps.
     """
 
     steps: Indices
@@ -104,9 +159,12 @@ class Foresight(NamedTuple):
     mass: Vector
     diagonal: Indices
     damping: Vector
+    ahead: StepsAhead
 
 
-def foresight(model: mujoco.MjModel, data: mujoco.MjData) -> Foresight:
+def foresight(
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
+) -> Foresight:
     """Return how a scene is going to move.
 
     Raises:
@@ -114,13 +172,32 @@ def foresight(model: mujoco.MjModel, data: mujoco.MjData) -> Foresight:
     """
     diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
     return Foresight(
-        np.array(_addresses(_ANSWERS)), np.array((model._address, data._address)), data.qvel, data.qacc,
-        np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
+        np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel,
+        data.qacc, np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
+        _steps_ahead(model, data, layout, pace, carried),
+    )  # fmt: skip
+
+
+def _steps_ahead(
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
+) -> StepsAhead:
+    """Return a second state of a scene; the scene's own where a tick is one step, which needs none."""
+    other = mujoco.MjData(model) if pace[0] > 1 else data
+    here, there = (
+        StateRows(
+            state.qpos, state.qvel, state.qacc_warmstart, state.qfrc_applied, state.xfrc_applied.reshape(-1),
+            state.ctrl,
+        )
+        for state in (data, other)
+    )  # fmt: skip
+    return StepsAhead(
+        pace, float(model.opt.timestep), np.array((model._address, other._address)), here, there, other.cvel,
+        other.subtree_com, other.M, _mass_places(model, layout), carried,
     )  # fmt: skip
 
 
 def native_scene(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives
+    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives, pace: IntArray
 ) -> NativeScene:
     """Return a compiled scene as kernels see it.
 
@@ -129,7 +206,8 @@ def native_scene(
     """
     mount = layout.mount
     return NativeScene(
-        np.array(_addresses(_STEPS)), np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        pace, float(model.opt.timestep), np.array(_addresses(_STEPS)),
+        np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],

@@ -95,14 +95,16 @@ class RigidScene:
         self.armature: Array = self._model.dof_armature[self._v].copy()
         self.armature.setflags(write=False)
         self.flange = Flange(self._model, self._data, layout)
-        self._tick_s = float(self._model.opt.timestep)
-        self._step_damping = self._tick_s * self._model.dof_damping
+        self._pace: IntArray = np.full(2, description.substeps)
+        tick_s, self._step_s = description.tick_s, float(self._model.opt.timestep)
+        self._step_damping = tick_s * self._model.dof_damping
         # Servos damp by the speed at the end of a step: (M + h K) a = f(q, v). MuJoCo's implicit integrators
         # do so as well but solve contacts with M alone: what a palm clamps slides when the arm accelerates.
-        self._servo_inertia = self._tick_s * self.servo_damping
+        self._servo_inertia = self._step_s * self.servo_damping
+        self._step_damping[self._v] += (tick_s - self._step_s) * self.servo_damping
         self._model.dof_armature[self._v] += self._servo_inertia
         self.cell = CellDrives(self._model, self._data)
-        self.bodies = Bodies(self._model, self._data, layout, self.cell.bodies)
+        self.bodies = Bodies(self._model, self._data, layout, self.cell.bodies, self._pace)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
         self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
@@ -120,8 +122,17 @@ class RigidScene:
 
     @property
     def tick_s(self) -> float:
-        """Length of a step [s]."""
-        return self._tick_s
+        """Length of a tick [s]: of the clock, or of a fine one, see `go_finely`."""
+        return self._step_s if self._pace[0] < self.substeps else self.description.tick_s
+
+    @property
+    def substeps(self) -> int:
+        """How many steps MuJoCo takes in a tick of the clock."""
+        return self.description.substeps
+
+    def go_finely(self, left: int | None) -> None:
+        """Let ticks be single steps of MuJoCo, so many left in a tick of the clock; None: whole ticks."""
+        self._pace[:] = self.substeps if left is None else (1, left)
 
     @property
     def joint_position(self) -> Array:
@@ -239,6 +250,9 @@ class RigidScene:
         Raises:
             InstabilityError: the state is no longer finite.
         """
+        for _ in range(self._pace[0] - 1):
+            mujoco.mj_step2(self._model, self._data)
+            self.begin_step()
         mujoco.mj_step2(self._model, self._data)
         # Site axes still belong to the instant of the reading until `begin_step`.
         self.flange.read_sensor()
@@ -256,7 +270,7 @@ class RigidScene:
         Raises:
             SceneError: MuJoCo's library cannot be found.
         """
-        return native_scene(self._model, self._data, self._layout, self.cell)
+        return native_scene(self._model, self._data, self._layout, self.cell, self._pace)
 
     def stepped(self, began: Pose) -> None:
         """Follow steps that kernels have taken.
@@ -306,7 +320,7 @@ class RigidScene:
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
         servo_torque = np.array(self._data.qfrc_actuator)
-        load, on_arm = self.flange.measured, self.bodies.carried.on_arm
+        load, on_arm = self.flange.measured, self.bodies.carried.on_arm.copy()
         return RigidState(integration, armature, acceleration, servo_torque, load, self.bodies.loaded, on_arm)
 
     def restore_state(self, state: RigidState) -> None:
@@ -320,7 +334,7 @@ class RigidScene:
             raise InputError(f"the saved scene has {len(state.integration)} numbers, here {size}: {_ALIKE}")
         self._warnings[:] = 0
         self.bodies.loaded = state.loaded
-        self.bodies.carried.on_arm = state.on_arm
+        self.bodies.carried.on_arm[:] = state.on_arm
         self._model.dof_armature[:] = state.armature
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()

@@ -1,0 +1,117 @@
+"""Fine ticks: a tick of the clock in which something light is hit or thrown, as several exchanges.
+
+Where the film comes on to a body that can move, or takes one along on the flange, by more than a bound in a
+tick, a step of that length has the body fly past what it would meet. Such a tick is taken in as many pieces
+as MuJoCo takes steps in it, each an exchange with one step of either side. The film's first step of another
+length is one of implicit Euler; after the last piece it looks back over a whole tick again.
+
+Servos and loads go on within the tick. What is shown of it belongs to its end, but for sums of work and
+iterations, and the force on bodies: its product with the tick is the impulse that they get. What is left at
+the end of a piece acts through the next one, or the next whole tick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, final
+
+import numpy as np
+
+from cosim.coupling.half_ticks import RigidSide, take_rigid_half
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks_taken import TicksTaken
+from cosim.soft.body.loads import Loads
+
+_FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
+_SETTLED: Final = 0.5  # share of it below which ticks are whole again
+
+
+@final
+class FineTicks:
+    """Takes ticks of the clock in pieces while what the film touches moves far in one.
+
+    `on` says whether the next tick is such a one.
+
+    Args:
+        interface: between the sides.
+    """
+
+    def __init__(self, interface: Interface) -> None:
+        self._interface, self.on = interface, False
+        scene, soft = interface.scene, interface.soft
+        known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
+        self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
+
+    def look(self, taken: TicksTaken) -> None:
+        """Decide on the next tick, after one."""
+        interface, before = self._interface, self.on
+        if self.fast_m_s < np.inf and interface.contact is not None:
+            bound = (_SETTLED if self.on else 1.0) * self.fast_m_s
+            self._go(interface.contact.fastest_m_s(interface.soft.state) > bound)
+        if self.on and not before:  # its force acts through one piece alone
+            taken.ticks.body_force[taken.done - 1] /= interface.scene.substeps
+
+    def restore(self, on: bool) -> None:
+        """Be where a saved state was, whose scene and soft side have been restored before."""
+        interface, self.on = self._interface, on
+        scene = interface.scene
+        scene.go_finely(scene.substeps if on else None)
+        if interface.light is not None:
+            interface.light.begin_ticks_of(scene.tick_s)
+
+    def take(self, rigid: RigidSide, servos: Servos, loads: Loads, taken: TicksTaken) -> None:
+        """Take one tick of the clock.
+
+        Args:
+            rigid: side.
+            servos: what they are asked for in it.
+            loads: on the soft body at its end.
+            taken: its row is filled.
+        """
+        interface = self._interface
+        scene, soft = interface.scene, interface.soft
+        assert isinstance(soft, SoftArm), "no other soft side takes fine ticks"
+        count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
+        fine = interface.begin(count)
+        for k in range(count):
+            scene.go_finely(count - k)
+            asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
+            if not take_rigid_half(rigid, asked, fine.ticks.from_on(k), 0):
+                scene.check()
+            scene.stepped(fine.ticks.flange(k))
+            reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
+            interface.take_reply(fine, reply)
+        self._condense(fine, taken)
+        interface.ticks = ticks + 1
+        self.look(taken)
+        acting = np.ones(count)
+        acting[-1] = 1 if self.on else count
+        taken.ticks.body_force[taken.done - 1] = np.tensordot(acting / count, fine.ticks.body_force, 1)
+        if not self.on:  # the next one looks back over this one
+            soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
+
+    def stop(self) -> None:
+        """Take no more fine ticks: another scheme takes the next ones."""
+        self._go(False)
+
+    def _go(self, on: bool) -> None:
+        if on == self.on:
+            return
+        self.restore(on)
+        self._interface.soft.restart()
+
+    def _condense(self, fine: TicksTaken, taken: TicksTaken) -> None:
+        """Fill the row of the tick in progress with what its pieces have left."""
+        k, to, of, soft = taken.done, taken.ticks, fine.ticks, self._interface.soft
+        for name in ("figures", "origin", "axes", "handed"):
+            getattr(to, name)[k + 1] = getattr(of, name)[-1]
+        for name in ("twist", "joints", "joint_speed", "servo_torque", "places", "quaternions", "residual",
+                     "contacts", "contact", "self_contact"):  # fmt: skip
+            getattr(to, name)[k] = getattr(of, name)[-1]
+        to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
+        to.power[k], to.work[k] = of.power.mean(0), of.work.sum(0)
+        taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
+        taken.parts.append([soft.shape_now()])
+        taken.done += 1

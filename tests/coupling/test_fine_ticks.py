@@ -1,0 +1,121 @@
+"""Ticks of several steps of MuJoCo, and ticks taken in pieces where the film comes on to what can move."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Array
+from cosim.build.arm_parts import rigid_substeps
+from cosim.build.arms import find_arm
+from cosim.config.loading import load_scenario
+from cosim.coupling.half_ticks import take_rigid_half
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.scene.scene import RigidScene
+from tests.coupling.pads import CoupledGrasp
+from tests.coupling.test_light_bodies import bounce
+
+TABLE = SceneObject("table", "box", (0.4, 0.4, 0.1), (0.5, 0.0, 0.95))
+BALL = SceneObject("ball", "sphere", (0.02,), (0.5, 0.0, 1.03), mass_kg=0.1)
+
+
+def dropped(tick_s: float, substeps: int) -> RigidScene:
+    """Return a scene in which a ball drops on a table."""
+    return RigidScene(
+        SceneDescription(find_arm("ur5e"), tick_s=tick_s, substeps=substeps, objects=(TABLE, BALL))
+    )
+
+
+def test_a_tick_of_several_steps_is_these_steps() -> None:
+    long, short = dropped(4e-3, 4), dropped(1e-3, 1)
+    assert (long.tick_s, long.substeps, short.tick_s) == (4e-3, 4, 1e-3)
+    for _ in range(30):
+        long.finish_step()
+        long.begin_step()
+        for _ in range(4):
+            short.finish_step()
+            short.begin_step()
+        assert np.array_equal(long.body_poses()[0], short.body_poses()[0])
+    assert long.body_poses()[0][long.body_names.index("ball"), 2] < 1.021  # it has come down
+
+
+def test_kernels_take_the_same_steps_and_servos_go_on_in_them() -> None:
+    long, short, speed = dropped(4e-3, 4), dropped(1e-3, 1), np.full(6, 0.3)
+    place = long.joint_position
+    servos = Servos.knowing_no_payload(place[None], speed[None], np.zeros((1, 6)))
+    ticks = Ticks.room(1, 6, len(long.body_names))
+    side = CoupledGrasp(0.1, 4e-3, StaggeredCoupling).interface.rigid(
+        CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, 6)))
+    )
+    assert take_rigid_half(side._replace(scene=long.native(), mass_kg=0.0), servos, ticks, 0)
+    for k in range(4):
+        short.set_control(place + k * 1e-3 * speed, speed)
+        short.finish_step()
+        short.begin_step()
+    assert ticks.joints[0] == pytest.approx(short.joint_position, abs=1e-13)
+    assert np.abs(ticks.joints[0] - place).max() > 1e-5
+
+
+@pytest.mark.parametrize("mass_kg", [0.05, 0.1])
+def test_a_ball_bounces_as_with_short_ticks(mass_kg: float) -> None:
+    whole, fine, short = (bounce(mass_kg, h, 0.16, substeps=n) for h, n in ((4e-3, 1), (4e-3, 4), (1e-3, 1)))
+    low, high = (found.height.min() for found in (short, fine))
+    assert fine.height[-1] == pytest.approx(short.height[-1], abs=3e-4)
+    assert low == pytest.approx(high, abs=3e-4)
+    assert abs(whole.height[-1] - short.height[-1]) > 1e-3
+
+
+def hit() -> CoupledGrasp:
+    """Return a light cube between pads that press on it all of a sudden."""
+    return CoupledGrasp(0.05, 4e-3, StaggeredCoupling, "bdf2", substeps=4)
+
+
+def ticks_of(grasp: CoupledGrasp, count: int) -> list[Array]:
+    """Return where the cube is after each of some ticks."""
+    found = []
+    for _ in range(count):
+        entry = grasp.tick()
+        assert entry.momentum_error < 1e-10
+        found.append(np.concatenate([grasp.grasp.cube_position, grasp.grasp.soft.state.positions.ravel()]))
+    return found
+
+
+def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
+    grasp = hit()
+    seen: list[Any] = []
+    fine = []
+    for _ in range(12):
+        ticks_of(grasp, 1)
+        state = grasp.coupling.save_state()
+        fine.append(state.fine)
+        seen.append((grasp.grasp.scene.save_state(), grasp.grasp.soft.save_state(), state))
+    assert any(fine)
+    assert not all(fine)
+    k = fine.index(True)
+    again = hit()
+    for one in (grasp, again):
+        scene, soft, state = seen[k]
+        one.grasp.scene.restore_state(scene)
+        one.grasp.soft.restore_state(soft)
+        one.coupling.restore_state(state)
+    first, second = ticks_of(grasp, 10), ticks_of(again, 10)
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def test_how_many_steps_a_tick_has_follows_from_the_lightest_free_object() -> None:
+    def steps(**changes: Any) -> int:
+        keys = {name.replace("__", "."): value for name, value in changes.items()}
+        return rigid_substeps(load_scenario("gripper_lifts_roll", keys))
+
+    assert steps() == 4
+    assert steps(clock__tick_s=1e-3) == 1
+    assert steps(object__roll__mass_kg=0.02) == 8
+    assert steps(object__roll__mass_kg=5.0) == 1
+    assert steps(contact__enabled=False) == 1
+    assert steps(coupling__scheme="iterated") == 1
+    assert rigid_substeps(load_scenario("gripper_lifts_bridge")) == 1  # its plank hangs on a hinge
+    assert rigid_substeps(load_scenario("gripper_pulls_wire")) == 1
