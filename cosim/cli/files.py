@@ -5,16 +5,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from cosim.app.ended_run import load_run
-from cosim.app.motion import payload_torque, plan_path, run_path
-from cosim.app.replay import drawn, replay
 from cosim.app.run_files import OutputDirectory
 from cosim.base.files import write_whole
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
@@ -27,11 +24,10 @@ from cosim.config.loading import load_file
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
-from cosim.config.toml.reading import blamed_on, parse_assignment
+from cosim.config.toml.reading import blamed_on
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
 from cosim.results.exports import COLLECTION, write_csv, write_film
-from cosim.results.joint_table import JointTable, check_name
 from cosim.results.result import RunResult, figure_kind
 from cosim.results.ros_bag import BAG, check_bags, write_bag
 
@@ -161,61 +157,6 @@ def _checked(name: str, fine: str) -> bool:
     if not faults:
         print(printable(f"{name}: {fine}"))
     return not faults
-
-
-def export_path_command(source: str, files: Sequence[Path], options: argparse.Namespace) -> None:
-    """Write the motion of a scenario's plan, or of a run, into files for robots' controllers.
-
-    Args:
-        source: name or path of a scenario, or the directory of a run.
-        files: each ends in what is to be in it.
-        options: `phase`, `whole`, `rate` and `assignments` of the command line.
-
-    Raises:
-        InputError: there is no such scenario, run or phase, or a file's name says nothing.
-        OutputError: a file cannot be written.
-    """
-    for file in files:
-        check_name(file)
-    if Path(source).is_dir():
-        if options.assignments:
-            raise InputError(f"--set changes a scenario; {source} is a run that has been")
-        table = run_path(source, phase=options.phase, rate_Hz=options.rate)
-    else:
-        overrides = dict(map(parse_assignment, options.assignments))
-        which: dict[str, Any] = {"phase": options.phase, "whole": options.whole}
-        table = plan_path(source, rate_Hz=options.rate, overrides=overrides, **which)
-    for file in files:
-        table.write(file)
-        print(printable(f"{file}, {len(table.time_s)} rows at {options.rate:g} Hz"))
-    if table.payload is not None:
-        for line in repr(payload_torque(source)).split("\n"):
-            print(printable(f"payload: {line}"))
-
-
-def compare_command(scenario: str, file: Path, plot: Path | None, assignments: Sequence[str]) -> None:
-    """Replay a table on a scenario's robot, and print how what was measured differs.
-
-    Args:
-        scenario: name, or path of a .toml file.
-        file: of the table.
-        plot: to draw into; None: nothing is drawn.
-        assignments: KEY=VALUE.
-
-    Raises:
-        InputError: the scenario or the table is wrong.
-        OutputError: the picture cannot be written.
-    """
-    if plot is not None:
-        figure_kind()
-    rows = JointTable.read(file)
-    found = replay(scenario, rows, overrides=dict(map(parse_assignment, assignments)))
-    for line in repr(found).split("\n"):
-        print(printable(line))
-    if plot is not None:
-        with writing(plot):
-            drawn(found, rows).savefig(plot, dpi=110)
-        _tell(plot, "")
 
 
 CSV: Final = "arrays.csv"

@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, final
 
@@ -280,16 +281,50 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _export_path(options: argparse.Namespace) -> int:
-    from cosim.cli.files import export_path_command  # here, because it loads numpy and pydantic
+    from cosim.app.motion import payload_torque, plan_path, run_path  # here, because they load numpy
+    from cosim.results.joint_table import check_name
 
-    export_path_command(options.scenario, options.files, options)
+    for file in options.files:
+        check_name(file)
+    source, overrides = options.scenario, _overrides(options)
+    if Path(source).is_dir():
+        if overrides:
+            raise InputError(f"--set changes a scenario; {source} is a run that has been")
+        table = run_path(source, phase=options.phase, rate_Hz=options.rate)
+    else:
+        wanted = {"phase": options.phase, "whole": options.whole}
+        table = plan_path(source, **wanted, rate_Hz=options.rate, overrides=overrides)
+    for file in options.files:
+        table.write(file)
+        print(printable(f"{file}, {len(table.time_s)} rows at {options.rate:g} Hz"))
+    if table.payload is not None:
+        for line in repr(payload_torque(source)).split("\n"):
+            print(printable(f"payload: {line}"))
     return EXIT_DONE
 
 
-def _compare(options: argparse.Namespace) -> int:
-    from cosim.cli.files import compare_command  # here, because it loads numpy and pydantic
+def _overrides(options: argparse.Namespace) -> dict[str, Any]:
+    from cosim.config.toml.reading import parse_assignment  # here, because it loads pydantic
 
-    compare_command(options.scenario, options.file, options.plot, options.assignments)
+    return dict(map(parse_assignment, options.assignments))
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from cosim.app.replay import drawn, replay  # here, because they load numpy
+    from cosim.base.resources import writing
+    from cosim.results.joint_table import JointTable
+    from cosim.results.result import figure_kind
+
+    if options.plot is not None:
+        figure_kind()
+    rows = JointTable.read(options.file)
+    found = replay(options.scenario, rows, overrides=_overrides(options))
+    for line in repr(found).split("\n"):
+        print(printable(line))
+    if options.plot is not None:
+        with writing(options.plot):
+            drawn(found, rows).savefig(options.plot, dpi=110)
+        print(printable(str(options.plot)))
     return EXIT_DONE
 
 
