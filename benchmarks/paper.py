@@ -88,13 +88,17 @@ def cell(value: float | None) -> str:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows of a figure as Markdown."""
-    columns = list(COLUMNS if "published" in rows[0].values else rows[0].values)
-    lines = [f"| | {' | '.join(columns)} | default / published |", "|---" * (len(columns) + 2) + "|"]
+    compared = any("published" in row.values for row in rows)
+    columns = COLUMNS if compared else tuple(rows[0].values)
+    lines = [f"| | {' | '.join(columns)} |", "|---" * (len(columns) + 1) + "|"]
+    if compared:
+        lines = [f"{lines[0]} default / published |", f"{lines[1]}---|"]
     for row in rows:
         cells = [cell(row.values.get(column)) for column in columns]
-        both = row.values.get("default"), row.values.get("published")
-        ratio = "" if None in both else f"{row.values['default'] / row.values['published']:.2f}"
-        lines.append(f"| {row.name} | {' | '.join(cells)} | {ratio} |")
+        if compared:
+            both = row.values.get("default"), row.values.get("published")
+            cells.append("" if None in both else f"{row.values['default'] / row.values['published']:.2f}")
+        lines.append(f"| {row.name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

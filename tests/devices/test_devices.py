@@ -99,7 +99,7 @@ def test_one_motor_winds_its_cables_by_one_length_whatever_each_of_them_pulls(tm
     changes = {
         "winch.steppers.stall_torque_Nm": stall_N * 0.01,
         "winch.steppers.step_angle_rad": 0.003,
-        **{f"soft_robot.cable.corner_{k}.stiffness_N_m": 200.0 for k in range(2)},
+        **{f"soft_robot.cable.corner_{k}.stiffness_N_m": 1000.0 for k in range(2)},
     }
     weak = cosim.run(scenario(tmp_path, unlike, PULL + BOTH, ONE_MOTOR), overrides=changes)
     lost = last_phase(weak)["lost_steps"]
