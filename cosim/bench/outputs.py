@@ -14,7 +14,9 @@ from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.implicit import Side
+from cosim.soft.solve.state import Clamp, Equilibrium
 
 _XYZ: Final = "xyz"
 
@@ -132,6 +134,14 @@ def read(outputs: Sequence[Output], shape: Shape) -> Array:
     """Return the values (outputs,) at a shape."""
     arrays = {output.read: output.read(shape) for output in outputs}
     return np.array([arrays[output.read][output.place] for output in outputs])
+
+
+def read_at(outputs: Sequence[Output], system: SoftSystem, clamp: Clamp, here: Equilibrium) -> Array:
+    """Return the values (outputs,) at an equilibrium."""
+    x, memory = np.array(here.state.positions, order="C"), system.fresh(here.state.memory)
+    system.evaluate(x, here.loads, system.segment_share(x, here.loads, memory), memory, hessian=False)
+    side = Side(0.0, 0.0, 0.0, system, clamp, here.loads)
+    return read(outputs, Shape(side, x, system.gradient.copy(), here.world_from_flange))
 
 
 def _found(name: str, model: StaticModel) -> Iterator[Output]:
