@@ -20,11 +20,13 @@ from cosim.config.benches import Series, UnknownTable
 _TOLD: Final = 0.25  # half of the 95 % interval of a product, relative: one known less well is not told
 _WITHOUT: Final = 0.1  # standard deviations, by which a value without effect moves the data at most
 _SAME: Final = 0.1  # exponents below are left out of products
-_LEAST_LIKE: Final = 0.5  # correlation of a curve with the model's
+_LEAST_LIKE, _ALIKE = 0.5, 0.95  # correlation of a curve with the model's
+_NEAR_UNIT: Final = 0.4  # by logarithm
+_OFF, _NEARER = 0.2, 3.0  # of the model's size, and how much nearer another column is
 _FACTORS: Final = (2.5, 0.4)
 _KNOWN_FACTORS: Final = (
     (1e3, "kilo"), (1e-3, "milli"), (6894.757, "psi"), (1e5, "bar"), (57.29578, "degrees"), (100.0, "centi"),
-    (1e6, "mega or micro"),
+    (10.0, "milli for centi"), (1e6, "mega or micro"),
 )  # fmt: skip
 
 
@@ -153,21 +155,43 @@ def oddities(series: Sequence[Series], predicted: Sequence[Array]) -> list[str]:
         if len(data) < 3 or not np.ptp(data) > 0.0 or not np.ptp(model) > 0.0:
             continue
         like = float(np.corrcoef(data, model)[0, 1])
-        if like < _LEAST_LIKE:
-            found.append(
-                f"series.{name}: column {column!r} does not go with the model (correlation {like:.2f}): "
-                "are columns swapped, or is a sign or axis another?"
-            )
-            continue
         factor = float((data @ model) / (model @ model))
-        if not _FACTORS[1] < factor < _FACTORS[0]:
-            near = min(
-                ((each, what) for known, what in _KNOWN_FACTORS for each in (known, 1.0 / known)),
-                key=lambda pair: abs(np.log(factor / pair[0])),
+        unit = _unit(factor) if like > _ALIKE and not _FACTORS[1] < factor < _FACTORS[0] else ""
+        other = _nearer(entry, data, model)
+        if unit:
+            problem = (
+                f"is {factor:.3g} times the model, near {unit}: is it in another unit than its name says?"
             )
-            fits = f", near {near[0]:.4g} ({near[1]})" if abs(np.log(factor / near[0])) < 0.7 else ""
-            found.append(
-                f"series.{name}: column {column!r} is {factor:.3g} times the model{fits}: is it in another "
-                "unit than its name says, or a column of its loads?"
+        elif other:
+            problem = f"fits less well than the numbers of column {other!r}: are the two swapped?"
+        elif like < _LEAST_LIKE:
+            problem = (
+                f"does not go with the model (correlation {like:.2f}): is a sign, axis or column another?"
             )
+        elif not _FACTORS[1] < factor < _FACTORS[0]:
+            problem = f"is {factor:.3g} times the model: is it another quantity, or is the start far off?"
+        else:
+            continue
+        found.append(f"series.{name}: column {column!r} {problem}")
     return found
+
+
+def _unit(factor: float) -> str:
+    """Return the factor between two units that is near to one; empty for none."""
+    pairs = [(each, what) for known, what in _KNOWN_FACTORS for each in (known, 1.0 / known)]
+    size, what = min(pairs, key=lambda pair: abs(np.log(factor / pair[0])))
+    return f"{size:.4g} ({what})" if abs(np.log(factor / size)) < _NEAR_UNIT else ""
+
+
+def _nearer(entry: Series, data: Array, model: Array) -> str:
+    """Return the column of the file whose numbers are much nearer to the model's than the measured ones."""
+
+    def away(values: Array) -> float:
+        return float(np.linalg.norm(values - model) / np.linalg.norm(model))
+
+    own = away(data)
+    for name, values in entry.others.items():
+        other = np.array(values) - (values[0] if entry.table.relative else 0.0)
+        if own > _OFF and away(other) < own / _NEARER:
+            return name
+    return ""

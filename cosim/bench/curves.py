@@ -54,7 +54,7 @@ class Curves:
         for entry, value in zip(bench.parameter, self.start.tolist(), strict=True):
             if not entry.low <= value <= entry.high:
                 raise InputError(
-                    f"{entry.key}: starts at {value:g}, outside of low, {entry.low:g}, to high, {entry.high:g}"
+                    f"{entry.key}: starts at {value:g}, not from {entry.low:g} (low) to {entry.high:g} (high)"
                 )
         self._states = [dict[int, Equilibrium]() for _ in series]
         self._arm, self._model = self._built(self.start)
@@ -121,7 +121,7 @@ class Curves:
         return arm, StaticModel.of(scenario, arm.equilibrium_solver.solver.system)
 
     def _equilibrium(self, number: int, row: int) -> Equilibrium:
-        """Find the equilibrium of a row: from its last one, else from that of the row before, or the start."""
+        """Find the equilibrium of a row: from its last one, that of the row before, or the start."""
         solver, loads = self._arm.equilibrium_solver, self._rows[number][row]
         flange, known = pose_of(self.scenario.start.flange), self._states[number]
         self.solved += 1

@@ -27,7 +27,8 @@ _CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
 _ROUNDS: Final = 3
 _FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
 _FURTHER: Final = ("tip_position_m.x", "tip_position_m.y", "tip_position_m.z", "length_m", "volume_m3")
-_EXACT: Final = 1e-9
+_EXACT: Final = 1e-7
+_PROFILE: Final = 1e-4
 
 
 @final
@@ -157,7 +158,7 @@ class Fit:
         )
 
     def scaled(self, fitted: Array, quantities: Sequence[str] = ()) -> Array:
-        """Return derivatives (rows, parameters) by what is fitted, over noise; of other quantities if named."""
+        """Return derivatives (rows, parameters) by what is fitted, over noise; of others if named."""
         self.predicted(fitted)
         slope = np.where(self._logs, self.values(fitted), 1.0)
         found = self.curves.jacobian(quantities)
@@ -169,13 +170,16 @@ class Fit:
         prior = np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)]
         return np.concatenate([self.scaled(fitted)[self.rows], prior])
 
-    def least(self, start: Array, held: int | None = None, loss: str = "linear") -> tuple[Array, float]:
+    def least(
+        self, start: Array, held: int | None = None, loss: str = "linear", close: float = _EXACT
+    ) -> tuple[Array, float]:
         """Return where the sum of squares is least, and that sum.
 
         Args:
             start: where to begin.
             held: a parameter that stays.
             loss: of scipy's least squares.
+            close: relative change of the sum at which it ends.
         """
         from scipy.optimize import least_squares  # here: it takes long to load
 
@@ -191,7 +195,7 @@ class Fit:
         found = least_squares(
             lambda some: self.residuals(whole(some)), np.clip(start, self.low, self.high)[free],
             lambda some: self.jacobian(whole(some))[:, free], bounds=(self.low[free], self.high[free]),
-            x_scale="jac", loss=loss, ftol=_EXACT, xtol=_EXACT, gtol=1e-12, max_nfev=60,
+            x_scale="jac", loss=loss, ftol=close, xtol=1e-9, gtol=1e-12, max_nfev=60,
         )  # fmt: skip
         end = whole(found.x)
         return end, float((self.residuals(end) ** 2).sum())
@@ -227,7 +231,7 @@ class Fit:
         x, lean = at
         start = np.clip(best + (x - best[number]) * lean, self.low, self.high)
         start[number] = x
-        return max(0.0, self.least(start, held=number)[1] - least)
+        return max(0.0, self.least(start, held=number, close=_PROFILE)[1] - least)
 
 
 def _crossing(rise: Callable[[float], float], best: float, step: float, bound: float) -> float:
@@ -274,7 +278,7 @@ def identify(
     problems = [*odd, *(() if check.good else check.lines())]
     if problems and not force:
         raise InputError("\n".join((*problems, "--force fits in spite of this")))
-    best, _ = fit.least(fit.start, loss="soft_l1")
+    best, _ = fit.least(fit.start, loss="soft_l1", close=_PROFILE)
     outliers = np.zeros(len(fit.measured), bool)
     for _ in range(_ROUNDS):
         best, least = fit.least(best)

@@ -119,6 +119,7 @@ class Series:
         values: measured, in the unit of the quantity.
         noise: standard deviation of them.
         unit: SI unit of the measured column.
+        others: what the values would be if they stood in another column of the file, by its name.
     """
 
     table: SeriesTable
@@ -126,6 +127,7 @@ class Series:
     values: tuple[float, ...]
     noise: float
     unit: str
+    others: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
@@ -168,7 +170,12 @@ def _series(table: SeriesTable, folder: Path) -> Series:
     values, scale, unit = _column(columns, table.measured, table.quantity, f"{key}.measured")
     if count < 2:
         raise ScenarioError(f"{key}.file", f"{table.file} has {count} rows; a curve needs two at least")
-    return Series(table, loads, values, scale * table.noise, unit)
+    others = {
+        name: tuple(scale * value for value in column)
+        for name, column in columns.items()
+        if name != table.measured
+    }
+    return Series(table, loads, values, scale * table.noise, unit, others)
 
 
 def _column(
