@@ -113,7 +113,7 @@ def identifiability(
 
 
 def _text(along: Array, names: Sequence[str], products: Sequence[bool]) -> str:
-    along = along / along[np.argmax(np.abs(along))]
+    along = along / along[np.argmax(np.round(np.abs(along), 3))]
     parts = [
         f"{name}^{power:.2f}" if product else f"{power:+.2f} {name}"
         for name, power, product in zip(names, along, products, strict=True)

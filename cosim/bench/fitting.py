@@ -23,12 +23,14 @@ from cosim.config.benches import BenchTable, Series
 from cosim.errors import ConvergenceError, InputError
 
 _FAR: Final = 4.5
+_MAD: Final = 1.4826  # of the median of absolute residuals, which makes it a standard deviation
 _CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
 _ROUNDS: Final = 3
 _FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
 _FURTHER: Final = ("tip_position_m.x", "tip_position_m.y", "tip_position_m.z", "length_m", "volume_m3")
 _EXACT: Final = 1e-7
 _PROFILE: Final = 1e-4
+_CHORDS, _SETTLED = 8, 1e-2  # steps, and what is left of a sum of squares to gain by one
 
 
 @final
@@ -117,6 +119,7 @@ class Fit:
         )
         self.rows = self.counts & ~self.held_out
         self._last: tuple[Array, Array] | None = None
+        self._inner: Array | None = None  # derivatives at the minimum
 
     @staticmethod
     def _measured(entry: Series) -> tuple[Array, Array, Mask, Mask]:
@@ -170,35 +173,21 @@ class Fit:
         prior = np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)]
         return np.concatenate([self.scaled(fitted)[self.rows], prior])
 
-    def least(
-        self, start: Array, held: int | None = None, loss: str = "linear", close: float = _EXACT
-    ) -> tuple[Array, float]:
+    def least(self, start: Array, loss: str = "linear", close: float = _EXACT) -> tuple[Array, float]:
         """Return where the sum of squares is least, and that sum.
 
         Args:
             start: where to begin.
-            held: a parameter that stays.
             loss: of scipy's least squares.
             close: relative change of the sum at which it ends.
         """
         from scipy.optimize import least_squares  # here: it takes long to load
 
-        free = np.arange(len(start)) != held
-        if not free.any():
-            return start, float((self.residuals(start) ** 2).sum())
-
-        def whole(some: Array) -> Array:
-            point = start.copy()
-            point[free] = some
-            return point
-
         found = least_squares(
-            lambda some: self.residuals(whole(some)), np.clip(start, self.low, self.high)[free],
-            lambda some: self.jacobian(whole(some))[:, free], bounds=(self.low[free], self.high[free]),
+            self.residuals, np.clip(start, self.low, self.high), self.jacobian, bounds=(self.low, self.high),
             x_scale="jac", loss=loss, ftol=close, xtol=1e-9, gtol=1e-12, max_nfev=60,
         )  # fmt: skip
-        end = whole(found.x)
-        return end, float((self.residuals(end) ** 2).sum())
+        return found.x, float((self.residuals(found.x) ** 2).sum())
 
     def interval(self, best: Array, least: float, number: int, spread: float) -> Interval:
         """Return the 95 % interval of a parameter by profile likelihood.
@@ -209,7 +198,8 @@ class Fit:
             number: of the parameter.
             spread: variance of the residuals over that of the noise, at least 1.
         """
-        inner = self.jacobian(best)
+        self.predicted(best)
+        inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
         covariance = np.linalg.pinv(inner.T @ inner)
         half = np.sqrt(_CHI2 * spread * covariance[number, number])
         lean, ends, at_bound = covariance[:, number] / covariance[number, number], list[float](), False
@@ -227,11 +217,27 @@ class Fit:
         return Interval(float(self.values(best)[number]), low, high, at_bound)
 
     def _rise(self, best: Array, least: float, number: int, at: tuple[float, Array]) -> float:
-        """Return by how much the sum of squares rises where a parameter is held elsewhere."""
+        """Return by how much the sum of squares rises where a parameter is held elsewhere.
+
+        The others follow by Gauss-Newton steps with the derivatives at the minimum.
+
+        at: the value, and how the others lean with it, to begin with.
+        """
         x, lean = at
-        start = np.clip(best + (x - best[number]) * lean, self.low, self.high)
-        start[number] = x
-        return max(0.0, self.least(start, held=number, close=_PROFILE)[1] - least)
+        inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
+        found = np.inf
+        free = np.arange(len(best)) != number
+        point = np.clip(best + (x - best[number]) * lean, self.low, self.high)
+        point[number] = x
+        for _ in range(_CHORDS):
+            left = self.residuals(point)
+            before, found = found, min(found, float(left @ left))
+            step = np.linalg.lstsq(inner[:, free], -left, rcond=None)[0]
+            gain = float(((inner[:, free] @ step) ** 2).sum())
+            if gain < _SETTLED or before - found < _SETTLED:
+                break
+            point[free] = np.clip(point[free] + step, self.low[free], self.high[free])
+        return max(0.0, found - least)
 
 
 def _crossing(rise: Callable[[float], float], best: float, step: float, bound: float) -> float:
@@ -278,23 +284,29 @@ def identify(
     problems = [*odd, *(() if check.good else check.lines())]
     if problems and not force:
         raise InputError("\n".join((*problems, "--force fits in spite of this")))
-    best, _ = fit.least(fit.start, loss="soft_l1", close=_PROFILE)
-    outliers = np.zeros(len(fit.measured), bool)
-    for _ in range(_ROUNDS):
-        best, least = fit.least(best)
-        scaled = (fit.predicted(best) - fit.measured) / fit.noise
-        usual = max(1.0, 1.4826 * float(np.median(np.abs(scaled[fit.rows]))))
-        new = fit.rows & (np.abs(scaled) > _FAR * usual)
-        if not new.any():
-            break
-        outliers |= new
-        fit.rows = fit.rows & ~new
+    best, outliers = _without_outliers(fit)
+    best, least = fit.least(best)
     freedom = max(1, int(fit.rows.sum()) - len(best))
     spread = max(1.0, least / freedom)
     tell(f"fitted after {fit.curves.solved} equilibria; intervals follow")
     found = tuple(fit.interval(best, least, number, spread) for number in range(len(best)))
     fit.predicted(best)
     return _result(fit, bench, series, check, odd, found, best, outliers)
+
+
+def _without_outliers(fit: Fit) -> tuple[Array, Mask]:
+    """Return where a robust fit ends, and (rows,) which rows it sets aside: the fit has them no longer."""
+    best, outliers = fit.start, np.zeros(len(fit.measured), bool)
+    for _ in range(_ROUNDS):
+        best, _ = fit.least(best, loss="soft_l1", close=_PROFILE)
+        scaled = np.abs(fit.predicted(best) - fit.measured) / fit.noise
+        usual = max(1.0, _MAD * float(np.median(scaled[fit.rows])))
+        new = fit.rows & (scaled > _FAR * usual)
+        if not new.any():
+            break
+        outliers |= new
+        fit.rows = fit.rows & ~new
+    return best, outliers
 
 
 def _odd(fit: Fit, series: Sequence[Series], start: Array) -> list[str]:

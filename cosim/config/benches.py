@@ -15,7 +15,7 @@ from cosim.base.resources import is_file, list_scenarios
 from cosim.config.studies import flat
 from cosim.config.toml.keys import Name, Positive, Text, listing
 from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Fault, Faults, Told, copy_with, read_table, rule
+from cosim.config.toml.reading import Fault, Faults, Told, check, copy_with, read_table, rule
 from cosim.errors import InputError, ScenarioError
 
 _UNITS: Final[dict[str, tuple[str, float]]] = {
@@ -145,6 +145,7 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
         raise InputError(f"no bench {str(source)!r}; give the path of a .toml file")
     faults = Faults()
     bench = parse(BenchTable, read_table(path), "", faults)
+    check(bench, "", None, (), faults)
     faults.tell()
     found = []
     for entry in bench.series:

@@ -1,9 +1,9 @@
 """Every snippet and command of the README, the first pages and the how-to pages is run, in order.
 
 A block of Python runs in the namespace of those before it on the page, or is the file `# NAME.py`; a block of
-TOML or CSV whose first line is `# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a shell
-block that begins with `cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes long
-runs in fewer increments or longer ticks, of the paper's model: other tests run it as it is.
+TOML or CSV whose first line is `# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a
+shell block that begins with `cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes
+long runs in fewer increments or longer ticks, of the paper's model: other tests run it as it is.
 """
 
 from __future__ import annotations
