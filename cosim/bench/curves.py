@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.bench.outputs import outputs_of, read_at
 from cosim.bench.parameters import StaticModel, parameters_of, value_at, with_load, with_values
-from cosim.bench.sensitivity import Slopes
+from cosim.bench.slopes import Slopes
 from cosim.build.soft_model import dynamic_options, fidelity_body, static_options
 from cosim.config.benches import BenchTable, Series
 from cosim.config.loading import load_scenario
