@@ -14,12 +14,14 @@ from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.implicit import Side
+from cosim.soft.solve.state import Clamp, Equilibrium
 
 _XYZ: Final = "xyz"
 
 
-class Shape(NamedTuple):
+class OutputShape(NamedTuple):
     """A shape that quantities are read from.
 
     Args:
@@ -35,37 +37,37 @@ class Shape(NamedTuple):
     flange: Pose
 
 
-def _tip(shape: Shape) -> Array:
+def _tip(shape: OutputShape) -> Array:
     return shape.side.system.body.tip_position(shape.positions)
 
 
-def _direction(shape: Shape) -> Array:
+def _direction(shape: OutputShape) -> Array:
     return shape.side.system.body.tip_direction(shape.positions)
 
 
-def _bending(shape: Shape) -> Array:
+def _bending(shape: OutputShape) -> Array:
     axis, direction = shape.flange.rotation[:, 2], _direction(shape)
     return np.array([np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction)])
 
 
-def _length(shape: Shape) -> Array:
+def _length(shape: OutputShape) -> Array:
     body = shape.side.system.body
     return np.array([center_line_length(center_rings(body), shape.positions)])
 
 
-def _volumes(shape: Shape) -> Array:
+def _volumes(shape: OutputShape) -> Array:
     return np.asarray(shape.side.system.gas.enclosed_volumes(shape.positions[None])[0])
 
 
-def _pressures(shape: Shape) -> Array:
+def _pressures(shape: OutputShape) -> Array:
     return np.array(shape.side.loads.pressures_at(tuple(_volumes(shape).tolist())))
 
 
-def _routes(shape: Shape) -> Array:
+def _routes(shape: OutputShape) -> Array:
     return np.array([cable.length(shape.positions) for cable in shape.side.system.body.cables])
 
 
-def _tensions(shape: Shape) -> Array:
+def _tensions(shape: OutputShape) -> Array:
     cables, loads = shape.side.system.body.cables, shape.side.loads
     lengths = loads.cable_length_m or (None,) * len(cables)
     given = zip(cables, lengths, loads.cable_tension_N, strict=True)
@@ -75,12 +77,12 @@ def _tensions(shape: Shape) -> Array:
     ])  # fmt: skip
 
 
-def _wrench(shape: Shape) -> Array:
+def _wrench(shape: OutputShape) -> Array:
     wrench = shape.side.clamp.wrench(shape.gradient, shape.positions, shape.flange)
     return np.concatenate([wrench.force, wrench.torque])
 
 
-Read: TypeAlias = Callable[[Shape], Array]
+Read: TypeAlias = Callable[[OutputShape], Array]
 
 _READ: Final[dict[str, tuple[str, Read]]] = {
     "tip_position_m": ("xyz", _tip),
@@ -128,10 +130,18 @@ def outputs_of(names: Sequence[str], model: StaticModel) -> list[Output]:
     return [found for name in names for found in _found(name, model)]
 
 
-def read(outputs: Sequence[Output], shape: Shape) -> Array:
+def read(outputs: Sequence[Output], shape: OutputShape) -> Array:
     """Return the values (outputs,) at a shape."""
     arrays = {output.read: output.read(shape) for output in outputs}
     return np.array([arrays[output.read][output.place] for output in outputs])
+
+
+def read_at(outputs: Sequence[Output], system: SoftSystem, clamp: Clamp, here: Equilibrium) -> Array:
+    """Return the values (outputs,) at an equilibrium."""
+    x, memory = np.array(here.state.positions, order="C"), system.fresh(here.state.memory)
+    system.evaluate(x, here.loads, system.segment_share(x, here.loads, memory), memory, hessian=False)
+    side = Side(0.0, 0.0, 0.0, system, clamp, here.loads)
+    return read(outputs, OutputShape(side, x, system.gradient.copy(), here.world_from_flange))
 
 
 def _found(name: str, model: StaticModel) -> Iterator[Output]:
@@ -165,7 +175,7 @@ def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
             raise InputError(f"{kind}.{of}: no node {place!r}; there are 0 to {body.nodes - 1}")
         nodes = np.array([int(place)])
 
-    def mean(shape: Shape) -> Array:
+    def mean(shape: OutputShape) -> Array:
         return np.asarray(shape.positions[nodes].mean(axis=0))
 
     for k, each in enumerate(_XYZ):

@@ -11,14 +11,12 @@ import numpy as np
 
 from cosim.app.simulation import Simulation
 from cosim.base.frames import Array
-from cosim.bench.outputs import Output, Shape, outputs_of, read
-from cosim.bench.parameters import AnyParameter, ParameterName, Sides, StaticModel, parameters_of
+from cosim.bench.outputs import outputs_of
+from cosim.bench.parameters import ParameterName, StaticModel, parameters_of
+from cosim.bench.slopes import Slopes
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
-from cosim.soft.solve.implicit import EquilibriumSlope, Side
-from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import Clamp, Equilibrium
 from cosim.stepping.quasistatic import QuasistaticSimulation
 
 
@@ -30,11 +28,11 @@ class Jacobian:
     Args:
         outputs: names of the rows.
         output_units: of them.
-        output_values: (outputs,), at the equilibrium.
+        output_values: (outputs,) [output_units], at the equilibrium.
         parameters: names of the columns.
         parameter_units: of them.
-        parameter_values: (parameters,), at the equilibrium.
-        matrix: (outputs, parameters), in units of the output per unit of the parameter.
+        parameter_values: (parameters,) [parameter_units], at the equilibrium.
+        matrix: (outputs, parameters) [output per parameter], the derivatives.
     """
 
     outputs: tuple[str, ...]
@@ -46,7 +44,11 @@ class Jacobian:
     matrix: Array
 
     def of(self, output: str, parameter: str) -> float:
-        """Return one derivative.
+        """Return one derivative, in the unit that `unit` says.
+
+        Args:
+            output: name of the row.
+            parameter: name of the column.
 
         Raises:
             InputError: there is no such row or column.
@@ -57,7 +59,12 @@ class Jacobian:
         return float(self.matrix[self.outputs.index(output), self.parameters.index(parameter)])
 
     def unit(self, output: str, parameter: str) -> str:
-        """Return the unit of a derivative, such as "m per Pa"."""
+        """Return the unit of a derivative, such as "m per Pa".
+
+        Args:
+            output: name of the row.
+            parameter: name of the column.
+        """
         rows, columns = self.outputs.index(output), self.parameters.index(parameter)
         return f"{self.output_units[rows]} per {self.parameter_units[columns]}"
 
@@ -153,36 +160,3 @@ def _simulation_of(
     if simulation.stage.mode == "quasistatic":
         simulation.step(ticks=simulation.ticks_left)
     return simulation
-
-
-@final
-class Slopes:
-    """Jacobians of the same outputs by the same parameters, at any equilibria of one model.
-
-    Args:
-        parameters: of the columns.
-        outputs: of the rows.
-        model: that has both.
-    """
-
-    def __init__(
-        self, parameters: Sequence[AnyParameter], outputs: Sequence[Output], model: StaticModel
-    ) -> None:
-        self._names, self._outputs = [each.name for each in parameters], outputs
-        self._sides: list[Sides] = [each.sides(model) for each in parameters]
-
-    def at(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium) -> tuple[Array, Array]:
-        """Return the outputs (m,), and their Jacobian (m, parameters), at an equilibrium."""
-        slopes, columns = EquilibriumSlope(solver, clamp, here), []
-        for name, sides_at in zip(self._names, self._sides, strict=True):
-            sides = sides_at(here, clamp)
-            slope = slopes.by(sides, name)
-            columns.append(
-                sum(side.weight * self._read(side, slopes.moved(side, slope), here) for side in sides)
-            )
-        own = Side(0.0, 0.0, 0.0, solver.system, clamp, here.loads)
-        found = self._read(own, (here.state.positions, slopes.gradient), here)
-        return found, np.stack(columns, axis=1) if columns else np.zeros((len(found), 0))
-
-    def _read(self, side: Side, moved: tuple[Array, Array], here: Equilibrium) -> Array:
-        return read(self._outputs, Shape(side, *moved, here.world_from_flange))

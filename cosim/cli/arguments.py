@@ -35,6 +35,7 @@ def parser() -> argparse.ArgumentParser:
     verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
     _add_trade(commands)
     _add_sweep(commands)
+    _add_identify(commands)
     _add_replay(commands)
     for name in ("run", "check", "schema", "trade", "sweep"):
         known = "make kinds of your own known: a module, or a .py file; may be repeated"
@@ -60,6 +61,16 @@ def _add_view(commands: Any) -> None:
     video.add_argument(
         "--speed", type=float, default=1.0, help="simulated seconds per second of the video (default: 1)"
     )
+
+
+def _add_identify(commands: Any) -> None:
+    bench = commands.add_parser("identify", help="find a robot's values from measured curves")
+    bench.add_argument("bench", metavar="BENCH", type=Path, help="path of a .toml file")
+    bench.add_argument(
+        "--out", metavar="DIR", type=Path, help="where to (default: runs/ and the file's name)"
+    )
+    bench.add_argument("--check", action="store_true", help="only say what the data can tell")
+    bench.add_argument("--force", action="store_true", help="fit whatever the check says")
 
 
 def _add_replay(commands: Any) -> None:

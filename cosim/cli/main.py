@@ -125,6 +125,10 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _export(options)
         case "sweep":
             return _sweep(options)
+        case "identify":
+            from cosim.cli.identify import identify_command
+
+            return identify_command(options)
         case "replay":
             return _replay(options)
         case "pattern":

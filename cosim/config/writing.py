@@ -33,7 +33,12 @@ def to_table(value: Any) -> Any:
 def scenario_text(scenario: Scenario) -> str:
     """Return the resolved scenario as TOML text, which loads to an equal one with the same body."""
     given = isinstance(scenario.soft_robot, GivenBodyTable)
-    return (_HEADER_GIVEN if given else _HEADER) + "\n".join(_table_lines(to_table(scenario), "")) + "\n"
+    return (_HEADER_GIVEN if given else _HEADER) + table_text(to_table(scenario))
+
+
+def table_text(table: Mapping[str, Any]) -> str:
+    """Return nested tables as TOML text."""
+    return "\n".join(_table_lines(table, "")) + "\n"
 
 
 def _table_lines(table: Mapping[str, Any], path: str) -> list[str]:

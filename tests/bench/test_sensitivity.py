@@ -12,9 +12,9 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.bench.outputs import Shape, outputs_of, read
+from cosim.bench.outputs import OutputShape, outputs_of, read
 from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, with_values
-from cosim.bench.sensitivity import Slopes
+from cosim.bench.slopes import Slopes
 from cosim.build.soft_model import fidelity_body, static_options
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
@@ -72,7 +72,7 @@ def solved(simulation: cosim.Simulation, name: str, loads: Loads) -> Callable[[f
         there = solution(simulation, given, scenario)
         system = there.solver.system
         side = Side(0.0, 0.0, 0.0, system, there.clamp, there.here.loads)
-        shape = Shape(side, there.here.state.positions, system.gradient, there.here.world_from_flange)
+        shape = OutputShape(side, there.here.state.positions, system.gradient, there.here.world_from_flange)
         return read(outputs_of(OUTPUTS, StaticModel.of(scenario, system)), shape)
 
     return at

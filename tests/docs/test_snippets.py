@@ -1,9 +1,9 @@
 """Every snippet and command of the README, the first pages and the how-to pages is run, in order.
 
 A block of Python runs in the namespace of those before it on the page, or is the file `# NAME.py`; a block of
-TOML whose first line is `# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a shell
-block that begins with `cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes long
-runs in fewer increments or longer ticks, of the paper's model: other tests run it as it is.
+TOML or CSV whose first line is `# NAME.toml` is that file, `# appended to NAME.toml` adds to it; a line of a
+shell block that begins with `cosim` is run, and ends with code 0 unless it says `# exit code N`. What takes
+long runs in fewer increments or longer ticks, of the paper's model: other tests run it as it is.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def test_every_snippet_of_a_page_runs(
         elif language == "sh":
             for command, code in _commands(text):
                 _run(command, code)
-        elif language == "toml" and (named := re.match(r"# (appended to )?(\w+\.toml)\n", text)):
+        elif named := re.match(r"# (appended to )?(\w+\.(?:toml|csv))\n", text):
             before = Path(named[2]).read_text(encoding="utf-8") if named[1] else ""
             Path(named[2]).write_text(before + text, encoding="utf-8")
     capsys.readouterr()

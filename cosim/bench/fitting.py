@@ -1,0 +1,340 @@
+"""Least squares of a robot's values to measured curves, robust first, and intervals by profile.
+
+Minimised is sum_k ((y_k - m_k) / s_k)^2 + sum_i ((p_i - p_i0) / q_i)^2, with the noise s_k of the data and
+the priors q_i. The Jacobian is exact (`cosim.bench.sensitivity`). The first fit takes soft_l1 in place of the
+square, so that outliers do not draw it; rows beyond 4.5 standard deviations are then set aside.
+95 % intervals by profile likelihood: where the least sum over all other parameters is 3.84 above the minimum,
+times the variance of the residuals over the noise's where that is above 1.
+Source: Seber and Wild, Nonlinear Regression, section 5.10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Mask
+from cosim.bench.checks import Identifiability, identifiability, oddities
+from cosim.bench.curves import Curves
+from cosim.config.benches import BenchTable, Series
+from cosim.errors import ConvergenceError, InputError
+
+_FAR: Final = 4.5
+_MAD: Final = 1.4826  # of the median of absolute residuals, which makes it a standard deviation
+_CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
+_ROUNDS: Final = 3
+_FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
+_FURTHER: Final = ("tip_position_m.x", "tip_position_m.y", "tip_position_m.z", "length_m", "volume_m3")
+_EXACT: Final = 1e-7
+_PROFILE: Final = 1e-4
+_CHORDS, _SETTLED = 8, 1e-2  # steps, and what is left of a sum of squares to gain by one
+
+
+@final
+@dataclass(frozen=True)
+class Interval:
+    """A value that was found.
+
+    Args:
+        value: at the minimum.
+        low: lower end of the 95 % interval.
+        high: upper end.
+        at_bound: whether the interval ends at a bound that the bench file gives.
+    """
+
+    value: float
+    low: float
+    high: float
+    at_bound: bool
+
+
+@final
+@dataclass(frozen=True)
+class Identified:
+    """What a bench has told.
+
+    Args:
+        bench: the file.
+        series: its curves.
+        check: what the data can tell, at the start.
+        oddities: what looks wrong in the data.
+        found: a value for each parameter; empty if nothing was fitted.
+        predicted: (rows,), the model's values there, of all series one after the other.
+        measured: (rows,).
+        noise: (rows,), standard deviation.
+        fitted: (rows,) whether a row was fitted.
+        held_out: (rows,) whether it was kept out to be predicted.
+        outliers: (rows,) whether it was set aside.
+        equilibria: how many were solved.
+    """
+
+    bench: BenchTable
+    series: tuple[Series, ...]
+    check: Identifiability
+    oddities: tuple[str, ...]
+    found: tuple[Interval, ...]
+    predicted: Array
+    measured: Array
+    noise: Array
+    fitted: Mask
+    held_out: Mask
+    outliers: Mask
+    equilibria: int
+
+    @property
+    def scaled(self) -> Array:
+        """(rows,), residuals over noise."""
+        return np.asarray((self.predicted - self.measured) / self.noise)
+
+    def rows_of(self, number: int) -> slice:
+        """Return the rows of a series."""
+        begin = sum(len(entry.values) for entry in self.series[:number])
+        return slice(begin, begin + len(self.series[number].values))
+
+
+@final
+class Fit:
+    """A least-squares problem in the parameters as they are fitted: logarithms of those with positive bounds.
+
+    Args:
+        bench: checked.
+        series: its curves.
+    """
+
+    def __init__(self, bench: BenchTable, series: Sequence[Series], curves: Curves | None = None) -> None:
+        self.curves = Curves(bench, series) if curves is None else curves
+        unknowns = bench.parameter
+        self._logs = np.array([entry.low > 0.0 for entry in unknowns])
+        self.low, self.high = (
+            self.fitted(np.array([getattr(entry, end) for entry in unknowns])) for end in ("low", "high")
+        )
+        self.start = self.fitted(self.curves.start)
+        self.prior_sd = np.array([np.inf if entry.prior_sd is None else entry.prior_sd for entry in unknowns])
+        parts = [self._measured(entry) for entry in series]
+        self.measured, self.noise, self.held_out, self.counts = (
+            np.concatenate(part) for part in zip(*parts, strict=True)
+        )
+        self.rows = self.counts & ~self.held_out
+        self._last: tuple[Array, Array] | None = None
+        self._inner: Array | None = None  # derivatives at the minimum
+
+    @staticmethod
+    def _measured(entry: Series) -> tuple[Array, Array, Mask, Mask]:
+        values, table = np.array(entry.values), entry.table
+        place = np.arange(len(values))
+        held = (
+            (place % table.hold_out == table.hold_out // 2) if table.hold_out else np.zeros(len(values), bool)
+        )
+        counts = np.ones(len(values), bool)
+        if table.relative:  # the row that all others are relative to
+            values, counts[0], held[0] = values - values[0], False, False
+        return values, np.full(len(values), entry.noise), held & (len(values) > 2), counts
+
+    def fitted(self, values: Array) -> Array:
+        """Return values as they are fitted."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(self._logs, np.log(values), values)
+
+    def values(self, fitted: Array) -> Array:
+        """Return values as the robot's file has them."""
+        return np.where(self._logs, np.exp(np.where(self._logs, fitted, 0.0)), fitted)
+
+    def predicted(self, fitted: Array) -> Array:
+        """Return the model's values (rows,); not numbers where one has no equilibrium."""
+        if self._last is None or not np.array_equal(self._last[0], fitted):
+            try:
+                found = self.curves.at(self.values(fitted))
+            except ConvergenceError:
+                found = np.full(len(self.measured), np.nan)
+            self._last = fitted.copy(), found
+        return self._last[1]
+
+    def residuals(self, fitted: Array) -> Array:
+        """Return residuals over noise of the rows that are fitted, then those of the priors."""
+        found = ((self.predicted(fitted) - self.measured) / self.noise)[self.rows]
+        prior = (self.values(fitted) - self.curves.start) / self.prior_sd
+        return np.concatenate(
+            [np.where(np.isfinite(found), found, _FAILED), prior[np.isfinite(self.prior_sd)]]
+        )
+
+    def scaled(self, fitted: Array, quantities: Sequence[str] = ()) -> Array:
+        """Return derivatives (rows, parameters) by what is fitted, over noise; of others if named."""
+        self.predicted(fitted)
+        slope = np.where(self._logs, self.values(fitted), 1.0)
+        found = self.curves.jacobian(quantities)
+        return np.asarray(found * slope if quantities else found * slope / self.noise[:, None])
+
+    def jacobian(self, fitted: Array) -> Array:
+        """Return the derivatives of `residuals`."""
+        slope = np.where(self._logs, self.values(fitted), 1.0)
+        prior = np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)]
+        return np.concatenate([self.scaled(fitted)[self.rows], prior])
+
+    def least(self, start: Array, loss: str = "linear", close: float = _EXACT) -> tuple[Array, float]:
+        """Return where the sum of squares is least, and that sum.
+
+        Args:
+            start: where to begin.
+            loss: of scipy's least squares.
+            close: relative change of the sum at which it ends.
+        """
+        from scipy.optimize import least_squares  # here: it takes long to load
+
+        found = least_squares(
+            self.residuals, np.clip(start, self.low, self.high), self.jacobian, bounds=(self.low, self.high),
+            x_scale="jac", loss=loss, ftol=close, xtol=1e-9, gtol=1e-12, max_nfev=60,
+        )  # fmt: skip
+        return found.x, float((self.residuals(found.x) ** 2).sum())
+
+    def interval(self, best: Array, least: float, number: int, spread: float) -> Interval:
+        """Return the 95 % interval of a parameter by profile likelihood.
+
+        Args:
+            best: where the sum of squares is least.
+            least: that sum.
+            number: of the parameter.
+            spread: variance of the residuals over that of the noise, at least 1.
+        """
+        self.predicted(best)
+        inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
+        covariance = np.linalg.pinv(inner.T @ inner)
+        half = np.sqrt(_CHI2 * spread * covariance[number, number])
+        lean, ends, at_bound = covariance[:, number] / covariance[number, number], list[float](), False
+        for side, bound in ((-1.0, self.low[number]), (1.0, self.high[number])):
+
+            def rise(x: float) -> float:
+                return self._rise(best, least, number, (x, lean)) / spread
+
+            end = _crossing(rise, float(best[number]), side * half, float(bound))
+            at_bound = at_bound or end == bound
+            ends.append(end)
+        low, high = (
+            float(self.values(np.where(np.arange(len(best)) == number, end, best))[number]) for end in ends
+        )
+        return Interval(float(self.values(best)[number]), low, high, at_bound)
+
+    def _rise(self, best: Array, least: float, number: int, at: tuple[float, Array]) -> float:
+        """Return by how much the sum of squares rises where a parameter is held elsewhere.
+
+        The others follow by Gauss-Newton steps with the derivatives at the minimum.
+
+        at: the value, and how the others lean with it, to begin with.
+        """
+        x, lean = at
+        inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
+        found = np.inf
+        free = np.arange(len(best)) != number
+        point = np.clip(best + (x - best[number]) * lean, self.low, self.high)
+        point[number] = x
+        for _ in range(_CHORDS):
+            left = self.residuals(point)
+            before, found = found, min(found, float(left @ left))
+            step = np.linalg.lstsq(inner[:, free], -left, rcond=None)[0]
+            gain = float(((inner[:, free] @ step) ** 2).sum())
+            if gain < _SETTLED or before - found < _SETTLED:
+                break
+            point[free] = np.clip(point[free] + step, self.low[free], self.high[free])
+        return max(0.0, found - least)
+
+
+def _crossing(rise: Callable[[float], float], best: float, step: float, bound: float) -> float:
+    """Return where the root of a rise, nearly a straight line, meets that of the quantile; or the bound."""
+    wanted, at = np.sqrt(_CHI2), step
+    for _ in range(8):
+        outside = abs(at) >= abs(bound - best)
+        at = bound - best if outside else at
+        if at == 0.0:
+            return bound
+        root = np.sqrt(rise(best + at))
+        if outside and root < wanted:
+            return bound
+        if abs(root - wanted) < 1e-2 * wanted:
+            break
+        at *= min(4.0, max(0.25, wanted / max(root, 1e-9)))
+    return float(best + at)
+
+
+def identify(
+    bench: BenchTable, series: Sequence[Series], *, only_check: bool = False, force: bool = False,
+    tell: Callable[[str], None] = lambda _text: None,
+) -> Identified:  # fmt: skip
+    """Return the values that measured curves tell.
+
+    Args:
+        bench: see `load_bench`.
+        series: its curves.
+        only_check: whether nothing is fitted.
+        force: whether it is fitted whatever the checks say.
+        tell: told what is done.
+
+    Raises:
+        InputError: the data cannot tell a value, or look wrong, unless forced.
+        ConvergenceError: a row has no equilibrium at the start.
+    """
+    fit = Fit(bench, series)
+    tell(f"{len(fit.measured)} rows of {len(series)} series, {len(bench.parameter)} values")
+    start = fit.curves.at(fit.values(fit.start))
+    fit.predicted(fit.start)
+    odd, check = _odd(fit, series, start), _check(fit, bench)
+    if only_check:
+        return _result(fit, bench, series, check, odd, ())
+    problems = [*odd, *(() if check.good else check.lines())]
+    if problems and not force:
+        raise InputError("\n".join((*problems, "--force fits in spite of this")))
+    best, outliers = _without_outliers(fit)
+    best, least = fit.least(best)
+    freedom = max(1, int(fit.rows.sum()) - len(best))
+    spread = max(1.0, least / freedom)
+    tell(f"fitted after {fit.curves.solved} equilibria; intervals follow")
+    found = tuple(fit.interval(best, least, number, spread) for number in range(len(best)))
+    fit.predicted(best)
+    return _result(fit, bench, series, check, odd, found, best, outliers)
+
+
+def _without_outliers(fit: Fit) -> tuple[Array, Mask]:
+    """Return where a robust fit ends, and (rows,) which rows it sets aside: the fit has them no longer."""
+    best, outliers = fit.start, np.zeros(len(fit.measured), bool)
+    for _ in range(_ROUNDS):
+        best, _ = fit.least(best, loss="soft_l1", close=_PROFILE)
+        scaled = np.abs(fit.predicted(best) - fit.measured) / fit.noise
+        usual = max(1.0, _MAD * float(np.median(scaled[fit.rows])))
+        new = fit.rows & (scaled > _FAR * usual)
+        if not new.any():
+            break
+        outliers |= new
+        fit.rows = fit.rows & ~new
+    return best, outliers
+
+
+def _odd(fit: Fit, series: Sequence[Series], start: Array) -> list[str]:
+    ends = np.cumsum([len(entry.values) for entry in series])[:-1]
+    return oddities(series, np.split(start, ends))
+
+
+def _check(fit: Fit, bench: BenchTable) -> Identifiability:
+    scaled = fit.scaled(fit.start)[fit.rows]
+    prior = np.isfinite(fit.prior_sd)
+    slope = np.where(fit._logs, fit.values(fit.start), 1.0)
+    scaled = np.concatenate([scaled, np.diag(slope / fit.prior_sd)[prior]])
+    further = {}
+    if np.linalg.matrix_rank(scaled, tol=1e-300) and len(bench.parameter) > 1:
+        rows = fit.scaled(fit.start, _FURTHER)
+        for name, each in zip(_FURTHER, rows, strict=True):
+            size = float(np.abs(each).max())
+            further[name] = each / size if size else each[:0]
+    return identifiability(scaled, fit.high - fit.low, bench.parameter, further)
+
+
+def _result(
+    fit: Fit, bench: BenchTable, series: Sequence[Series], check: Identifiability, odd: list[str],
+    found: tuple[Interval, ...], at: Array | None = None, outliers: Mask | None = None,
+) -> Identified:  # fmt: skip
+    predicted = fit.predicted(fit.start if at is None else at)
+    aside = np.zeros(len(predicted), bool) if outliers is None else outliers
+    return Identified(
+        bench, tuple(series), check, tuple(odd), found, predicted, fit.measured, fit.noise, fit.rows,
+        fit.held_out, aside, fit.curves.solved,
+    )  # fmt: skip

@@ -1,0 +1,206 @@
+"""What an identification leaves: an HTML page with its curves, and the robot's file with the values found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cosim.base.files import write_whole
+from cosim.base.frames import Array
+from cosim.base.resources import writing
+from cosim.bench.fitting import Identified
+from cosim.bench.parameters import with_values
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
+from cosim.config.toml.keys import unit_of, unit_text
+from cosim.config.writing import table_text, to_table
+from cosim.errors import InputError
+
+_WIDE, _HIGH, _EDGE = 520.0, 260.0, 46.0
+_COLOURS: Final = {"fitted": "#1f77b4", "held out": "#ff7f0e", "outlier": "#d62728"}
+_STYLE: Final = (
+    "body{font-family:sans-serif;max-width:72em;margin:2em auto;padding:0 1em}table{border-collapse:collapse}"
+    "td,th{padding:.2em .8em;border-bottom:1px solid #ccc;text-align:right}td:first-child,th:first-child"
+    "{text-align:left}svg{margin:.5em}"
+)
+
+
+def value_lines(result: Identified) -> list[str]:
+    """Return a line for each value that was found."""
+    lines = []
+    for entry, found in zip(result.bench.parameter, result.found, strict=True):
+        unit = unit_text(unit_of(entry.key))
+        bound = "; the interval ends at a bound of the bench file" if found.at_bound else ""
+        lines.append(
+            f"{', '.join((entry.key, *entry.also))} = {found.value:.6g} {unit} "
+            f"(95 %: {found.low:.6g} to {found.high:.6g}){bound}"
+        )
+    return lines
+
+
+def series_lines(result: Identified) -> list[str]:
+    """Return a line for each series: how well it is met, on rows that were fitted and that were held out."""
+    lines = []
+    for number, entry in enumerate(result.series):
+        rows = result.rows_of(number)
+        left, scaled = (result.predicted - result.measured)[rows], result.scaled[rows]
+        fitted, held = result.fitted[rows], result.held_out[rows]
+        span = float(np.ptp(result.measured[rows])) or 1.0
+        parts = [f"{entry.table.name}: fitted rows off by {_share(left[fitted], span)} of the range"]
+        if held.any():
+            parts.append(f"held out rows by {_share(left[held], span)}")
+        if result.outliers[rows].any():
+            places = ", ".join(str(row + 1) for row in np.flatnonzero(result.outliers[rows]))
+            parts.append(f"outliers set aside: row {places}")
+        if _systematic(scaled[fitted]):
+            parts.append("the model cannot follow it: what is left is no noise, neighbours are off alike")
+        lines.append("; ".join(parts))
+    return lines
+
+
+def _share(left: Array, span: float) -> str:
+    return f"{100.0 * float(np.sqrt((left**2).mean())) / span:.3g} %" if left.size else "nothing"
+
+
+def _systematic(scaled: Array) -> bool:
+    """Return whether residuals are larger than noise, and neighbours alike."""
+    if len(scaled) < 5 or (scaled**2).mean() < 2.0:
+        return False
+    return float((scaled[1:] * scaled[:-1]).mean() / (scaled**2).mean()) > 0.3
+
+
+def write_results(result: Identified, scenario: Scenario, directory: Path, source: str) -> list[Path]:
+    """Write `identified.html` and the robot's file with its values; return their paths.
+
+    Args:
+        result: of a fit.
+        scenario: that was fitted.
+        directory: where to.
+        source: name of the bench file.
+
+    Raises:
+        OutputError: they cannot be written.
+    """
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    robot, page = directory / "robot.toml", directory / "identified.html"
+    with writing(robot):
+        write_whole(robot, robot_text(result, scenario, source))
+    with writing(page):
+        write_whole(page, page_text(result, source))
+    return [page, robot]
+
+
+def fitted_scenario(result: Identified) -> Scenario:
+    """Return the bench's scenario."""
+    still = {"robot": "none", "mode": "quasistatic", "phase": [{"name": "bench", "duration_s": 1.0}]}
+    return load_scenario(result.bench.scenario, {**still, **result.bench.set})
+
+
+def robot_text(result: Identified, scenario: Scenario, source: str) -> str:
+    """Return the soft robot's file with the values found, their intervals and where they are from."""
+    keys = {
+        key: found.value
+        for entry, found in zip(result.bench.parameter, result.found, strict=True)
+        for key in (entry.key, *entry.also)
+    }
+    robot = with_values(scenario, keys).soft_robot
+    if not isinstance(robot, SoftRobotTable):
+        raise InputError("the soft body is given as arrays, which are in no file")
+    measured = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
+    known = robot.known
+    others = {
+        name: tuple(key for key in getattr(known, name) if key not in measured)
+        for name in ("published", "assumed")
+    }
+    both = (*(key for key in known.measured if key not in measured), *measured)
+    robot = replace(robot, known=KnownTable(measured=both, **others))
+    head = [
+        f"# {robot.name}, with values that `cosim identify` has found from {source}:",
+        *(f"# {line}" for line in value_lines(result)),
+        *(f"# {line}" for line in series_lines(result)),
+        "# Every other value is spelled out as it was.",
+    ]
+    return "\n".join(head) + "\n" + table_text(to_table(robot))
+
+
+def _plain(key: str, table: Any) -> str:
+    """Return a key of the soft robot as `[known]` names it: without names or places of entries of lists."""
+    found, here = [], table
+    for part in key.split("."):
+        if isinstance(here, list):
+            entry = [each for each in here if isinstance(each, dict) and each.get("name") == part]
+            here = entry[0] if entry else None
+            continue
+        found.append(part)
+        here = here.get(part) if isinstance(here, dict) else None
+    return ".".join(found[1:])
+
+
+def page_text(result: Identified, source: str) -> str:
+    """Return the page."""
+    values = "".join(
+        f"<tr><td>{escape(entry.key)}</td><td>{found.value:.6g}</td><td>{found.low:.6g}</td>"
+        f"<td>{found.high:.6g}</td><td>{escape(unit_text(unit_of(entry.key)) or '1')}</td></tr>"
+        for entry, found in zip(result.bench.parameter, result.found, strict=True)
+    )
+    parts = [
+        f"<!doctype html><meta charset='utf-8'><title>{escape(source)}</title><style>{_STYLE}</style>",
+        f"<h1>Values identified from {escape(source)}</h1>",
+        "<table><tr><th>value</th><th>found</th><th>95 % from</th><th>to</th><th>unit</th></tr>",
+        values, "</table>", "<h2>Curves</h2>", _list(series_lines(result)),
+        *(_plot(result, number) for number in range(len(result.series))),
+        "<h2>What the data can tell</h2>", _list([*result.oddities, *result.check.lines()]),
+        f"<p>{int(result.fitted.sum())} rows fitted, {int(result.held_out.sum())} held out, "
+        f"{int(result.outliers.sum())} set aside; {result.equilibria} equilibria.</p>",
+    ]  # fmt: skip
+    return "\n".join(parts) + "\n"
+
+
+def _list(lines: Sequence[str]) -> str:
+    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+
+
+def _plot(result: Identified, number: int) -> str:
+    """Return measured points and the model's line of a series over its first load that varies, as SVG."""
+    entry, rows = result.series[number], result.rows_of(number)
+    name, values = next(
+        ((name, values) for name, values in entry.loads.items() if np.ptp(values) > 0.0),
+        ("row", tuple(map(float, range(1, len(entry.values) + 1)))),
+    )
+    x, measured, predicted = np.array(values), result.measured[rows], result.predicted[rows]
+    both = np.concatenate([measured, predicted])
+    across, up = _scale(x, _EDGE, _WIDE - 10.0), _scale(both, _HIGH - _EDGE, 10.0)
+    order = np.argsort(x)
+    line = " ".join(f"{across(a):.1f},{up(b):.1f}" for a, b in zip(x[order], predicted[order], strict=True))
+    marks = []
+    for k, (a, b) in enumerate(zip(x, measured, strict=True)):
+        held, aside = result.held_out[rows][k], result.outliers[rows][k]
+        kind = "outlier" if aside else "held out" if held else "fitted"
+        marks.append(f"<circle cx='{across(a):.1f}' cy='{up(b):.1f}' r='4' fill='{_COLOURS[kind]}'/>")
+    texts = [
+        _text(_EDGE, _HIGH - 22.0, f"{x.min():.4g}"), _text(_WIDE - 60.0, _HIGH - 22.0, f"{x.max():.4g}"),
+        _text(2.0, _HIGH - _EDGE, f"{both.min():.4g}"), _text(2.0, 16.0, f"{both.max():.4g}"),
+        _text(_WIDE / 2.0 - 60.0, _HIGH - 6.0, name),
+        _text(_EDGE + 8.0, 16.0, f"{entry.table.name}: {entry.table.quantity}"),
+        *(_text(_EDGE + 8.0, 32.0 + 14.0 * k, *pair) for k, pair in enumerate(_COLOURS.items())),
+    ]  # fmt: skip
+    return (
+        f"<svg width='{_WIDE:.0f}' height='{_HIGH:.0f}' font-size='11'><polyline points='{line}' fill='none' "
+        f"stroke='#555'/>{''.join(marks)}{''.join(texts)}</svg>"
+    )
+
+
+def _scale(values: Array, begin: float, end: float) -> Any:
+    low, span = float(values.min()), float(np.ptp(values)) or 1.0
+    return lambda value: begin + (end - begin) * (value - low) / span
+
+
+def _text(x: float, y: float, text: str, colour: str = "#333") -> str:
+    return f"<text x='{x:.0f}' y='{y:.0f}' fill='{colour}'>{escape(text)}</text>"

@@ -1,0 +1,216 @@
+"""Bench files: measured curves, and the values of a robot that they shall tell."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Final, final
+
+from annotated_types import Interval, Len
+
+from cosim.base.resources import is_file, list_scenarios
+from cosim.config.studies import flat
+from cosim.config.toml.keys import Name, Positive, Text, listing
+from cosim.config.toml.parsing import parse
+from cosim.config.toml.reading import Fault, Faults, Told, check, copy_with, read_table, rule
+from cosim.errors import InputError, ScenarioError
+
+_UNITS: Final[dict[str, tuple[str, float]]] = {
+    "Pa": ("Pa", 1.0), "hPa": ("Pa", 1e2), "mbar": ("Pa", 1e2), "kPa": ("Pa", 1e3), "bar": ("Pa", 1e5),
+    "MPa": ("Pa", 1e6), "psi": ("Pa", 6894.757), "m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3),
+    "um": ("m", 1e-6), "rad": ("rad", 1.0), "deg": ("rad", math.pi / 180.0), "N": ("N", 1.0),
+    "mN": ("N", 1e-3), "kN": ("N", 1e3), "kg": ("kg", 1.0), "g": ("kg", 1e-3), "m3": ("m^3", 1.0),
+    "l": ("m^3", 1e-3), "ml": ("m^3", 1e-6), "cm3": ("m^3", 1e-6), "mm3": ("m^3", 1e-9), "Nm": ("N m", 1.0),
+    "Nmm": ("N m", 1e-3),
+}  # fmt: skip
+"""By the end of a column's name: the unit that it is in, and by what its numbers are multiplied."""
+
+
+def unit_of_column(column: str) -> tuple[str, float]:
+    """Return the SI unit of a column, and the factor to it; "1" for a name that ends in no unit."""
+    return _UNITS.get(column.rpartition("_")[2], ("1", 1.0))
+
+
+@final
+@dataclass(frozen=True)
+class UnknownTable:
+    """A value that is looked for.
+
+    Args:
+        key: of the soft robot, such as "soft_robot.film.young_modulus_Pa".
+        also: further keys that have the same value, such as the factors of several cables.
+        low: the least that it may be.
+        high: the most that it may be, above low.
+        start: where the search begins; omitted: what the robot's file says.
+        prior_sd: standard deviation of what is known of it besides, about start; omitted: nothing is.
+    """
+
+    key: Text
+    low: float
+    high: float
+    also: tuple[Text, ...] = ()
+    start: float | None = None
+    prior_sd: Positive | None = None
+
+    @rule
+    def _has_room(self) -> Told:
+        if not self.low < self.high:
+            yield Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
+
+
+@final
+@dataclass(frozen=True)
+class SeriesTable:
+    """A measured curve; one row of its file is one equilibrium.
+
+    Args:
+        name: of it.
+        file: CSV beside the bench file; the first line names the columns, whose names end in their units,
+            such as pressure_kPa.
+        quantity: what was measured, an output of `cosim.sensitivity` such as "length_m".
+        measured: column with its values.
+        loads: by load, the column with its values, or a number: "pressure_Pa", "cable_tension_N.CABLE",
+            "cable_length_m.CABLE", and dead loads "force_N.RING.x", .y or .z, world axes.
+        noise: standard deviation of the measured values, in the unit of their column.
+        relative: whether only the change since the first row was measured.
+        hold_out: every so manieth row is kept out of the fit, and predicted by it; 0: none is.
+    """
+
+    name: Name
+    file: Text
+    quantity: Text
+    measured: Text
+    loads: Mapping[str, Any]
+    noise: Positive
+    relative: bool = False
+    hold_out: Annotated[int, Interval(ge=0)] = 5
+
+
+@final
+@dataclass(frozen=True)
+class BenchTable:
+    """A bench: a scenario, what is looked for, and what was measured.
+
+    Args:
+        scenario: name of one that comes with cosim, or path of a .toml file: its soft robot, the flange's
+            pose, gravity and contact; its phases are not run.
+        set: values by key path, on top of it.
+        parameter: `[[parameter]]` in the file.
+        series: `[[series]]` in the file.
+    """
+
+    scenario: Text
+    parameter: Annotated[tuple[UnknownTable, ...], Len(min_length=1)]
+    series: Annotated[tuple[SeriesTable, ...], Len(min_length=1)]
+    set: Mapping[str, Any] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True)
+class Series:
+    """A measured curve in SI units.
+
+    Args:
+        table: of the bench file.
+        loads: by load, its value in each row.
+        values: measured, in the unit of the quantity.
+        noise: standard deviation of them.
+        unit: SI unit of the measured column.
+        others: what the values would be if they stood in another column of the file, by its name.
+    """
+
+    table: SeriesTable
+    loads: Mapping[str, tuple[float, ...]]
+    values: tuple[float, ...]
+    noise: float
+    unit: str
+    others: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
+    """Return a checked bench and its curves.
+
+    Args:
+        source: path of a .toml file; paths in it are seen from there.
+
+    Raises:
+        InputError: there is no such file.
+        ScenarioError: keys or values are wrong, or a file of a series is.
+    """
+    path = Path(source)
+    if not is_file(path):
+        raise InputError(f"no bench {str(source)!r}; give the path of a .toml file")
+    faults = Faults()
+    bench = parse(BenchTable, read_table(path), "", faults)
+    check(bench, "", None, (), faults)
+    faults.tell()
+    found = []
+    for entry in bench.series:
+        with faults:
+            found.append(_series(replace(entry, loads=flat(entry.loads)), path.parent))
+    faults.tell()
+    changes: dict[str, Any] = {"set": flat(bench.set)}
+    if bench.scenario not in list_scenarios():
+        changes["scenario"] = str(path.parent / bench.scenario)
+    return copy_with(bench, **changes), tuple(found)
+
+
+def _series(table: SeriesTable, folder: Path) -> Series:
+    key = f"series.{table.name}"
+    columns = _columns(folder / table.file, f"{key}.file")
+    count = len(next(iter(columns.values())))
+    loads = {}
+    for load, given in table.loads.items():
+        if isinstance(given, int | float) and not isinstance(given, bool):
+            loads[load] = (float(given),) * count
+        else:
+            loads[load] = _column(columns, given, load, f"{key}.loads.{load}")[0]
+    values, scale, unit = _column(columns, table.measured, table.quantity, f"{key}.measured")
+    if count < 2:
+        raise ScenarioError(f"{key}.file", f"{table.file} has {count} rows; a curve needs two at least")
+    others = {
+        name: tuple(scale * value for value in column)
+        for name, column in columns.items()
+        if name != table.measured
+    }
+    return Series(table, loads, values, scale * table.noise, unit, others)
+
+
+def _column(
+    columns: Mapping[str, tuple[float, ...]], name: Any, of: str, key: str
+) -> tuple[tuple[float, ...], float, str]:
+    """Return a column in SI units, its factor and unit.
+
+    Raises:
+        ScenarioError: there is no such column, or it is of another unit than what it is the value of.
+    """
+    if name not in columns:
+        raise ScenarioError(key, f"no column {name!r}; there are {listing(tuple(columns))}")
+    unit, scale = unit_of_column(name)
+    wanted, _ = unit_of_column(of.partition(".")[0])
+    if unit != wanted:
+        raise ScenarioError(key, f"column {name!r} is in {unit}, but {of} is in {wanted}")
+    return tuple(scale * value for value in columns[name]), scale, unit
+
+
+def _columns(file: Path, key: str) -> dict[str, tuple[float, ...]]:
+    try:
+        lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except OSError as error:
+        raise ScenarioError(key, f"{file.name!r} cannot be read: {error.strerror}") from error
+    rows = [[cell.strip() for cell in row] for row in csv.reader(line for line in lines if line[0] != "#")]
+    if not rows:
+        raise ScenarioError(key, f"{file.name} is empty; its first line names the columns")
+    try:
+        table = [[float(cell) for cell in row] for row in rows[1:]]
+    except ValueError as error:
+        raise ScenarioError(key, f"{file.name}: {error}") from error
+    wrong = [
+        k for k, row in enumerate(table, 2) if len(row) != len(rows[0]) or not all(map(math.isfinite, row))
+    ]
+    if wrong:
+        raise ScenarioError(key, f"{file.name}, row {wrong[0]}: must be {len(rows[0])} finite numbers")
+    return {name: tuple(row[k] for row in table) for k, name in enumerate(rows[0])}
