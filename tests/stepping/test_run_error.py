@@ -22,7 +22,7 @@ from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.finer_mesh import FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.loads import Loads
-from cosim.stepping.run_error import apart, tension_apart
+from cosim.stepping.run_error import FACTORS, apart, tension_apart
 from tests.small_section import FRAMED, framed_section, on_a_ur5e
 
 SADDLE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
@@ -82,8 +82,9 @@ def assert_bars_hold(run: list[dict[str, Any]], refined: list[dict[str, Any]]) -
             key: float(np.linalg.norm(np.subtract(coarse[figure], fine[figure])))
             for key, figure in LENGTHS.items()
         }
-        for key in ("tip_m", "volume_m3"):
-            assert LEAST * away[key] < bars[key] < MOST * away[key], key
+        assert LEAST * away["tip_m"] < bars["tip_m"] < MOST * away["tip_m"]
+        # bare film has many shapes: two runs differ by 0.8 to 1.3 times what the states at rest do
+        assert bars["volume_m3"] == pytest.approx(FACTORS["volume_m3"] * away["volume_m3"], rel=0.35)
         # sag is off by at least a share of what the tip is
         assert LEAST * away["sag_m"] < bars["sag_m"] < MOST * away["tip_m"]
         assert bars["peak_strain"] is None or bars["peak_strain"] > 0.0
