@@ -111,6 +111,14 @@ def test_the_mesh_of_a_symmetric_outline_is_symmetric(tmp_path: Path) -> None:
         assert {tuple(row) for row in np.sort(number[film.mesh.triangles], axis=1).tolist()} == here
 
 
+@pytest.mark.parametrize("off", [-1e-9, 0.0, 1e-9])
+def test_a_seam_on_an_axis_of_symmetry_is_kept_whatever_rounding_does(off: float, tmp_path: Path) -> None:
+    sheet = Sheet().pouch().line("SEAL", [(10.0, 60.0 + off), (30.0, 60.0 - off)])
+    mesh = understood(sheet.table(tmp_path)).mesh
+    x = mesh.positions[mesh.edges_of(LineKind.SEAL)]
+    assert np.linalg.norm(x[:, 1] - x[:, 0], axis=1).sum() == pytest.approx(0.34, rel=1e-6)
+
+
 def test_no_edge_within_a_chamber_joins_seam_and_seam(tmp_path: Path) -> None:
     film = understood(Sheet().pouch().table(tmp_path))
     seams = {tuple(edge) for edge in film.mesh.edges_of(LineKind.SEAL).tolist()}

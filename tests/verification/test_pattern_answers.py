@@ -23,6 +23,7 @@ from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.case import UNLOADED, Specimen
 from cosim.verification.films import (
     FILM,
+    PILLOW_CONSTRUCTED,
     PILLOW_FILM,
     PILLOW_LARGEST,
     PILLOW_LEAST,
@@ -139,9 +140,9 @@ def drawn(path: Path, scale: float, shape: str) -> Path:
 
 def test_a_teabag_from_an_svg_is_within_the_known_bounds(tmp_path: Path) -> None:
     path = drawn(tmp_path / "teabag.svg", 10.0, '<rect x="-5" y="-5" width="10" height="10"/>')
-    bag = inflated(sheets(path, edge="sealed", mesh_m=1.0 / 32.0), PILLOW_FILM, PILLOW_PRESSURE_PA, 0.25)
+    bag = inflated(sheets(path, edge="sealed", mesh_m=1.0 / 24.0), PILLOW_FILM, PILLOW_PRESSURE_PA, 0.25)
     assert PILLOW_LEAST < bag.volume_m3 < PILLOW_LARGEST
-    assert bag.volume_m3 == pytest.approx(0.2026, rel=2e-2)  # what the tension field converges to
+    assert bag.volume_m3 == pytest.approx(PILLOW_CONSTRUCTED, rel=2e-2)
 
 
 def test_a_mylar_balloon_from_an_svg_has_the_known_volume(tmp_path: Path) -> None:
@@ -150,6 +151,6 @@ def test_a_mylar_balloon_from_an_svg_has_the_known_volume(tmp_path: Path) -> Non
     radius, thickness, volume = balloon()
     top = np.argmin(np.linalg.norm(found.flat[:, :2], axis=1) + (found.positions[:, 2] < 0.0))
     rim = np.linalg.norm(found.flat, axis=1) > 0.999
-    assert found.volume_m3 == pytest.approx(volume, rel=2e-2)
+    assert found.volume_m3 == pytest.approx(volume, rel=1e-2)
     assert 2.0 * found.positions[top, 2] == pytest.approx(thickness, rel=1e-2)
     assert np.linalg.norm(found.positions[rim], axis=1).mean() == pytest.approx(radius, rel=2e-2)

@@ -156,6 +156,9 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     points = np.concatenate([np.zeros((0, 2)), *corners])
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
     mesh = mesh_sheet(sheet, lines, points, edge_m)
+    for line in lines:
+        if line.kind == LineKind.SEAL:
+            _check_followed(line.points, mesh, edge_m)
     chamber = _chambers(mesh, pattern)
     mesh, chamber = _without_dead_corners(mesh, chamber)
     shared = _shared(mesh, chamber)
@@ -247,6 +250,19 @@ def _check_within(line: DrawnLine, sheet: Any) -> None:
         raise MeshError(
             f"{line.where or 'a seam'} leaves the outline at {in_mm(point)}: draw it within layer CUT"
         )
+
+
+def _check_followed(seam: Array, mesh: FlatMesh, edge_m: float) -> None:
+    """Refuse a mesh whose welded edges do not follow a seam (k, 2) all along."""
+    shapely = extra_module("shapely", "pattern")
+    drawn = shapely.LineString(seam)
+    at = np.linspace(0.0, drawn.length, 2 + int(4.0 * drawn.length / edge_m))
+    places = shapely.line_interpolate_point(drawn, at)
+    edges = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
+    away = shapely.distance(places, edges)
+    if away.max() > 0.5 * edge_m:
+        point = np.array(places[int(np.argmax(away))].coords[0])
+        raise MeshError(f"the mesh does not follow the seam at {in_mm(point)}: set mesh_m to less")
 
 
 def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:

@@ -141,11 +141,12 @@ def _half(sheet: Any, lines: list[FlatLine], axis: int, at_m: float) -> tuple[An
     shapely = extra_module("shapely", "pattern")
     low, high = np.array(sheet.bounds[:2]) - 1.0, np.array(sheet.bounds[2:]) + 1.0
     low[axis] = at_m
-    kept = [
-        replace(line, points=np.array(piece.coords))
-        for line in lines
-        for piece in _pieces(shapely.intersection(shapely.LineString(line.points), shapely.box(*low, *high)))
-    ]
+    kept = []
+    for line in lines:
+        points = np.array(line.points)
+        points[np.abs(points[:, axis] - at_m) < SAME_PLACE_M, axis] = at_m  # not just outside, by rounding
+        pieces = _pieces(shapely.intersection(shapely.LineString(points), shapely.box(*low, *high)))
+        kept += [replace(line, points=np.array(piece.coords)) for piece in pieces]
     ends = np.array([low, high])
     ends[:, axis] = at_m
     cut = _pieces(shapely.intersection(shapely.LineString(ends), sheet))

@@ -1,0 +1,63 @@
+"""`cosim pattern` and `cosim new --pattern`, as a user types them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.base.drawing import Drawing, read_drawing
+from cosim.base.resources import soft_robot_path
+from cosim.cli.main import main
+
+pytest.importorskip("ezdxf", reason="needs the extra pattern")
+FINGER = soft_robot_path("pouch_finger").with_suffix(".svg")
+
+
+def lengths(drawing: Drawing, layer: str) -> list[float]:
+    """Return the lengths [m] of the lines of a layer, sorted."""
+    return sorted(
+        float(np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()) for line in drawing.layers[layer]
+    )
+
+
+def test_a_pattern_is_told_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    png = tmp_path / "finger.png"
+    assert main(["pattern", "check", "pouch_finger", "--png", str(png)]) == 0
+    said = capsys.readouterr().out
+    for part in ("in mm", "SEAL 11", "30.00 x 120.00 mm, 36.00 cm^2", "seams:   420.00 mm", "base, 20 nodes"):
+        assert part in said
+    assert png.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_pattern_that_is_written_and_read_again_has_its_lengths(tmp_path: Path) -> None:
+    out = tmp_path / "finger.dxf"
+    assert main(["pattern", "export", "pouch_finger", str(out)]) == 0
+    before, after = read_drawing(FINGER), read_drawing(out)
+    for layer in before.layers:
+        assert lengths(after, layer) == pytest.approx(lengths(before, layer), abs=1e-6)
+        ends = [
+            np.concatenate([line.points for line in drawing.layers[layer]]).max(axis=0)
+            for drawing in (before, after)
+        ]
+        assert ends[1] == pytest.approx(ends[0], abs=1e-6)
+
+
+def test_a_robot_and_a_scenario_are_written_for_a_drawing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("finger.svg").write_bytes(FINGER.read_bytes())
+    assert main(["new", "--pattern", "finger.svg"]) == 0
+    assert main(["check", "finger.toml", "finger_robot.toml"]) == 0
+    assert main(["new", "--pattern", "finger.svg"]) == 2
+    assert "finger_robot.toml is there and is not overwritten" in capsys.readouterr().err
+
+
+def test_what_is_no_pattern_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["pattern", "check", "hexagon_arm"]) == 2
+    assert "hexagon_arm: has no cut pattern; [stack] draws it" in capsys.readouterr().err
+    assert main(["pattern", "export", "pouch_finger", str(tmp_path / "finger.svg")]) == 2
+    assert "must end in .dxf" in capsys.readouterr().err
+    assert main(["new"]) == 2
