@@ -32,8 +32,8 @@ from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
 from cosim.coupling.soft_sides.taking_over import (
     NO_JUMPS,
-    LoadsLeft,
     Jumps,
+    LoadsLeft,
     TakingOver,
     together,
     with_force,
