@@ -175,7 +175,7 @@ def _bounds(model: SoftModel, plan: Plan, modelled: tuple[Decision, ...], arm: A
     return LiveBounds(
         arm,
         None if arm is None else ArmLimits.of(arm),
-        None if model.section is None else model.section.spline.largest_Pa,
+        model.largest_pressure_Pa,
         largest_pressure(plan) if unreached else None,
     )
 

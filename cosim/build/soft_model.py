@@ -265,6 +265,12 @@ class SoftModel:
         """
         return self._flexible(bridged=False)
 
+    @property
+    def largest_pressure_Pa(self) -> float | None:
+        """Pressure [Pa] at which a section model ends; None where none does, or the film takes over there."""
+        ends = self.section is not None and not self._scenario.hands_over
+        return self.section.spline.largest_Pa if ends and self.section is not None else None
+
     def chain(self) -> SectionArm:
         """Return the chain of the section model, which there is."""
         assert self.section is not None, "of a scenario whose fidelity is another"

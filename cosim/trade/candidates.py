@@ -50,7 +50,12 @@ class Candidate:
     def words(self) -> str:
         """The changes as words of the command line, without the durations."""
         shown = {key: value for key, value in self.changes.items() if not key.startswith("phase.")}
-        return " ".join(f"--set {key}={value}" for key, value in shown.items())
+        return " ".join(f"--set {key}={_toml(value)}" for key, value in shown.items())
+
+
+def _toml(value: Any) -> str:
+    """Return a value as `--set` reads it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 _TICK_S: Final = 0.01
@@ -84,7 +89,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
         *(candidate(name, changes, decision) for name, (changes, decision) in _switches(scenario).items()),
         *(
             candidate(
-                f"fidelity {name}", {"fidelity": name}, "elasticity" if name == "rigid" else "", family=name
+                f"fidelity {name}", rung_changes(name), "elasticity" if name == "rigid" else "", family=name
             )
             for name in fidelities
         ),
@@ -245,6 +250,11 @@ def short_candidates(scenario: Scenario) -> tuple[Candidate, ...]:
     return tuple(_time_candidates(scenario, _SHORT_TICKS_S, converge=False, integrators=integrators))
 
 
+def rung_changes(fidelity: str) -> dict[str, Any]:
+    """Return the changes that run a scenario at a fidelity; a section model hands over where it ends."""
+    return {"fidelity": fidelity, **({"model.handover": True} if fidelity == "section" else {})}
+
+
 def lower_fidelities() -> tuple[str, ...]:
     """Return the fidelities below the lumped one, the cheapest first."""
     return tuple(name for name in get_args(Fidelity) if name in _RUNG_TICKS_S)
@@ -289,7 +299,7 @@ def _time_candidates(
     for fidelity in lower_fidelities():
         rungs = [tick for tick in _RUNG_TICKS_S[fidelity] if tick >= ticks_s[0]]
         for tick in rungs if _can_be(scenario, fidelity) else rungs[:1]:
-            changes = {"fidelity": fidelity, "clock.tick_s": tick, "solver.integrator": "bdf2"}
+            changes = {**rung_changes(fidelity), "clock.tick_s": tick, "solver.integrator": "bdf2"}
             name = f"{fidelity}, {_milliseconds(tick)}"
             candidates.append(Candidate(name, "time", {**changes, **one}, family=fidelity))
     return candidates

@@ -10,6 +10,7 @@ import pytest
 from cosim.build.simulation import build
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
+from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.trade.candidates import Candidate, candidates_of, lower_fidelities, short_candidates
 from cosim.trade.measuring import measure
@@ -74,3 +75,15 @@ def test_changes_of_the_command_line_come_first(tmp_path: Path, capsys: pytest.C
     assert main(words) == 2
     assert "clock.tck_s" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_section_models_hand_over_in_every_table_and_by_the_words_that_are_told() -> None:
+    scenario = load_scenario(REFERENCE)
+    chosen = [each for each in candidates_of(scenario) if each.changes["fidelity"] == "section"]
+    chosen += [each for each in short_candidates(scenario) if each.changes["fidelity"] == "section"]
+    assert {each.group for each in chosen} == {"time", "model"}
+    for candidate in chosen:
+        words = candidate.words.split("--set ")[1:]
+        assert load_scenario(REFERENCE, dict(map(parse_assignment, words))).hands_over
+    published = Candidate("", "model", {"model.published": False}).words
+    assert load_scenario(REFERENCE, dict([parse_assignment(published.removeprefix("--set "))])) == scenario

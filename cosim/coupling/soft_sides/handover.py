@@ -60,12 +60,10 @@ class BridgeEnd:
     Args:
         tick: the last in which they acted.
         work_J: that they have done on the soft robot.
-        force_N: size of the largest at first, summed over a ring.
     """
 
     tick: int
     work_J: float
-    force_N: float
 
 
 @final

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, TypeVar, final
+from typing import Annotated, Any, final
 
 import numpy as np
 
@@ -32,8 +32,8 @@ from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
 from cosim.coupling.soft_sides.taking_over import (
     NO_JUMPS,
-    LoadsLeft,
     Jumps,
+    LoadsLeft,
     TakingOver,
     together,
     with_force,
@@ -49,8 +49,6 @@ from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim
 from cosim.soft.targets.tip_target import TargetOptions, TipTarget
-
-Found = TypeVar("Found")
 
 
 @final
@@ -247,8 +245,7 @@ class HandoverArm(SoftSide):
             self._before = here, self.state
             self._bridge = None if bridge.over else bridge
             if bridge.over:
-                largest = float(np.linalg.norm(bridge.force, axis=1).max())
-                self._events.append(BridgeEnd(self._ticks, bridge.work_J, largest))
+                self._events.append(BridgeEnd(self._ticks, bridge.work_J))
         if self._film_acts and self._inside.since % look_every(self._step_s) == 0:
             self._inside = self._inside.looked(self._is_inside())
 
@@ -271,7 +268,7 @@ class HandoverArm(SoftSide):
         flange = side.save_state().flange
         return np.asarray((side.state.positions - flange.translation) @ flange.rotation)
 
-    def _acting_loads(self, whole: Loads) -> LoadsLeft:
+    def _loads_left(self, whole: Loads) -> LoadsLeft:
         """Return the loads at the end of the last step with bridging forces, and without."""
         own = whole if self._bridge is None else replace(whole, nodal_force=self._given)
         return LoadsLeft(whole, own)
@@ -284,9 +281,8 @@ class HandoverArm(SoftSide):
         """
         why = _reason(error)
         try:
-            bridge, jumps = self._over.film_steps(
-                self._acting_loads(self.chain.save_state().loads), self._step_s
-            )
+            left = self._loads_left(self.chain.save_state().loads)
+            bridge, jumps = self._over.film_steps(left, self._step_s)
         except ConvergenceError as failed:
             raise error.at(f"the film did not take over ({failed})") from failed
         self._inside = self._inside.left(self._step_s)
@@ -294,9 +290,9 @@ class HandoverArm(SoftSide):
 
     def _take_back(self, wrench: Wrench, step_s: float) -> None:
         """Let the chain take over, if it can."""
-        acting = self._acting_loads(self.film.save_state().loads)
+        left = self._loads_left(self.film.save_state().loads)
         try:
-            bridge, jumps = self._over.chain_steps(acting, wrench, step_s)
+            bridge, jumps = self._over.chain_steps(left, wrench, step_s)
         except ConvergenceError:
             self._inside = self._inside.refused()
             return

@@ -91,11 +91,12 @@ class HeldRings:
         if start is None:
             drawn = self._section.positions(frames, pressure_Pa)
             start = self._film.in_shape(drawn, flange_of(frames))
-        try:
-            return self._held(frames, start, loads)
-        except ConvergenceError:
-            near = self._bent(frames, replace(loads, contact=None), pressure_Pa)
-            return self._held(frames, near.state, loads)
+        with self._solver.effort.search("the film on the rings of a chain"):
+            try:
+                return self._held(frames, start, loads)
+            except ConvergenceError:
+                near = self._bent(frames, replace(loads, contact=None), pressure_Pa)
+                return self._held(frames, near.state, loads)
 
     def _held(self, frames: Array, start: SoftState, loads: Loads) -> HeldFilm:
         guides = RingGuides(self._frames, self._groups, frames, _STIFFNESS)
