@@ -470,10 +470,8 @@ class LightBodies:
     def begin_ticks_of(self, tick_s: float) -> None:
         """Take ticks of another length from now on: what bodies weighed in others says nothing of them."""
         self._tick_s = tick_s
-        self._known, self._stiffness, self._held = np.zeros(0, np.int64), np.zeros((0, 0)), 0.0
-        self._heavy[:], self._touching[:], self.ratio, self._room = 0, 0.0, 0.0, RENEW_ABOVE
-        self._counts[MET] = self._counts[AGE] = 0
-        self._meet_ahead()
+        nobody, nothing = np.zeros(0, np.int64), (np.zeros_like(self._heavy), np.zeros_like(self._touching))
+        self.restore_state(LightBodiesState(*nothing, 0.0, nobody, np.zeros((0, 0)), 0.0, RENEW_ABOVE, 0))
 
     def weigh(self) -> None:
         """Find anew which bodies are heavy, where the last tick asks for it."""
