@@ -468,10 +468,10 @@ class LightBodies:
         return trial.reply
 
     def begin_ticks_of(self, tick_s: float) -> None:
-        """Take ticks of another length from now on: what bodies weighed in others says nothing of them."""
-        self._tick_s = tick_s
-        nobody, nothing = np.zeros(0, np.int64), (np.zeros_like(self._heavy), np.zeros_like(self._touching))
-        self.restore_state(LightBodiesState(*nothing, 0.0, nobody, np.zeros((0, 0)), 0.0, RENEW_ABOVE, 0))
+        """Take ticks of another length from now on; what was weighed in others is forgotten."""
+        self._tick_s, nobody, none = tick_s, self._known[:0], np.zeros((0, 0))
+        alike = 0 * self._heavy, 0.0 * self._touching, 0.0, nobody, none, 0.0, RENEW_ABOVE, 0
+        self.restore_state(LightBodiesState(*alike))
 
     def weigh(self) -> None:
         """Find anew which bodies are heavy, where the last tick asks for it."""
@@ -533,8 +533,7 @@ class LightBodies:
         self._gives[:] = UNKNOWN
         if not len(self._known) or self.ratio > _VERY_LIGHT:
             return
-        bodies = self._exchange.bodies
-        mobility = bodies.way_s2(self._tick_s) * bodies.mobility(self._known, held=False)
+        mobility = self._exchange.free_way(self._known, self._tick_s)
         for k, body in enumerate(self._known.tolist()):
             own = slice(6 * k, 6 * k + 3)
             free = np.zeros_like(mobility[own])
