@@ -177,7 +177,7 @@ class ContactExchange:
         return float(fastest_touched(self.at, state.positions, state.velocities))
 
     def free_way(self, bodies: IntArray, tick_s: float) -> Array:
-        """Return how bodies (b,) give way in a tick (6 b, 6 b) where nothing else holds them, see `answered`."""
+        """Return how bodies (b,) give way in a tick (6 b, 6 b) where nothing else holds them."""
         return self.bodies.way_s2(tick_s) * self.bodies.mobility(bodies, held=False)
 
     @property

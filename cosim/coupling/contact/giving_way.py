@@ -412,14 +412,13 @@ class LightBodies:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         arrays = exchange.arrays
         self._movable, self._heavy, self._touching = arrays.movable, arrays.heavy, arrays.touching
-        self._ahead = arrays.bodies.leads.ahead
+        self._ahead, self._counts, self._gives = arrays.bodies.leads.ahead, arrays.counts, arrays.gives
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        self._counts, self._gives = arrays.counts, arrays.gives
         self._ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
         exchange.ask_for_weighing_after(self._ticks)
-        self.ratio, self._room = 0.0, RENEW_ABOVE
-        self.trials = 1
+        self.ratio, self._room, self.trials = 0.0, RENEW_ABOVE, 1
+        self._first = self.save_state()
         self._meet_ahead()
 
     def advance(self, flange: Pose, loads: Loads, aim: StepAim | None = None) -> SoftReply:
@@ -469,9 +468,8 @@ class LightBodies:
 
     def begin_ticks_of(self, tick_s: float) -> None:
         """Take ticks of another length from now on; what was weighed in others is forgotten."""
-        self._tick_s, nobody, none = tick_s, self._known[:0], np.zeros((0, 0))
-        alike = 0 * self._heavy, 0.0 * self._touching, 0.0, nobody, none, 0.0, RENEW_ABOVE, 0
-        self.restore_state(LightBodiesState(*alike))
+        self._tick_s = tick_s
+        self.restore_state(self._first)
 
     def weigh(self) -> None:
         """Find anew which bodies are heavy, where the last tick asks for it."""
