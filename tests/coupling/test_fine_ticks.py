@@ -69,12 +69,12 @@ def test_a_ball_bounces_as_with_short_ticks(mass_kg: float) -> None:
     assert abs(whole.height[-1] - short.height[-1]) > 1e-3
 
 
-def hit() -> CoupledGrasp:
+def hit() -> Any:
     """Return a light cube between pads that press on it all of a sudden."""
     return CoupledGrasp(0.05, 4e-3, StaggeredCoupling, "bdf2", substeps=4)
 
 
-def ticks_of(grasp: CoupledGrasp, count: int) -> list[Array]:
+def ticks_of(grasp: Any, count: int) -> list[Array]:
     """Return where the cube is after each of some ticks."""
     found = []
     for _ in range(count):
@@ -104,6 +104,31 @@ def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
         one.coupling.restore_state(state)
     first, second = ticks_of(grasp, 10), ticks_of(again, 10)
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def test_servos_go_on_in_pieces_as_in_whole_ticks() -> None:
+    joints, speed = [], np.full((1, 6), 0.3)
+    for fine in (False, True):
+        grasp = hit()
+        grasp.coupling.fine.restore(fine)
+        place = grasp.grasp.scene.joint_position[None]
+        servos = Servos.knowing_no_payload(place, speed, 0.0 * speed)
+        joints.append(grasp.coupling.advance(servos, [grasp.grasp.loads]).ticks.joints[0] - place[0])
+    assert joints[1] == pytest.approx(joints[0], rel=1e-9)  # nothing acts on the arm but its servos
+    assert np.abs(joints[0]).min() > 1e-6
+
+
+def test_the_first_whole_tick_looks_back_over_a_whole_one() -> None:
+    grasp, before, fine = hit(), None, False
+    soft = grasp.grasp.soft
+    for _ in range(30):
+        fine, before = grasp.coupling.fine.on, soft.state.positions
+        grasp.tick()
+        if fine and not grasp.coupling.fine.on:
+            break
+    assert fine
+    assert soft.state.earlier is not None
+    assert np.array_equal(soft.state.earlier[0], before)
 
 
 def test_how_many_steps_a_tick_has_follows_from_the_lightest_free_object() -> None:

@@ -412,14 +412,13 @@ class LightBodies:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         arrays = exchange.arrays
         self._movable, self._heavy, self._touching = arrays.movable, arrays.heavy, arrays.touching
-        self._ahead = arrays.bodies.leads.ahead
+        self._ahead, self._counts, self._gives = arrays.bodies.leads.ahead, arrays.counts, arrays.gives
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        self._counts, self._gives = arrays.counts, arrays.gives
         self._ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
         exchange.ask_for_weighing_after(self._ticks)
-        self.ratio, self._room = 0.0, RENEW_ABOVE
-        self.trials = 1
+        self.ratio, self._room, self.trials = 0.0, RENEW_ABOVE, 1
+        self._first = self.save_state()
         self._meet_ahead()
 
     def advance(self, flange: Pose, loads: Loads, aim: StepAim | None = None) -> SoftReply:
@@ -468,12 +467,9 @@ class LightBodies:
         return trial.reply
 
     def begin_ticks_of(self, tick_s: float) -> None:
-        """Take ticks of another length from now on: what bodies weighed in others says nothing of them."""
+        """Take ticks of another length from now on; what was weighed in others is forgotten."""
         self._tick_s = tick_s
-        self._known, self._stiffness, self._held = np.zeros(0, np.int64), np.zeros((0, 0)), 0.0
-        self._heavy[:], self._touching[:], self.ratio, self._room = 0, 0.0, 0.0, RENEW_ABOVE
-        self._counts[MET] = self._counts[AGE] = 0
-        self._meet_ahead()
+        self.restore_state(self._first)
 
     def weigh(self) -> None:
         """Find anew which bodies are heavy, where the last tick asks for it."""
@@ -535,8 +531,7 @@ class LightBodies:
         self._gives[:] = UNKNOWN
         if not len(self._known) or self.ratio > _VERY_LIGHT:
             return
-        bodies = self._exchange.bodies
-        mobility = bodies.way_s2(self._tick_s) * bodies.mobility(self._known, held=False)
+        mobility = self._exchange.free_way(self._known, self._tick_s)
         for k, body in enumerate(self._known.tolist()):
             own = slice(6 * k, 6 * k + 3)
             free = np.zeros_like(mobility[own])
