@@ -16,10 +16,12 @@ from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.reduced.sections.ring_frames import RingFrames, corners
 from cosim.reduced.sections.section_energy import (
+    BEND,
     COEFFICIENTS,
     COLUMNS,
     LINE,
     ROWS,
+    TURNED,
     Y_CELLS,
     Z_CELLS,
     Z_FROM,
@@ -39,11 +41,15 @@ from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
 _LEAST_RIDGE = 1e-10  # the same of splines, whose sum has no force
-_SMOOTH = 1e-5  # weight of second differences over strains
+_SMOOTH = 1e-6  # weight of second differences over strains
+_BENT_LITTLE = 4  # splines over y
+_LIMP_Pa = 3e3
+_LEAST_STIFF = 0.1  # against bending, of its median over the samples
+_ONE_SIDED, _ROUNDS_MAX = 10.0, 6  # weight of differences that would be below zero, and rounds to find them
 _LEAST_BEND = 1e-3
 _HELD_OUT = 8  # of so many samples one is not fitted
-_LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
-_BEYOND = 0.15  # of the sampled range of lengths, on either side
+_LEAST_SHARE, _LEAST_AXIAL = 0.1, 1.0  # of the usual size: what is smaller counts as this
+_BEYOND, _LEAST_BEYOND = 0.15, 0.12  # of the sampled range of lengths, of the length, on either side
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
 
@@ -69,7 +75,7 @@ def fit_model(
     energy, errors = np.empty((size, sections, COLUMNS)), list[Array]()
     for group in frames.alike:
         some = _Sections(samples, group, over[:, 0], length[:, group[0]], frames)
-        found, error = some.fitted(smoothing)
+        found, error = some.fitted(smoothing, spline)
         energy[:, group] = np.concatenate([found, some.limits(), some.constants(size)], axis=1)[:, None]
         errors += [error] * len(group)
     return SectionModel(
@@ -111,6 +117,8 @@ class _Sections:
         phase = self.corners * angle
         low, high, end = self.place.min(), self.place.max(), max(float(bends(self.bend).max()), _LEAST_BEND)
         step = max(high - low, _LEAST_BEND) / Z_CELLS
+        # q changes its sign where a section is turned around: of one that is alike then nothing hangs on it
+        self.without = TURNED if frames.symmetric(group[0]) else slice(0)
         self.fixed = np.array([low, step, end / Y_CELLS, self.corners, np.cos(phase), np.sin(phase)])
 
     def constants(self, size: int) -> Array:
@@ -123,12 +131,18 @@ class _Sections:
         for level in np.unique(self.pressure):
             here = self.pressure == level
             low, high = self.place[here].min(), self.place[here].max()
-            margin = _BEYOND * (high - low)
+            margin = max(_BEYOND * (high - low), _LEAST_BEYOND)
             rows.append([low - margin, high + margin, (_FARTHEST_BEND * self.bend[here].max()) ** 2])
             at_levels.append(self.over[here][0])
         return np.asarray(np.linalg.lstsq(np.array(at_levels), np.array(rows), rcond=None)[0])
 
-    def fitted(self, smoothing: float) -> tuple[Array, Array]:
+    def _squares(self) -> Array:
+        """Return b as splines (LINE,) over y: b = y^2 + 2 y_0 y."""
+        step = self.fixed[2]
+        y = step * (np.arange(LINE) - 1.0)
+        return np.asarray(y * y - step * step / 3.0 + 2.0 * BEND * y)
+
+    def fitted(self, smoothing: float, spline: PressureSpline) -> tuple[Array, Array]:
         """Return the coefficients (size, c), and the relative error (6,) over samples held out."""
         weight = _weights(self.pressure, self.force)
         size, wanted = self.over.shape[1], self.force * weight
@@ -137,13 +151,19 @@ class _Sections:
         for level in np.unique(self.pressure):  # all samples of a pressure have the same splines
             here = np.flatnonzero(self.pressure == level)
             _, gradient = _terms(self.strain[here], 1.0 / self.length[here], self.fixed)
+            gradient[:, :, self.without] = 0.0
             rows, over = gradient * weight[here][:, :, None], self.over[here[0]]
             kept = self.kept[here]
             matrix, right = rows[kept].reshape(-1, COEFFICIENTS), wanted[here][kept].ravel()
             normal += np.einsum("i,j,ck->icjk", over, over, matrix.T @ matrix)
             load += np.outer(over, matrix.T @ right)
             left.append((rows[~kept], wanted[here][~kept], over))
-        found = _regularised(normal, load, 6 * int(self.kept.sum()), smoothing)
+        bent = self.bend > _LEAST_BEND
+        stiff = float(np.median(np.hypot(*self.force[bent, 3:5].T) / self.bend[bent]))
+        # of straight sections, 2 dA/dy dy/db
+        least = _LEAST_STIFF * stiff * self.fixed[2] * BEND
+        found = _regularised(normal, load, 6 * int(self.kept.sum()), smoothing, least)
+        found[:, : ROWS * LINE] += 0.5 * stiff * np.outer(_limpness(spline), np.tile(self._squares(), ROWS))
         off = np.concatenate([(rows @ (over @ found) - want) ** 2 for rows, want, over in left])
         mean = np.concatenate([want**2 for _, want, _ in left]).mean(axis=0)
         return found, np.sqrt(np.median(off, axis=0) / np.maximum(mean, 1e-30))
@@ -158,25 +178,58 @@ def _terms(strain: Array, inverse_length: Array, fixed: Array) -> tuple[Array, A
     return values, gradients
 
 
-def _regularised(normal: Array, load: Array, count: int, smoothing: float) -> Array:
+def _regularised(normal: Array, load: Array, count: int, smoothing: float, least: float) -> Array:
     """Return the coefficients (size, c) of normal equations (size, c, size, c) of so many rows.
 
     Second differences over pressure, over z and over y are kept small, those of all coefficients times
     what they do in the samples: splines with many knots then do not swing between samples, and go on as
-    straight lines where there are none. Source: Eilers and Marx, Statistical Science 11 (1996) 89.
+    straight lines where there are none. A rises along y by `least` [J] from spline to spline at least, and the
+    force of what is bent little rises with its length: where a film hardly resists, as without gas, the
+    errors of a fit would else fold the chain. Source: Eilers and Marx, Statistical Science 11 (1996) 89.
     """
     size = len(load)
-    scale = np.sqrt(np.einsum("icic->c", normal) / (size * count)) + 1e-300
+    scale = np.sqrt(np.einsum("icic->c", normal) / (size * count))
+    scale[scale == 0.0] = 1.0
     scale[: ROWS * LINE] = np.sqrt((scale[: ROWS * LINE] ** 2).mean())
-    full = normal / (scale[:, None, None] * scale)
+    full, right = normal / (scale[:, None, None] * scale), load / scale
     for c in range(COEFFICIENTS):
         full[:, c, :, c] += count * (_RIDGE * (c >= ROWS * LINE) + _LEAST_RIDGE) * np.eye(size)
         full[:, c, :, c] += count * smoothing * _seconds(size)
     shape = np.kron(_seconds(ROWS), np.eye(LINE)) + np.kron(np.eye(ROWS), _seconds(LINE))
     for k in range(size):
         full[k, : ROWS * LINE, k, : ROWS * LINE] += count * _SMOOTH * shape
-    found = np.linalg.solve(full.reshape(load.size, -1), (load / scale).ravel())
-    return np.asarray(found.reshape(load.shape) / scale)
+    rising, most = _rising(least * scale[0])
+    held = np.zeros((size, len(rising)), dtype=bool)
+    for _ in range(_ROUNDS_MAX):
+        solved = np.linalg.solve(full.reshape(load.size, -1), right.ravel()).reshape(load.shape)
+        new = (solved[:, : ROWS * LINE] @ rising.T < most) & ~held
+        if not new.any():
+            break
+        held |= new
+        for k in range(size):
+            full[k, : ROWS * LINE, k, : ROWS * LINE] += count * _ONE_SIDED * rising[new[k]].T @ rising[new[k]]
+            right[k, : ROWS * LINE] += count * _ONE_SIDED * most[new[k]] @ rising[new[k]]
+    return np.asarray(solved / scale)
+
+
+def _limpness(spline: PressureSpline) -> Array:
+    """Return (size,): how far below `_LIMP_Pa` the functions of pressure are, 1 without gas.
+
+    There a film hardly resists bending, less than a fit can tell; a chain without any resistance would fold
+    by itself. It is lent the median of all pressures.
+    """
+    span = np.arcsinh(spline.largest_Pa / 200.0) / spline.intervals
+    centers = 200.0 * np.sinh(span * (np.arange(spline.size) - 1.0))
+    return np.clip(1.0 - centers / _LIMP_Pa, 0.0, 1.0)
+
+
+def _rising(least: float) -> tuple[Array, Array]:
+    """Return differences (r, c) of A's coefficients and what they are at least (r,): slopes along y, and
+    curvatures along z of what is bent little."""
+    slopes = np.kron(np.eye(ROWS), np.diff(np.eye(LINE), axis=0))
+    curvatures = np.kron(np.diff(np.eye(ROWS), n=2, axis=0), np.eye(LINE)[:_BENT_LITTLE])
+    ends = np.concatenate([np.full(len(slopes), least), np.zeros(len(curvatures))])
+    return np.concatenate([slopes, curvatures]), ends
 
 
 def _seconds(size: int) -> Array:
@@ -196,7 +249,7 @@ def _weights(pressure: Array, force: Array) -> Array:
         for group in ([0, 1], [2], [3, 4], [5]):
             size = np.linalg.norm(force[here][:, group], axis=1)
             usual = max(float(np.sqrt((size**2).mean())), 1e-12)
-            least = usual if group == [2] else _LEAST_SHARE * usual
+            least = (_LEAST_AXIAL if group == [2] else _LEAST_SHARE) * usual
             weight[np.ix_(np.flatnonzero(here), np.array(group))] = (1.0 / np.hypot(size, least))[:, None]
     return weight
 

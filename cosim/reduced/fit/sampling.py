@@ -134,7 +134,7 @@ _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _BEND_MAX = 0.6
 _ONE_WAY, _ANGLES = 0.5, 12  # share of ways that bend in one plane, at one of so many angles
-_TIP_SHARE = 0.3
+_TIP_SHARE = 0.1
 _BASE_REACH = 1.8  # nothing on the other side of the base meets the first ring
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _BEND_STEP, _STEP = 0.06, 0.08  # bend, and share of the length, from one sample of a way to the next
@@ -349,13 +349,13 @@ def random_strains(
 
     result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
     result[:, :2] = work.shear_m * random.uniform(0.0, 1.0) ** 2 * field(2)
+    result[-1, :2] *= _TIP_SHARE
     bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
     if random.uniform() < _ONE_WAY:
         angle = random.integers(_ANGLES) * np.pi / _ANGLES
         bend = bend[:, :1] * np.array([np.cos(angle), np.sin(angle)])
-    # what holds the base bends the first section by itself; little bends the last one, which is half a unit
+    # what holds the base bends the first section by itself; nothing beyond the last one shears it
     bend[0] = 1.3 * random.uniform(-1.0, 1.0, 2)
-    bend[-1] *= _TIP_SHARE
     reach = np.where(np.arange(len(low)) == 0, _BASE_REACH, 1.0) * work.bend
     largest = np.minimum(reach * result[:, 2] / radii, _BEND_MAX)
     result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))

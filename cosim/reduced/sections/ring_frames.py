@@ -158,6 +158,11 @@ class RingFrames:
                 group.append(s)
         return groups
 
+    def symmetric(self, s: int) -> bool:
+        """Whether a section is the same when it is turned around."""
+        near, far = (self.shapes[k] if k >= 0 else np.zeros((0, 3)) for k in (s - 1, s))
+        return near.shape == far.shape and bool(np.abs(near - far).max() < _ALIKE_M)
+
     def _differ(self, s: int, other: int) -> float:
         """Return by how much [m] the drawn rings of two sections differ, infinite if in their nodes."""
         (start, end), (begin, stop) = (self.shapes[k - 1 : k + 1] for k in (s, other))

@@ -137,9 +137,12 @@ Y_CELLS: Final = 8
 """The same over y."""
 ROWS, LINE = Z_CELLS + 3, Y_CELLS + 3
 """Splines over z and over y; coefficients of A come row after row."""
-_BEND = 0.05  # y_0
+BEND: Final = 0.05
+"""y_0."""
 _S = ROWS * LINE
 _Q, _T, _H, _MIXED = _S + 9, _S + 18, _S + 27, _S + 33
+TURNED: Final = slice(_Q, _T)
+"""Coefficients of Q."""
 COEFFICIENTS: Final = _MIXED + 2
 LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
@@ -150,7 +153,7 @@ COLUMNS: Final = COEFFICIENTS + 9
 
 def bends(bend: Array) -> Array:
     """Return y of bends sqrt(b)."""
-    return np.hypot(bend, _BEND) - _BEND
+    return np.hypot(bend, BEND) - BEND
 
 
 @device_function
@@ -271,8 +274,8 @@ def section_energy(
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
     z = x[2] * inverse_length - 1.0
     b, shear, t, q = w1 * w1 + w2 * w2, u1 * u1 + u2 * u2, w3 * w3, u1 * w2 - u2 * w1
-    root = np.sqrt(b + _BEND * _BEND)
-    y, y_b = root - _BEND, 0.5 / root
+    root = np.sqrt(b + BEND * BEND)
+    y, y_b = root - BEND, 0.5 / root
     # value and derivatives by z and y of all that multiplies; of S, Q, T, H by z and y
     f, wave = small_vector(8), small_vector(6)
     _tensor(c, s, z, y, f)
