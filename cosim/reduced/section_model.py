@@ -94,13 +94,16 @@ class SectionBody:
         stretch = np.einsum("pk,ks->ps", over, model.energy[:, :, HIGH])
         ends = ((over @ model.length) * (1.0 + stretch))[:, : self._one]
         frames = self.frames
-        base, nodes = frames.drawn[frames.chains[0].start], self.body.positions[: len(frames.before) // self.copies]
+        base, nodes = (
+            frames.drawn[frames.chains[0].start],
+            self.body.positions[: len(frames.before) // self.copies],
+        )
         radius = float(np.linalg.norm((nodes - base[0]) @ base[1:3].T, axis=1).max())
         return float(np.linalg.norm(base[0])) + _REACH_MARGIN * (float(ends.sum(axis=1).max()) + radius)
 
     @property
     def chain(self) -> tuple[Array, Array, IntArray, Array]:
-        """Coefficients (s, c), 1 / L (s,) [1/m], frames before and masses (f, 4, 4) as the kernels take them."""
+        """Coefficients (s, c), 1 / L (s,) [1/m], near (s,) and masses (f, 4, 4) as the kernels take them."""
         return self.coefficients, self.inverse_length, self.frames.near, self.mass
 
     @property

@@ -65,7 +65,14 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"soft_robot": "three_finger_gripper"}, "soft_robot.copies: have no section model: fingers fold"),
+        (
+            {"soft_robot": "three_finger_gripper", "phase.hang.pressure_Pa": [1e3, 2e3, 3e3]},
+            "phase.hang.pressure_Pa: is not alike for all copies",
+        ),
+        (
+            {"soft_robot": "three_finger_gripper", "phase.hang.gas": {"copy_2": "sealed"}},
+            "phase.hang.gas: is sealed; section models of copies need pressures",
+        ),
         ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
     ],
 )

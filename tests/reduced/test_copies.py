@@ -66,7 +66,7 @@ def test_every_copy_takes_the_shape_that_it_would_take_alone() -> None:
 
 def test_a_flange_bears_what_its_copies_weigh() -> None:
     chain = SectionArm(gripper(), Pose(), NewtonOptions(tolerance_N=1e-7), StepOptions())
-    found = chain.solve(chain.state, Pose(), replace(together(), cable_tension_N=(0.0,) * 6))
+    found = chain.start(Pose(), replace(together(), cable_tension_N=(0.0,) * 6))
     weight = gripper().mass_kg * GRAVITY
     assert gripper().mass_kg == pytest.approx(COUNT * section().mass_kg)
     assert found.wrench.force == pytest.approx(weight, abs=1e-5)
@@ -78,7 +78,7 @@ def test_a_flange_bears_what_its_copies_weigh() -> None:
 def test_a_turned_flange_takes_all_copies_along() -> None:
     turn = Pose(rotation_from_vector(np.array([0.3, 0.2, -0.4])), np.array([0.1, 0.2, 0.3]))
     chain = SectionArm(gripper(), Pose(), NewtonOptions(tolerance_N=1e-7), StepOptions())
-    here = chain.solve(chain.state, Pose(), together())
+    here = chain.start(Pose(), together())
     leaning = tuple((turn.rotation @ GRAVITY).tolist())
     there = chain.follow(here, turn, replace(together(), gravity=leaning))
     assert there.state.positions == pytest.approx(turn.apply(here.state.positions), abs=1e-6)

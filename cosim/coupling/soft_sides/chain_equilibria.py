@@ -14,13 +14,7 @@ from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainScheme, ChainState, ChainStep
-from cosim.reduced.solve.clamp import (
-    FrameClamp,
-    check_pressure,
-    place_in_range,
-    rates_from_nodes,
-    upright,
-)
+from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range, rates_from_nodes, upright
 from cosim.reduced.solve.newton import ChainSolver, ChainTask
 from cosim.reduced.solve.stability import ChainStiffness
 from cosim.reduced.solve.time_step import solve_loaded

@@ -14,19 +14,8 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import SectionBody, SectionModel
-from cosim.reduced.sections.ring_frames import RingFrames, corners
-from cosim.reduced.sections.section_energy import (
-    COEFFICIENTS,
-    COLUMNS,
-    LINE,
-    ROWS,
-    Y_CELLS,
-    Z_CELLS,
-    Z_FROM,
-    PressureSpline,
-    basis,
-    bends,
-)
+from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.reduced.sections.section_energy import BENDING, COEFFICIENTS, PressureSpline, basis
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -38,19 +27,18 @@ from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
-_LEAST_RIDGE = 1e-10  # the same of splines, whose sum has no force
-_SMOOTH = 1e-5  # weight of second differences over strains
-_LEAST_BEND = 1e-3
 _HELD_OUT = 8  # of so many samples one is not fitted
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
-_BEYOND = 0.15  # of the sampled range of lengths, on either side
+_BEYOND, _LEAST_BEYOND = 0.15, 0.12  # of the sampled range of lengths, of the length, on either side
+_LIMP_Pa, _LIMP_BEND = 3e3, 0.5  # below, a film has hardly any resistance of its own, nor an end of its range
+_LEAST_BEND = 1e-3
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
 
 def fit_model(
     samples: Samples, frames: RingFrames, spline: PressureSpline, smoothing: float = 1e-3
 ) -> SectionModel:
-    """Return the model of a stack of units; sections that are alike have one energy.
+    """Return the model of a stack of units.
 
     Args:
         samples: over its working range.
@@ -61,128 +49,114 @@ def fit_model(
     over = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
     levels = np.unique(samples.pressure_Pa)
     at_levels = np.array([spline.basis(p)[0] for p in levels])
-    means = samples.length_m.copy()
-    for group in frames.alike:
-        means[:, group] = samples.length_m[:, group].mean(axis=1, keepdims=True)
-    length = np.linalg.lstsq(at_levels, means, rcond=None)[0]
-    size, sections = length.shape
-    energy, errors = np.empty((size, sections, COLUMNS)), list[Array]()
-    for group in frames.alike:
-        some = _Sections(samples, group, over[:, 0], length[:, group[0]], frames)
-        found, error = some.fitted(smoothing)
-        energy[:, group] = np.concatenate([found, some.limits(), some.constants(size)], axis=1)[:, None]
-        errors += [error] * len(group)
+    length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
+    fits = [
+        _fit_section(samples, s, over[:, 0], length[:, s], smoothing) for s in range(samples.strain.shape[1])
+    ]
+    energy = np.stack([fit.coefficients for fit in fits], axis=1)
+    energy[:, :, BENDING] += 0.5 * np.outer(_limpness(spline), _resistance(samples))
+    limits = _limits(samples, length, over[:, 0])
     return SectionModel(
         spline,
-        energy,
+        np.concatenate([energy, limits], axis=2),
         length,
         _fit_gas(samples, over, energy, length),
         _fit_nodes(samples, frames, over[:, 0]),
-        np.sqrt(np.mean(np.array(errors) ** 2, axis=0)),
+        np.sqrt(np.mean([fit.error**2 for fit in fits], axis=0)),
         len(samples.pressure_Pa),
         samples.failures,
     )
 
 
-@final
-class _Sections:
-    """Samples of some sections that are alike.
+def _limpness(spline: PressureSpline) -> Array:
+    """Return (size,): how far below `_LIMP_Pa` the functions of pressure are, 1 without gas.
 
-    Args:
-        samples: of all.
-        group: which sections.
-        over: (m, size), the splines at the samples' pressures.
-        length: (size,) [m], L.
-        frames: of the stack.
+    There a film hardly resists bending, less than a fit can tell; a chain without any resistance would fold
+    by itself. It is lent the median of all pressures.
     """
-
-    def __init__(
-        self, samples: Samples, group: list[int], over: Array, length: Array, frames: RingFrames
-    ) -> None:
-        count = len(group)
-        self.strain = np.concatenate([samples.strain[:, s] for s in group])
-        self.force = np.concatenate([samples.force[:, s] for s in group])
-        self.pressure, self.over = np.tile(samples.pressure_Pa, count), np.tile(over, (count, 1))
-        row = np.tile(np.arange(len(over)), count)
-        self.kept = (row // _HELD_OUT) % _HELD_OUT != _HELD_OUT - 1  # ways, not single samples
-        self.length = self.over @ length
-        self.place, self.bend = self.strain[:, 2] / self.length - 1.0, np.hypot(*self.strain[:, 3:5].T)
-        self.corners, angle = corners(frames.shapes[max(group[0] - 1, 0)])
-        phase = self.corners * angle
-        low, high, end = self.place.min(), self.place.max(), max(float(bends(self.bend).max()), _LEAST_BEND)
-        step = max(high - low, _LEAST_BEND) / Z_CELLS
-        self.fixed = np.array([low, step, end / Y_CELLS, self.corners, np.cos(phase), np.sin(phase)])
-
-    def constants(self, size: int) -> Array:
-        """Return (size, constants): what is alike at all pressures, as splines."""
-        return np.tile(self.fixed, (size, 1))
-
-    def limits(self) -> Array:
-        """Return splines (size, 3) of the limits: how far beyond its samples a section may go."""
-        rows, at_levels = [], []
-        for level in np.unique(self.pressure):
-            here = self.pressure == level
-            low, high = self.place[here].min(), self.place[here].max()
-            margin = _BEYOND * (high - low)
-            rows.append([low - margin, high + margin, (_FARTHEST_BEND * self.bend[here].max()) ** 2])
-            at_levels.append(self.over[here][0])
-        return np.asarray(np.linalg.lstsq(np.array(at_levels), np.array(rows), rcond=None)[0])
-
-    def fitted(self, smoothing: float) -> tuple[Array, Array]:
-        """Return the coefficients (size, c), and the relative error (6,) over samples held out."""
-        weight = _weights(self.pressure, self.force)
-        size, wanted = self.over.shape[1], self.force * weight
-        normal, load = np.zeros((size, COEFFICIENTS, size, COEFFICIENTS)), np.zeros((size, COEFFICIENTS))
-        left: list[tuple[Array, Array, Array]] = []
-        for level in np.unique(self.pressure):  # all samples of a pressure have the same splines
-            here = np.flatnonzero(self.pressure == level)
-            _, gradient = _terms(self.strain[here], 1.0 / self.length[here], self.fixed)
-            rows, over = gradient * weight[here][:, :, None], self.over[here[0]]
-            kept = self.kept[here]
-            matrix, right = rows[kept].reshape(-1, COEFFICIENTS), wanted[here][kept].ravel()
-            normal += np.einsum("i,j,ck->icjk", over, over, matrix.T @ matrix)
-            load += np.outer(over, matrix.T @ right)
-            left.append((rows[~kept], wanted[here][~kept], over))
-        found = _regularised(normal, load, 6 * int(self.kept.sum()), smoothing)
-        off = np.concatenate([(rows @ (over @ found) - want) ** 2 for rows, want, over in left])
-        mean = np.concatenate([want**2 for _, want, _ in left]).mean(axis=0)
-        return found, np.sqrt(np.median(off, axis=0) / np.maximum(mean, 1e-30))
+    return np.clip(1.0 - spline.centers / _LIMP_Pa, 0.0, 1.0)
 
 
-def _terms(strain: Array, inverse_length: Array, fixed: Array) -> tuple[Array, Array]:
+def _resistance(samples: Samples) -> Array:
+    """Return the moment over the bend (s,) [N m] of each section, the median of all samples."""
+    bend, moment = (np.linalg.norm(part[:, :, 3:5], axis=2) for part in (samples.strain, samples.force))
+    return np.array(
+        [np.median(m[b > _LEAST_BEND] / b[b > _LEAST_BEND]) for m, b in zip(moment.T, bend.T, strict=True)]
+    )
+
+
+def _limits(samples: Samples, length: Array, over: Array) -> Array:
+    """Return splines (size, s, 3) of the limits: how far beyond its samples a section may go."""
+    place = samples.strain[:, :, 2] / (over @ length) - 1.0
+    bend = (samples.strain[:, :, 3:5] ** 2).sum(axis=2)
+    rows = []
+    for level in np.unique(samples.pressure_Pa):
+        here = samples.pressure_Pa == level
+        low, high = place[here].min(axis=0), place[here].max(axis=0)
+        margin = np.maximum(_BEYOND * (high - low), _LEAST_BEYOND)
+        end = np.maximum(_FARTHEST_BEND**2 * bend[here].max(axis=0), _LIMP_BEND**2 * (level < _LIMP_Pa))
+        rows.append(np.stack([low - margin, high + margin, end], axis=1))
+    at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
+    found = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
+    return np.asarray(found.reshape(over.shape[1], -1, 3))
+
+
+@final
+@dataclass(frozen=True)
+class _Fit:
+    """Coefficients (size, c) of one section, and its relative error (6,) over samples held out."""
+
+    coefficients: Array
+    error: Array
+
+
+def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
     """Return values (m, c) and gradients (m, 6, c) of the energy's terms."""
     count = len(strain)
     values, gradients = np.zeros((count, COEFFICIENTS)), np.zeros((count, 6, COEFFICIENTS))
-    rows = np.ascontiguousarray(strain), np.ascontiguousarray(inverse_length)
-    basis(*rows, np.ascontiguousarray(fixed), values, gradients)
+    basis(np.ascontiguousarray(strain), np.ascontiguousarray(inverse_length), values, gradients)
     return values, gradients
 
 
-def _regularised(normal: Array, load: Array, count: int, smoothing: float) -> Array:
-    """Return the coefficients (size, c) of normal equations (size, c, size, c) of so many rows.
+def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing: float) -> _Fit:
+    strain, force = samples.strain[:, s], samples.force[:, s]
+    _, gradient = _terms(strain, 1.0 / (over @ length))
+    weight = _weights(samples.pressure_Pa, force)
+    # the constant term has no gradient
+    rows = (gradient[:, :, None, 1:] * over[:, None, :, None] * weight[:, :, None, None]).reshape(
+        len(strain), 6, -1
+    )
+    wanted = force * weight
+    kept = np.arange(len(strain)) // _HELD_OUT % _HELD_OUT != _HELD_OUT - 1  # parts of ways
+    matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
+    scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
+    matrix = matrix / scale
+    rough = smoothing * _roughness(scale, over.shape[1])
+    normal = matrix.T @ matrix + len(load) * (_RIDGE * np.eye(len(scale)) + rough)
+    solution = np.linalg.solve(normal, matrix.T @ load) / scale
+    coefficients = np.zeros((over.shape[1], COEFFICIENTS))
+    coefficients[:, 1:] = solution.reshape(over.shape[1], -1)
+    off = (rows[~kept] @ solution - wanted[~kept]) ** 2
+    size = (wanted[~kept] ** 2).mean(axis=0)
+    return _Fit(coefficients, np.sqrt(np.median(off, axis=0) / np.maximum(size, 1e-30)))
 
-    Second differences over pressure, over z and over y are kept small, those of all coefficients times
-    what they do in the samples: splines with many knots then do not swing between samples, and go on as
-    straight lines where there are none. Source: Eilers and Marx, Statistical Science 11 (1996) 89.
+
+def _roughness(scale: Array, size: int) -> Array:
+    """Return the penalty on second differences over pressure, of coefficients times their scale.
+
+    Splines with many knots then do not swing between samples.
+    Source: Eilers and Marx, Statistical Science 11 (1996) 89.
     """
-    size = len(load)
-    scale = np.sqrt(np.einsum("icic->c", normal) / (size * count)) + 1e-300
-    scale[: ROWS * LINE] = np.sqrt((scale[: ROWS * LINE] ** 2).mean())
-    full = normal / (scale[:, None, None] * scale)
-    for c in range(COEFFICIENTS):
-        full[:, c, :, c] += count * (_RIDGE * (c >= ROWS * LINE) + _LEAST_RIDGE) * np.eye(size)
-        full[:, c, :, c] += count * smoothing * _seconds(size)
-    shape = np.kron(_seconds(ROWS), np.eye(LINE)) + np.kron(np.eye(ROWS), _seconds(LINE))
-    for k in range(size):
-        full[k, : ROWS * LINE, k, : ROWS * LINE] += count * _SMOOTH * shape
-    found = np.linalg.solve(full.reshape(load.size, -1), (load / scale).ravel())
-    return np.asarray(found.reshape(load.shape) / scale)
-
-
-def _seconds(size: int) -> Array:
-    """Return the penalty (size, size) on second differences."""
+    terms = len(scale) // size
+    usual = scale.reshape(size, terms).mean(axis=0)
     second = np.diff(np.eye(size), n=2, axis=0)
-    return np.asarray(second.T @ second)
+    full = np.einsum("ik,c->ikc", second, usual)
+    # the unknowns are coefficients times their own scale
+    penalty = np.einsum("ikc,ilc->kcl", full, full)
+    result = np.zeros((size, terms, size, terms))
+    for c in range(terms):
+        result[:, c, :, c] = penalty[:, c]
+    return np.asarray(result.reshape(len(scale), -1) / np.outer(scale, scale))
 
 
 def _weights(pressure: Array, force: Array) -> Array:
@@ -206,9 +180,9 @@ def _fit_gas(samples: Samples, over: Array, energy: Array, length: Array) -> Arr
     left = samples.volume_m3.copy()
     for s in range(energy.shape[1]):
         reach = over[:, 0] @ length[:, s]
-        values, gradients = _terms(samples.strain[:, s], 1.0 / reach, energy[0, s, Z_FROM:])
-        rate = np.einsum("mk,kc->mc", over[:, 1], energy[:, s, :COEFFICIENTS])
-        now = np.einsum("mk,kc->mc", over[:, 0], energy[:, s, :COEFFICIENTS])
+        values, gradients = _terms(samples.strain[:, s], 1.0 / reach)
+        rate = np.einsum("mk,kc->mc", over[:, 1], energy[:, s])
+        now = np.einsum("mk,kc->mc", over[:, 0], energy[:, s])
         # dF/dL at fixed strains: z = u_3 / L - 1
         along = np.einsum("mc,mc->m", gradients[:, 2], now) * samples.strain[:, s, 2] / reach
         left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ length[:, s])
@@ -284,7 +258,7 @@ class Effort:
     """How much is sampled: at so many pressures, so many ways to bent poses at each, splines of so many intervals."""
 
     levels: int = 14
-    samples: int = 16
+    samples: int = 14
     intervals: int = 8
 
 

@@ -134,7 +134,7 @@ _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _BEND_MAX = 0.6
 _ONE_WAY, _ANGLES = 0.5, 12  # share of ways that bend in one plane, at one of so many angles
-_TIP_SHARE = 0.3
+_TIP_SHARE = 0.1
 _BASE_REACH = 1.8  # nothing on the other side of the base meets the first ring
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _BEND_STEP, _STEP = 0.06, 0.08  # bend, and share of the length, from one sample of a way to the next
@@ -222,8 +222,8 @@ class Sampler:
         self._slack = Loads((), (0.0,) * len(body.cables), _STILL)
         self._body = body
         self.reached: list[float] = []
-        radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
-        self._radii = np.maximum(radii, np.concatenate([radii[:1], radii[:-1]]))
+        base = np.linalg.norm(body.positions[body.base, :2], axis=1).max()
+        self._radii = np.array([base, *(np.linalg.norm(shape, axis=1).max() for shape in frames.shapes)])
 
     def collect(self, work: WorkingRange, seed: int) -> Samples:
         """Return samples over a working range.
@@ -337,7 +337,7 @@ def random_strains(
         random: source.
         low: (s,) [m], shortest lengths.
         high: (s,) [m], longest lengths.
-        radii: (s,) [m], of the larger ring of each.
+        radii: (s + 1,) [m], of the rings.
         work: working range.
     """
     way = np.linspace(0.0, 1.0, len(low))[:, None]
@@ -349,16 +349,21 @@ def random_strains(
 
     result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
     result[:, :2] = work.shear_m * random.uniform(0.0, 1.0) ** 2 * field(2)
+    result[-1, :2] *= _TIP_SHARE
     bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
     if random.uniform() < _ONE_WAY:
         angle = random.integers(_ANGLES) * np.pi / _ANGLES
         bend = bend[:, :1] * np.array([np.cos(angle), np.sin(angle)])
-    # what holds the base bends the first section by itself; little bends the last one, which is half a unit
+    # what holds the base bends the first section by itself; nothing beyond the last one shears it
     bend[0] = 1.3 * random.uniform(-1.0, 1.0, 2)
-    bend[-1] *= _TIP_SHARE
     reach = np.where(np.arange(len(low)) == 0, _BASE_REACH, 1.0) * work.bend
-    largest = np.minimum(reach * result[:, 2] / radii, _BEND_MAX)
+    largest = np.minimum(reach * result[:, 2] / np.maximum(radii[1:], radii[:-1]), _BEND_MAX)
     result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
+    # half a unit turns about its narrow end, which shifts the other one
+    narrow = (radii[1:] - radii[:-1]) / (radii[1:] + radii[:-1])
+    lever = 0.5 * result[:, 2] * narrow * random.uniform(0.7, 1.1)
+    result[:, 0] += lever * result[:, 4]
+    result[:, 1] -= lever * result[:, 3]
     result[:, 5] = work.twist * random.uniform(0.0, 1.0) ** 2 * field(1)[:, 0]
     return result
 

@@ -18,8 +18,6 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 
 POINTS = 4
-_ALIKE_M = 1e-9
-_ROUNDING = 1e-6
 
 
 def points_of(pose: Pose) -> Array:
@@ -39,8 +37,8 @@ def carried(frames: Array, motion: Pose) -> Array:
 class RingFrames:
     """Which rings are frames, and how the other nodes go with them.
 
-    Frame 0 is the flange. Of one stack it holds the first ring of the centre line, and the chain begins there.
-    Copies have chains of their own, side by side: each begins at a frame that goes with the flange.
+    Frame 0 is the flange. Of one stack it holds the first ring of the centre line, and the chain begins
+    there. Copies have chains side by side; each begins at a frame that goes with the flange.
 
     Args:
         rings: nodes of frames 1, 2, ...; of a frame at which a copy begins none: the flange holds it.
@@ -69,7 +67,9 @@ class RingFrames:
         """
         copies = len(body.copies)
         if not copies and any("/" in name for name in body.rings):
-            raise InputError("section models are of one stack of units or its copies; this one is attached to")
+            raise InputError(
+                "section models are of one stack of units or its copies; this one is attached to"
+            )
         for element in (element for element in body.elements if element.remembers_steps):
             raise InputError(f"section models have no rates; this soft robot has {element.label}")
         own = len(body.base) // max(copies, 1)
@@ -106,9 +106,7 @@ class RingFrames:
         begins = 1 + own * np.arange(len(poses))
         none, still = np.zeros(0, np.int64), np.zeros((0, 3))
         rings = [ring for k in range(len(poses)) for ring in (none, *(r + nodes * k for r in self.rings))]
-        drawn = np.concatenate(
-            [points_of(Pose())[None], *(carried(self.drawn, pose) for pose in poses)]
-        )
+        drawn = np.concatenate([points_of(Pose())[None], *(carried(self.drawn, pose) for pose in poses)])
         return RingFrames(
             tuple(rings),
             (still, *self.shapes) * len(poses),
@@ -144,28 +142,6 @@ class RingFrames:
 
     def __len__(self) -> int:
         return len(self.rings) + 1
-
-    @property
-    def alike(self) -> list[list[int]]:
-        """The sections of one copy in groups that differ in nothing but their place; ends are by themselves."""
-        last, groups = len(self.near) // self.copies - 1, list[list[int]]()
-        for s in range(last + 1):
-            same = (g for g in groups if 0 < s < last and g[0] > 0 and self._differ(g[0], s) < _ALIKE_M)
-            group = next(same, None)
-            if group is None:
-                groups.append([s])
-            else:
-                group.append(s)
-        return groups
-
-    def _differ(self, s: int, other: int) -> float:
-        """Return by how much [m] the drawn rings of two sections differ, infinite if in their nodes."""
-        (start, end), (begin, stop) = (self.shapes[k - 1 : k + 1] for k in (s, other))
-        if start.shape != begin.shape or end.shape != stop.shape:
-            return np.inf
-        heights = [self.drawn[k + 1, 0, 2] - self.drawn[k, 0, 2] for k in (s, other)]
-        rings = max(np.abs(start - begin).max(), np.abs(end - stop).max())
-        return float(max(rings, abs(heights[0] - heights[1])))
 
     def fit(self, positions: Array, flange: Pose) -> Array:
         """Return the frames (f, 4, 3) of a film at node positions (n, 3) [m]."""
@@ -259,12 +235,3 @@ def frames_from_strains(first: Array, values: Array) -> Array:
         step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
         frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))
     return np.array(frames)
-
-
-def corners(shape: Array) -> tuple[int, float]:
-    """Return how many corners a ring (m, 3) has, and the angle of one; 0 if they are not evenly spaced."""
-    radius, angle = np.hypot(shape[:, 0], shape[:, 1]), np.arctan2(shape[:, 1], shape[:, 0])
-    at = np.sort(angle[radius > radius.max() * (1.0 - _ROUNDING)])
-    steps = np.diff([*at, at[0] + 2.0 * np.pi])
-    even = np.abs(steps - steps.mean()).max() < _ROUNDING
-    return (len(at), float(at[0])) if even and len(at) > 2 else (0, 0.0)

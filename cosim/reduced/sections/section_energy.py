@@ -1,19 +1,18 @@
-"""The condensed energy of one section: a function of six strains, its coefficients splines over pressure.
+"""The condensed energy of one section: a polynomial in six strains, its coefficients splines over pressure.
 
 Uniform cubic B-splines over pressure, fine where a film changes most: near zero.
 
 q = arsinh(p / p_0); c(p) = sum_k B_k(q) c_k. Source: de Boor, A Practical Guide to Splines, chapter IX.
 
 Strains x = (u, w) of a section (see `chain`): u_3 its length, (u_1, u_2) shear, (w_1, w_2) bending,
-w_3 twist. With
-    z = u_3 / L - 1,   b = w_1^2 + w_2^2,   y = sqrt(b + y_0^2) - y_0,   s = u_1^2 + u_2^2,   t = w_3^2,
-    q = u_1 w_2 - u_2 w_1,   m = -w_3 (u_1 w_1 + u_2 w_2),   h = Re[(w_1 + i w_2)^n e^(-i n phi)]
-    F = A(z, y) + s S(z, y) + q Q(z, y) + t T(z, y) + h H(z, y) + c1 q^2 + c2 m.
-A regular polygon's film answers alike in all directions up to order n, the number of its corners; h tells
-bending across edges from bending across corners, the first of them at the angle phi. y is b for small bends
-and the bend itself for large ones. A is a tensor product of uniform cubic B-splines, which follows a film that
-bends freely until its units meet; beyond the last knots they go on as straight lines. S, Q, T and H are
-polynomials of second order in y and z, H of first in z. All coefficients, and L, depend on the pressure alone.
+w_3 twist.
+A regular polygon's film answers alike in all directions up to the fourth order (six corners; four corners: up
+to the third), so the energy depends on invariants alone,
+    z = u_3 / L - 1,   b = w_1^2 + w_2^2,   s = u_1^2 + u_2^2,   q = u_1 w_2 - u_2 w_1,
+    t = w_3^2,         m = -w_3 (u_1 w_1 + u_2 w_2),
+    F = A(z) + b B(z) + b^2 B2(z) + b^3 B3(z) + s S(z) + q Q(z) + b q Q2(z) + t T(z)
+        + c1 q^2 + c2 b s + c3 t b + c4 m
+with polynomials in z of the orders in `_ORDERS`. All coefficients, and L, depend on the pressure alone.
 """
 
 from __future__ import annotations
@@ -52,6 +51,12 @@ class PressureSpline(NamedTuple):
         """Return pressures [Pa] evenly spaced in q, 0 and the largest included."""
         q = np.linspace(0.0, math.asinh(self.largest_Pa / _SCALE_Pa), count)
         return (*(_SCALE_Pa * np.sinh(q[:-1])).tolist(), self.largest_Pa)
+
+    @property
+    def centers(self) -> Array:
+        """Pressures (size,) [Pa] in the middle of the functions; below 0 that of the first."""
+        span = math.asinh(self.largest_Pa / _SCALE_Pa) / self.intervals
+        return np.asarray(_SCALE_Pa * np.sinh(span * (np.arange(self.size) - 1.0)))
 
     def basis(self, pressure_Pa: float) -> Array:
         """Return (2, size): values and slopes d/dp [1/Pa] of all functions.
@@ -131,127 +136,23 @@ class SplineTerms:
         weighted_rows(table, self.first, self.weights[0], out)
 
 
-Z_CELLS: Final = 6
-"""Intervals of A over z."""
-Y_CELLS: Final = 8
-"""The same over y."""
-ROWS, LINE = Z_CELLS + 3, Y_CELLS + 3
-"""Splines over z and over y; coefficients of A come row after row."""
-_BEND = 0.05  # y_0
-_S = ROWS * LINE
-_Q, _T, _H, _MIXED = _S + 9, _S + 18, _S + 27, _S + 33
-COEFFICIENTS: Final = _MIXED + 2
+_ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
+COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4
 LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
-Z_FROM, Z_STEP, Y_STEP, CORNERS, COSINE, SINE = range(COEFFICIENTS + 3, COEFFICIENTS + 9)
-"""Columns behind these, alike at all pressures: first knot and interval in z, interval in y, n, cos and sin n phi."""
-COLUMNS: Final = COEFFICIENTS + 9
-
-
-def bends(bend: Array) -> Array:
-    """Return y of bends sqrt(b)."""
-    return np.hypot(bend, _BEND) - _BEND
+BENDING: Final = 7
+"""Column of the constant of B(z): bending stiffness over two."""
 
 
 @device_function
-def _uniform(place: float, cells: int, out: Matrix) -> int:
-    """Fill out (3, 4): values, slopes and curvatures of the cubic B-splines at a place in units of intervals.
-
-    Returns the first of them. Beyond 0 to `cells` they go on as straight lines.
-    """
-    inside = min(max(place, 0.0), float(cells))
-    first = min(int(inside), cells - 1)
-    u = inside - first
-    v = 1.0 - u
-    out[0, 0] = v * v * v / 6.0
-    out[0, 1] = (3.0 * u * u * u - 6.0 * u * u + 4.0) / 6.0
-    out[0, 2] = (3.0 * v * v * v - 6.0 * v * v + 4.0) / 6.0
-    out[0, 3] = u * u * u / 6.0
-    out[1, 0] = -0.5 * v * v
-    out[1, 1] = 1.5 * u * u - 2.0 * u
-    out[1, 2] = -1.5 * v * v + 2.0 * v
-    out[1, 3] = 0.5 * u * u
-    out[2, 0], out[2, 1], out[2, 2], out[2, 3] = v, 3.0 * u - 2.0, 3.0 * v - 2.0, u
-    if place != inside:
-        for k in range(4):
-            out[0, k] += (place - inside) * out[1, k]
-            out[2, k] = 0.0
-    return first
-
-
-@device_function
-def _tensor(c: Matrix, s: int, z: float, y: float, out: Vector) -> None:
-    """Fill out (6,): A and its derivatives by z, y, zz, zy and yy."""
-    along, across = small_matrix(3, 4), small_matrix(3, 4)
-    by_z, by_y = 1.0 / c[s, Z_STEP], 1.0 / c[s, Y_STEP]
-    row = _uniform((z - c[s, Z_FROM]) * by_z, Z_CELLS, along)
-    line = _uniform(y * by_y, Y_CELLS, across)
-    for k in range(6):
-        out[k] = 0.0
-    for i in range(4):
-        at = (row + i) * LINE + line
-        value = slope = curvature = 0.0
-        for k in range(4):
-            value += across[0, k] * c[s, at + k]
-            slope += across[1, k] * c[s, at + k]
-            curvature += across[2, k] * c[s, at + k]
-        out[0] += along[0, i] * value
-        out[1] += along[1, i] * value
-        out[2] += along[0, i] * slope
-        out[3] += along[2, i] * value
-        out[4] += along[1, i] * slope
-        out[5] += along[0, i] * curvature
-    out[1] *= by_z
-    out[2] *= by_y
-    out[3] *= by_z * by_z
-    out[4] *= by_z * by_y
-    out[5] *= by_y * by_y
-
-
-@device_function
-def _add_product(
-    c: Matrix, s: int, terms: tuple[int, int], place: tuple[float, float], share: float, out: Vector
-) -> float:
-    """Add a share of sum_ik c z^i y^k, i up to an order and k up to 2, and of its derivatives, to out (6,).
-
-    Returns the sum; its own derivatives by z and y follow in out (8,). terms: first column, order in z.
-    """
-    (first, order), (z, y) = terms, place
-    value = z_ = y_ = zz = zy = yy = 0.0
-    for i in range(order, -1, -1):
-        a, b, d = c[s, first + 3 * i], c[s, first + 3 * i + 1], c[s, first + 3 * i + 2]
-        line, slope, curvature = a + y * (b + y * d), b + 2.0 * y * d, 2.0 * d
-        zz = zz * z + 2.0 * z_
-        z_ = z_ * z + value
-        zy = zy * z + y_
-        value = value * z + line
-        y_ = y_ * z + slope
-        yy = yy * z + curvature
-    out[0] += share * value
-    out[1] += share * z_
-    out[2] += share * y_
-    out[3] += share * zz
-    out[4] += share * zy
-    out[5] += share * yy
-    out[6], out[7] = z_, y_
-    return value
-
-
-@device_function
-def _corner_waves(w1: float, w2: float, c: Matrix, s: int, out: Vector) -> None:
-    """Fill out (6,): h and its derivatives by w_1, w_2, w_1 w_1, w_1 w_2 and w_2 w_2."""
-    n, re, im = int(c[s, CORNERS]), c[s, COSINE], -c[s, SINE]
-    for k in range(6):
-        out[k] = 0.0
-    if n < 2:
-        return
-    for _ in range(n - 2):
-        re, im = re * w1 - im * w2, re * w2 + im * w1
-    factor = float(n * (n - 1))
-    out[3], out[4], out[5] = factor * re, -factor * im, -factor * re
-    re, im = re * w1 - im * w2, re * w2 + im * w1
-    out[1], out[2] = n * re, -n * im
-    out[0] = re * w1 - im * w2
+def _polynomial(c: Matrix, s: int, first: int, order: int, z: float) -> tuple[float, float, float]:
+    """Return value, slope and curvature of sum_k c[s, first + k] z^k."""
+    value = slope = curvature = 0.0
+    for k in range(order, -1, -1):
+        curvature = curvature * z + 2.0 * slope
+        slope = slope * z + value
+        value = value * z + c[s, first + k]
+    return value, slope, curvature
 
 
 @device_function
@@ -261,7 +162,7 @@ def section_energy(
     """Return F; fill its gradient (6,) and, if asked to, its Hessian (6, 6) with respect to the strains.
 
     Args:
-        c: (sections, COLUMNS).
+        c: (sections, COEFFICIENTS or more).
         s: which section.
         x: (6,) strains.
         inverse_length: 1 / L [1/m].
@@ -271,97 +172,87 @@ def section_energy(
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
     z = x[2] * inverse_length - 1.0
     b, shear, t, q = w1 * w1 + w2 * w2, u1 * u1 + u2 * u2, w3 * w3, u1 * w2 - u2 * w1
-    root = np.sqrt(b + _BEND * _BEND)
-    y, y_b = root - _BEND, 0.5 / root
-    # value and derivatives by z and y of all that multiplies; of S, Q, T, H by z and y
-    f, wave = small_vector(8), small_vector(6)
-    _tensor(c, s, z, y, f)
-    _corner_waves(w1, w2, c, s, wave)
-    sh = _add_product(c, s, (_S, 2), (z, y), shear, f)
-    sh_z, sh_b = f[6], y_b * f[7]
-    mix = _add_product(c, s, (_Q, 2), (z, y), q, f)
-    mix_z, mix_b = f[6], y_b * f[7]
-    tw = _add_product(c, s, (_T, 2), (z, y), t, f)
-    tw_z, tw_b = f[6], y_b * f[7]
-    high = _add_product(c, s, (_H, 1), (z, y), wave[0], f)
-    high_z, high_b = f[6], y_b * f[7]
-    c1, c2 = c[s, _MIXED], c[s, _MIXED + 1]
-    f_z, f_b = f[1], y_b * f[2]
-    f_q = mix + 2.0 * c1 * q
-    gradient[0] = 2.0 * u1 * sh + w2 * f_q - c2 * w3 * w1
-    gradient[1] = 2.0 * u2 * sh - w1 * f_q - c2 * w3 * w2
+    a, az, azz = _polynomial(c, s, 0, 6, z)
+    bend, bend_z, bend_zz = _polynomial(c, s, 7, 4, z)
+    bend2, bend2_z, bend2_zz = _polynomial(c, s, 12, 2, z)
+    bend3, bend3_z, _ = _polynomial(c, s, 15, 1, z)
+    sh, sh_z, sh_zz = _polynomial(c, s, 17, 2, z)
+    mix, mix_z, mix_zz = _polynomial(c, s, 20, 2, z)
+    mix2, mix2_z, _ = _polynomial(c, s, 23, 1, z)
+    tw, tw_z, tw_zz = _polynomial(c, s, 25, 2, z)
+    c1, c2, c3, c4 = c[s, 28], c[s, 29], c[s, 30], c[s, 31]
+    # derivatives by the invariants
+    f_z = az + b * (bend_z + b * (bend2_z + b * bend3_z)) + shear * sh_z + q * (mix_z + b * mix2_z) + t * tw_z
+    f_b = bend + b * (2.0 * bend2 + 3.0 * b * bend3) + q * mix2 + c2 * shear + c3 * t
+    f_s = sh + c2 * b
+    f_q = mix + b * mix2 + 2.0 * c1 * q
+    f_t = tw + c3 * b
+    gradient[0] = 2.0 * u1 * f_s + w2 * f_q - c4 * w3 * w1
+    gradient[1] = 2.0 * u2 * f_s - w1 * f_q - c4 * w3 * w2
     gradient[2] = inverse_length * f_z
-    gradient[3] = 2.0 * w1 * f_b - u2 * f_q + high * wave[1] - c2 * w3 * u1
-    gradient[4] = 2.0 * w2 * f_b + u1 * f_q + high * wave[2] - c2 * w3 * u2
-    gradient[5] = 2.0 * w3 * tw - c2 * (u1 * w1 + u2 * w2)
+    gradient[3] = 2.0 * w1 * f_b - u2 * f_q - c4 * w3 * u1
+    gradient[4] = 2.0 * w2 * f_b + u1 * f_q - c4 * w3 * u2
+    gradient[5] = 2.0 * w3 * f_t - c4 * (u1 * w1 + u2 * w2)
     if hessian.shape[0] > 0:
-        f_zb = y_b * f[4]
-        # d y_b / d b = -1 / (4 root^3)
-        f_bb = y_b * y_b * f[5] - f[2] * y_b * y_b / root
-        il = inverse_length
-        by_stretch = (il * il * f[3], il * f_zb, il * sh_z, il * mix_z, il * tw_z, il * high_z)
-        by_bend = (f_b, f_bb, sh_b, mix_b, tw_b, high_b)
-        _fill_hessian(x, by_stretch, by_bend, (sh, f_q, tw, high, 2.0 * c1, c2), wave, hessian)
-    return f[0] + c1 * q * q - c2 * w3 * (u1 * w1 + u2 * w2)
+        f_zz = azz + b * (bend_zz + b * bend2_zz) + shear * sh_zz + q * mix_zz + t * tw_zz
+        f_zb = bend_z + b * (2.0 * bend2_z + 3.0 * b * bend3_z) + q * mix2_z
+        f_bb = 2.0 * bend2 + 6.0 * b * bend3
+        f_zq = mix_z + b * mix2_z
+        by_stretch, by_bend = (f_zz, f_zb, sh_z, f_zq, tw_z), (f_b, f_s, f_q, f_t, f_bb, mix2, 2.0 * c1)
+        _fill_hessian(x, inverse_length, by_stretch, by_bend, (c2, c3, c4), hessian)
+    return (
+        a + b * (bend + b * (bend2 + b * bend3)) + shear * sh + q * (mix + b * mix2)
+        + c1 * q * q + c2 * b * shear + t * (tw + c3 * b) - c4 * w3 * (u1 * w1 + u2 * w2)
+    )  # fmt: skip
 
 
 @device_function
 def _fill_hessian(
     x: Vector,
-    by_stretch: tuple[float, float, float, float, float, float],
-    by_bend: tuple[float, float, float, float, float, float],
-    first: tuple[float, float, float, float, float, float],
-    wave: Vector,
+    inverse_length: float,
+    by_stretch: tuple[float, float, float, float, float],
+    by_bend: tuple[float, float, float, float, float, float, float],
+    mixed: tuple[float, float, float],
     hessian: Matrix,
 ) -> None:
-    """Fill the Hessian from derivatives by lengths (u_3 and u_3, b, s, q, t, h), bends and others."""
-    f_zz, f_zb, f_zs, f_zq, f_zt, f_zh = by_stretch
-    f_b, f_bb, f_bs, f_bq, f_bt, f_bh = by_bend
-    f_s, f_q, f_t, f_h, f_qq, f_m = first
+    """Fill the Hessian from derivatives by z and (z, b, s, q, t), by (b, s, q, t), and by bb, bq, qq."""
+    f_zz, f_zb, f_zs, f_zq, f_zt = by_stretch
+    f_b, f_s, f_q, f_t, f_bb, f_bq, f_qq = by_bend
+    c2, c3, c4 = mixed
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
-    hessian[2, 2] = f_zz
-    hessian[2, 0] = 2.0 * u1 * f_zs + w2 * f_zq
-    hessian[2, 1] = 2.0 * u2 * f_zs - w1 * f_zq
-    hessian[2, 3] = 2.0 * w1 * f_zb - u2 * f_zq + wave[1] * f_zh
-    hessian[2, 4] = 2.0 * w2 * f_zb + u1 * f_zq + wave[2] * f_zh
-    hessian[2, 5] = 2.0 * w3 * f_zt
+    hessian[2, 2] = inverse_length * inverse_length * f_zz
+    hessian[2, 0] = inverse_length * (2.0 * u1 * f_zs + w2 * f_zq)
+    hessian[2, 1] = inverse_length * (2.0 * u2 * f_zs - w1 * f_zq)
+    hessian[2, 3] = inverse_length * (2.0 * w1 * f_zb - u2 * f_zq)
+    hessian[2, 4] = inverse_length * (2.0 * w2 * f_zb + u1 * f_zq)
+    hessian[2, 5] = inverse_length * 2.0 * w3 * f_zt
     for k in (0, 1, 3, 4, 5):
         hessian[k, 2] = hessian[2, k]
     hessian[0, 0] = 2.0 * f_s + w2 * w2 * f_qq
     hessian[1, 0] = -w1 * w2 * f_qq
     hessian[1, 1] = 2.0 * f_s + w1 * w1 * f_qq
-    # of f_q, by w_1 and w_2
-    along_1, along_2 = 2.0 * w1 * f_bq - u2 * f_qq, 2.0 * w2 * f_bq + u1 * f_qq
-    hessian[3, 0] = 4.0 * f_bs * u1 * w1 + w2 * along_1 - f_m * w3
-    hessian[4, 0] = 4.0 * f_bs * u1 * w2 + w2 * along_2 + f_q
-    hessian[5, 0] = -f_m * w1
-    hessian[3, 1] = 4.0 * f_bs * u2 * w1 - w1 * along_1 - f_q
-    hessian[4, 1] = 4.0 * f_bs * u2 * w2 - w1 * along_2 - f_m * w3
-    hessian[5, 1] = -f_m * w2
-    # of f_b, by w_1 and w_2
-    over_1 = 2.0 * w1 * f_bb - u2 * f_bq + wave[1] * f_bh
-    over_2 = 2.0 * w2 * f_bb + u1 * f_bq + wave[2] * f_bh
-    hessian[3, 3] = 2.0 * f_b + 2.0 * w1 * (over_1 + wave[1] * f_bh) - u2 * along_1 + f_h * wave[3]
-    hessian[4, 3] = 2.0 * w2 * over_1 + u1 * along_1 + 2.0 * w1 * wave[2] * f_bh + f_h * wave[4]
-    hessian[4, 4] = 2.0 * f_b + 2.0 * w2 * (over_2 + wave[2] * f_bh) + u1 * along_2 + f_h * wave[5]
-    hessian[5, 3] = 4.0 * f_bt * w1 * w3 - f_m * u1
-    hessian[5, 4] = 4.0 * f_bt * w2 * w3 - f_m * u2
+    along_1, along_2 = 2.0 * w1 * f_bq - u2 * f_qq, 2.0 * w2 * f_bq + u1 * f_qq  # of f_q, by w_1 and w_2
+    hessian[3, 0] = 4.0 * c2 * u1 * w1 + w2 * along_1 - c4 * w3
+    hessian[4, 0] = 4.0 * c2 * u1 * w2 + w2 * along_2 + f_q
+    hessian[5, 0] = -c4 * w1
+    hessian[3, 1] = 4.0 * c2 * u2 * w1 - w1 * along_1 - f_q
+    hessian[4, 1] = 4.0 * c2 * u2 * w2 - w1 * along_2 - c4 * w3
+    hessian[5, 1] = -c4 * w2
+    hessian[3, 3] = 2.0 * f_b + 2.0 * w1 * (2.0 * w1 * f_bb - u2 * f_bq) - u2 * along_1
+    hessian[4, 3] = 2.0 * w2 * (2.0 * w1 * f_bb - u2 * f_bq) + u1 * along_1
+    hessian[4, 4] = 2.0 * f_b + 2.0 * w2 * (2.0 * w2 * f_bb + u1 * f_bq) + u1 * along_2
+    hessian[5, 3] = 4.0 * c3 * w1 * w3 - c4 * u1
+    hessian[5, 4] = 4.0 * c3 * w2 * w3 - c4 * u2
     hessian[5, 5] = 2.0 * f_t
     for i, k in ((1, 0), (3, 0), (4, 0), (5, 0), (3, 1), (4, 1), (5, 1), (4, 3), (5, 3), (5, 4)):
         hessian[k, i] = hessian[i, k]
 
 
 @kernel(allocates=True)
-def basis(
-    strains: Matrix, inverse_length: Vector, constants: Vector, values: Matrix, gradients: Blocks
-) -> None:
-    """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one.
-
-    constants: (COLUMNS - Z_FROM,), those behind the limits.
-    """
+def basis(strains: Matrix, inverse_length: Vector, values: Matrix, gradients: Blocks) -> None:
+    """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
     count = values.shape[1]
-    unit = np.zeros((1, COLUMNS))
-    unit[0, Z_FROM:] = constants
+    unit = np.zeros((1, count))
     gradient = small_vector(6)
     none = small_matrix(0, 6)
     for i in range(strains.shape[0]):

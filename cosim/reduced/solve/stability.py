@@ -71,8 +71,9 @@ class ChainStiffness:
     def named(self, lowest: Softest, ways: int) -> Branching:
         """Return what is known of where it gives way along a mode, in so many independent directions."""
         tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
+        pressures = (self._pressure,) * self._solver.section.copies
         return Branching(
-            1.0, (self._pressure,) * self._solver.section.copies, tensions, lowest.place, lowest.direction, lowest.extent,
+            1.0, pressures, tensions, lowest.place, lowest.direction, lowest.extent,
             ways, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
         )  # fmt: skip
 
@@ -86,7 +87,9 @@ class ChainStiffness:
         section, frames, count = self._solver.section, self._frames, len(self._frames)
         motion = node_motion(section, frames, self._pressure).reshape(-1, 3, 6 * count)[:, :, self._free]
         system, x = SoftSystem(section.body), section.positions(frames, self._pressure)
-        loads = replace(self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=())
+        loads = replace(
+            self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
+        )
         size = DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
         answers = motion @ np.linalg.solve(self._matrix, np.einsum("n,nkd->dk", size, motion))
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
