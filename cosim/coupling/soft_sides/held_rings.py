@@ -25,8 +25,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import RingGroup, RingGuides
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
-from cosim.reduced.solve.clamp import carried
+from cosim.reduced.sections.ring_frames import RingFrames, carried, frames_from_strains, strains
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.solve.assembly import SoftSystem
