@@ -1,6 +1,6 @@
 """Why the gripper does, or does not, hold 200 g at the paper's 30 kPa and 3 N: one thing changed at a time.
 
-    python benchmarks/paper_grip.py [--mass 200] [VARIANT ...]
+    python benchmarks/paper_grip.py [--mass 200] [--seed 0] [VARIANT ...]
 
 The roll of `gripper_lifts_roll`, closed with 3 N a cable at 30 kPa, lifted by 0.2 m and held for 2 s (10 to
 20 CPU seconds a row). "code's loss": 0.35 N at every eyelet but the first, as in Three_Finger_Gripper.m,
@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 import cosim
+from benchmarks.grasps import place
 from cosim.config.loading import load_scenario
 from cosim.errors import SolverError
 
@@ -59,11 +60,11 @@ VARIANTS: Final[dict[str, Mapping[str, Any]]] = {
 }
 
 
-def grip(changes: Mapping[str, Any], mass_g: float) -> str:
+def grip(changes: Mapping[str, Any], mass_g: float, seed: int) -> str:
     """Return how far a roll was lifted, and how strongly it was pressed, as cells of a table."""
     scenario = load_scenario("gripper_lifts_roll", {
         "phase.inflate.pressure_Pa": 1e3 * PAPER_kPa, **_pull(PAPER_N), "object.roll.mass_kg": 1e-3 * mass_g,
-        "phase.hold.duration_s": 2.0, **changes,
+        "phase.hold.duration_s": 2.0, **place("roll", seed), **changes,
     })  # fmt: skip
     phases = tuple(phase for phase in scenario.phases if phase.name != "shake")
     try:
@@ -84,10 +85,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("variants", nargs="*", metavar="VARIANT", help=f"of {', '.join(VARIANTS)}")
     parser.add_argument("--mass", type=float, default=200.0, help="of the roll [g]")
+    parser.add_argument("--seed", type=int, default=0, help="of the roll's place; 0: the scenario's")
     options = parser.parse_args()
     print("| | pressed when closed [N] | raised by closing [mm] | lifted, of 200 [mm] |\n|---|---|---|---|")
     for name in options.variants or VARIANTS:
-        print(f"| {name} | {grip(VARIANTS[name], options.mass)} |", flush=True)
+        print(f"| {name} | {grip(VARIANTS[name], options.mass, options.seed)} |", flush=True)
 
 
 if __name__ == "__main__":
