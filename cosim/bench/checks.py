@@ -149,8 +149,9 @@ def oddities(series: Sequence[Series], predicted: Sequence[Array]) -> list[str]:
         predicted: the model's values of each.
     """
     found = []
-    for entry, model in zip(series, predicted, strict=True):
-        data = np.array(entry.values) - (entry.values[0] if entry.table.relative else 0.0)
+    for entry, whole in zip(series, predicted, strict=True):
+        shift = 1.0 if entry.table.relative else 0.0
+        data, model = np.array(entry.values) - shift * entry.values[0], whole - shift * whole[0]
         name, column = entry.table.name, entry.table.measured
         if len(data) < 3 or not np.ptp(data) > 0.0 or not np.ptp(model) > 0.0:
             continue
