@@ -21,6 +21,7 @@ from cosim.base.frames import Array, Mask
 from cosim.bench.checks import Identifiability, identifiability, oddities
 from cosim.bench.curves import Curves
 from cosim.config.benches import BenchTable, Series
+from cosim.config.toml.keys import unit_of
 from cosim.errors import ConvergenceError, InputError
 
 _FAR: Final = 4.5
@@ -28,6 +29,7 @@ _MAD: Final = 1.4826  # of the median of absolute residuals, which makes it a st
 _CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
 _ROUNDS: Final = 3
 _FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
+_SEEN: Final = {"m": 1e-4, "m3": 1e-7}  # what a camera and a measuring cup tell apart
 _FURTHER: Final = ("tip_position_m.x", "tip_position_m.y", "tip_position_m.z", "length_m", "volume_m3")
 _EXACT: Final = 1e-7
 _PROFILE: Final = 1e-4
@@ -349,10 +351,9 @@ def _check(fit: Fit, bench: BenchTable, start: Array) -> Identifiability:
     scaled = fit.told(start)
     further = {}
     if np.linalg.matrix_rank(scaled, tol=1e-300) and len(bench.parameter) > 1:
-        rows = fit.scaled(start, _FURTHER)
-        for name, each in zip(_FURTHER, rows, strict=True):
-            size = float(np.abs(each).max())
-            further[name] = each / size if size else each[:0]
+        names = [name for name in _FURTHER if name not in {each.quantity for each in bench.series}]
+        for name, each in zip(names, fit.scaled(start, names), strict=True):
+            further[name] = each / _SEEN[unit_of(name.partition(".")[0])]
     return identifiability(scaled, (fit.high - fit.low)[: fit.count], bench.parameter, further)
 
 
