@@ -87,29 +87,47 @@ def identifiability(
         scaled: (rows, parameters), derivatives over noise, by the parameters as they are fitted.
         widths: (parameters,), from low to high, the same.
         unknowns: the parameters.
-        further: by name of a quantity that could be measured too, its derivatives (rows, parameters).
+        further: by name of a quantity that could be measured too, (rows, parameters), derivatives over noise.
     """
-    keys = [entry.key.removeprefix("soft_robot.") for entry in unknowns]
-    moved = np.abs(scaled).max(axis=0) * widths if len(scaled) else np.zeros(len(keys))
+    moved = np.abs(scaled).max(axis=0) * widths if len(scaled) else np.zeros(len(unknowns))
     idle = moved < _WITHOUT
-    _, sizes, turned = np.linalg.svd(scaled[:, ~idle], full_matrices=True)
-    names = [key for key, without in zip(keys, idle, strict=True) if not without]
-    products = [entry.low > 0.0 for entry, without in zip(unknowns, idle, strict=True) if not without]
-    sizes = np.concatenate([sizes, np.zeros(len(names) - len(sizes))])
-    directions, advice = [], []
-    for size, along in zip(sizes, turned, strict=True):
-        room = float((widths[~idle] / np.maximum(np.abs(along), 1e-12)).min())
-        sd = 1.0 / max(float(size), 1e-300)
-        told = 1.96 * sd < min(0.5 * room, _TOLD if all(products) else np.inf)
-        directions.append(Direction(_text(along, names, products), sd, told))
-        if not told:
-            whole = np.zeros(len(keys))
-            whole[~idle] = along
-            advice += _advice(along, names, whole, further)
+    some = [entry for entry, without in zip(unknowns, idle, strict=True) if not without]
+    found = _directions(scaled[:, ~idle], widths[~idle], some)
+    advice = [_untold(along, some) for along, direction in found if not direction.told]
+    if advice:
+        more = {
+            name: _directions(np.concatenate([scaled, rows])[:, ~idle], widths[~idle], some)
+            for name, rows in further.items()
+        }
+        enough = [name for name, those in more.items() if all(direction.told for _, direction in those)]
+        best = min(
+            enough, key=lambda name: max(direction.sd for _, direction in more[name]), default="no other"
+        )
+        advice.append(
+            f"{best} measured in the same rows, to 0.1 mm or 0.1 ml, would tell it"
+            if enough
+            else "no other length, position of the tip or volume, measured in the same rows, would tell it"
+        )
     return Identifiability(
         tuple(entry.key for entry, without in zip(unknowns, idle, strict=True) if without),
-        tuple(directions), tuple(advice),
+        tuple(direction for _, direction in found), tuple(advice),
     )  # fmt: skip
+
+
+def _directions(
+    scaled: Array, widths: Array, unknowns: Sequence[UnknownTable]
+) -> list[tuple[Array, Direction]]:
+    """Return the combinations that data know, best known first, each with its unit vector (parameters,)."""
+    names = [entry.key.removeprefix("soft_robot.") for entry in unknowns]
+    products = [entry.low > 0.0 for entry in unknowns]
+    _, sizes, turned = np.linalg.svd(scaled, full_matrices=True)
+    sizes, found = np.concatenate([sizes, np.zeros(len(names) - len(sizes))]), []
+    for size, along in zip(sizes, turned, strict=True):
+        room = float((widths / np.maximum(np.abs(along), 1e-12)).min())
+        sd = 1.0 / max(float(size), 1e-300)
+        told = 1.96 * sd < min(0.5 * room, _TOLD if all(products) else np.inf)
+        found.append((along, Direction(_text(along, names, products), sd, told)))
+    return found
 
 
 def _text(along: Array, names: Sequence[str], products: Sequence[bool]) -> str:
@@ -123,22 +141,19 @@ def _text(along: Array, names: Sequence[str], products: Sequence[bool]) -> str:
     return " * ".join(parts)
 
 
-def _advice(along: Array, names: Sequence[str], whole: Array, further: dict[str, Array]) -> list[str]:
-    """Return which parameters cannot be told apart, and which measurement would tell them most."""
+def _untold(along: Array, unknowns: Sequence[UnknownTable]) -> str:
+    """Return which parameters cannot be told apart, and what to do."""
     parts = [
-        name for name, power in zip(names, along, strict=True) if abs(power) > _SAME * np.abs(along).max()
+        entry.key.removeprefix("soft_robot.")
+        for entry, power in zip(unknowns, along, strict=True)
+        if abs(power) > _SAME * np.abs(along).max()
     ]
-    found = [
-        f"the data cannot tell {' from '.join(parts)}: only what is listed as known; give one of "
-        "them a fixed value (leave it out), a prior_sd, or measure more"
-        if len(parts) > 1
-        else f"the data cannot tell {parts[0]} within its bounds; give it a prior_sd, or measure more"
-    ]
-    told = {name: float(np.abs(rows @ whole).max()) for name, rows in further.items() if len(rows)}
-    if told:
-        best = max(told, key=lambda name: told[name])
-        found.append(f"of what could be measured at the same loads, {best} would tell most of it")
-    return found
+    if len(parts) == 1:
+        return f"the data cannot tell {parts[0]} within its bounds; give it a prior_sd, or measure more"
+    return (
+        f"the data cannot tell {' from '.join(parts)}: only what is listed as known; give one of them a "
+        "fixed value (leave it out), a prior_sd, or measure more"
+    )
 
 
 def oddities(series: Sequence[Series], predicted: Sequence[Array]) -> list[str]:
@@ -149,8 +164,9 @@ def oddities(series: Sequence[Series], predicted: Sequence[Array]) -> list[str]:
         predicted: the model's values of each.
     """
     found = []
-    for entry, model in zip(series, predicted, strict=True):
-        data = np.array(entry.values) - (entry.values[0] if entry.table.relative else 0.0)
+    for entry, whole in zip(series, predicted, strict=True):
+        shift = 1.0 if entry.table.relative else 0.0
+        data, model = np.array(entry.values) - shift * entry.values[0], whole - shift * whole[0]
         name, column = entry.table.name, entry.table.measured
         if len(data) < 3 or not np.ptp(data) > 0.0 or not np.ptp(model) > 0.0:
             continue

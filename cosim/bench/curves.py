@@ -82,7 +82,7 @@ class Curves:
                 with self._arm.effort.search(f"row {row + 1} of {entry.table.name}"):
                     here = self._equilibrium(number, row)
                 found.append(read_at(outputs, solver.system, clamp, here)[0])
-        return self._changed(np.array(found))
+        return np.array(found)
 
     def jacobian(self, quantities: Sequence[str] = ()) -> Array:
         """Return the derivatives (rows, parameters) where `at` was called last; of other quantities if named.
@@ -100,17 +100,7 @@ class Curves:
                 _, matrix = slopes.at(self._arm.equilibrium_solver.solver, self._arm.clamp, here)
                 found.append(matrix if quantities else matrix[names.index(entry.table.quantity)])
         rows = np.array(found)
-        return np.moveaxis(rows, 1, 0) if quantities else self._changed(rows)
-
-    def _changed(self, rows: Array) -> Array:
-        """Subtract the first row of series that are measured relative to it."""
-        begin, found = 0, rows.copy()
-        for entry in self.series:
-            end = begin + len(entry.values)
-            if entry.table.relative:
-                found[begin:end] -= rows[begin]
-            begin = end
-        return found
+        return np.moveaxis(rows, 1, 0) if quantities else rows
 
     def _built(self, values: Array) -> tuple[SoftArm, StaticModel]:
         pairs = zip(self.keys, values.tolist(), strict=True)

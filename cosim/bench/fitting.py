@@ -1,8 +1,9 @@
 """Least squares of a robot's values to measured curves, robust first, and intervals by profile.
 
 Minimised is sum_k ((y_k - m_k) / s_k)^2 + sum_i ((p_i - p_i0) / q_i)^2, with the noise s_k of the data and
-the priors q_i. The Jacobian is exact (`cosim.bench.sensitivity`). The first fit takes soft_l1 in place of the
-square, so that outliers do not draw it; rows beyond 4.5 standard deviations are then set aside.
+the priors q_i; the zero of a relative series is found with them. The Jacobian is exact
+(`cosim.bench.sensitivity`). The first fit takes soft_l1 in place of the square, so that outliers do not draw
+it; rows beyond 4.5 standard deviations are then set aside.
 95 % intervals by profile likelihood: where the least sum over all other parameters is 3.84 above the minimum,
 times the variance of the residuals over the noise's where that is above 1.
 Source: Seber and Wild, Nonlinear Regression, section 5.10.
@@ -20,6 +21,7 @@ from cosim.base.frames import Array, Mask
 from cosim.bench.checks import Identifiability, identifiability, oddities
 from cosim.bench.curves import Curves
 from cosim.config.benches import BenchTable, Series
+from cosim.config.toml.keys import unit_of
 from cosim.errors import ConvergenceError, InputError
 
 _FAR: Final = 4.5
@@ -27,6 +29,7 @@ _MAD: Final = 1.4826  # of the median of absolute residuals, which makes it a st
 _CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
 _ROUNDS: Final = 3
 _FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
+_SEEN: Final = {"m": 1e-4, "m3": 1e-7}  # what a camera and a measuring cup tell apart
 _FURTHER: Final = ("tip_position_m.x", "tip_position_m.y", "tip_position_m.z", "length_m", "volume_m3")
 _EXACT: Final = 1e-7
 _PROFILE: Final = 1e-4
@@ -114,24 +117,30 @@ class Fit:
         self.start = self.fitted(self.curves.start)
         self.prior_sd = np.array([np.inf if entry.prior_sd is None else entry.prior_sd for entry in unknowns])
         parts = [self._measured(entry) for entry in series]
-        self.measured, self.noise, self.held_out, self.counts = (
-            np.concatenate(part) for part in zip(*parts, strict=True)
+        self.measured, self.noise, self.held_out = (np.concatenate(part) for part in zip(*parts, strict=True))
+        self.rows = ~self.held_out
+        ends = np.cumsum([0, *(len(entry.values) for entry in series)])
+        self._zeros = np.array([
+            (np.arange(ends[-1]) >= begin) & (np.arange(ends[-1]) < end)
+            for entry, begin, end in zip(series, ends[:-1], ends[1:], strict=True) if entry.table.relative
+        ], dtype=np.float64).reshape(-1, ends[-1])  # fmt: skip
+        self.low, self.high = (
+            np.concatenate([end, np.full(len(self._zeros), side * np.inf)])
+            for end, side in ((self.low, -1.0), (self.high, 1.0))
         )
-        self.rows = self.counts & ~self.held_out
         self._last: tuple[Array, Array] | None = None
         self._inner: Array | None = None  # derivatives at the minimum
 
+    @property
+    def count(self) -> int:
+        """Number of values looked for; the zeros of relative series come after them."""
+        return len(self.start)
+
     @staticmethod
-    def _measured(entry: Series) -> tuple[Array, Array, Mask, Mask]:
-        values, table = np.array(entry.values), entry.table
-        place = np.arange(len(values))
-        held = (
-            (place % table.hold_out == table.hold_out // 2) if table.hold_out else np.zeros(len(values), bool)
-        )
-        counts = np.ones(len(values), bool)
-        if table.relative:  # the row that all others are relative to
-            values, counts[0], held[0] = values - values[0], False, False
-        return values, np.full(len(values), entry.noise), held & (len(values) > 2), counts
+    def _measured(entry: Series) -> tuple[Array, Array, Mask]:
+        every, place = entry.table.hold_out, np.arange(len(entry.values))
+        held = (place % every == every // 2) & (len(place) > 2) if every else np.zeros(len(place), bool)
+        return np.array(entry.values), np.full(len(place), entry.noise), held
 
     def fitted(self, values: Array) -> Array:
         """Return values as they are fitted."""
@@ -140,17 +149,26 @@ class Fit:
 
     def values(self, fitted: Array) -> Array:
         """Return values as the robot's file has them."""
-        return np.where(self._logs, np.exp(np.where(self._logs, fitted, 0.0)), fitted)
+        some = fitted[: self.count]
+        return np.where(self._logs, np.exp(np.where(self._logs, some, 0.0)), some)
+
+    def aligned(self, values: Array) -> Array:
+        """Return values (parameters,) as they are fitted, and after them the zeros of relative series."""
+        found = np.concatenate([values, np.zeros(len(self._zeros))])
+        off = (self.measured - self.predicted(found)) / self.noise
+        for place, rows in enumerate(self._zeros, start=self.count):
+            found[place] = np.median(off[self.rows & (rows > 0.0)])
+        return found
 
     def predicted(self, fitted: Array) -> Array:
         """Return the model's values (rows,); not numbers where one has no equilibrium."""
-        if self._last is None or not np.array_equal(self._last[0], fitted):
+        if self._last is None or not np.array_equal(self._last[0], fitted[: self.count]):
             try:
                 found = self.curves.at(self.values(fitted))
             except ConvergenceError:
                 found = np.full(len(self.measured), np.nan)
-            self._last = fitted.copy(), found
-        return self._last[1]
+            self._last = fitted[: self.count].copy(), found
+        return np.asarray(self._last[1] + self.noise * (fitted[self.count :] @ self._zeros))
 
     def residuals(self, fitted: Array) -> Array:
         """Return residuals over noise of the rows that are fitted, then those of the priors."""
@@ -169,9 +187,21 @@ class Fit:
 
     def jacobian(self, fitted: Array) -> Array:
         """Return the derivatives of `residuals`."""
+        own = np.concatenate([self.scaled(fitted), self._zeros.T], axis=1)[self.rows]
+        prior = self.priors(fitted)
+        return np.concatenate([own, np.pad(prior, ((0, 0), (0, len(self._zeros))))])
+
+    def priors(self, fitted: Array) -> Array:
+        """Return the derivatives (priors, parameters) of the priors' residuals."""
         slope = np.where(self._logs, self.values(fitted), 1.0)
-        prior = np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)]
-        return np.concatenate([self.scaled(fitted)[self.rows], prior])
+        return np.asarray(np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)])
+
+    def told(self, fitted: Array) -> Array:
+        """Return what the data and priors tell (rows, parameters), the zeros of relative series unknown."""
+        rows = self.scaled(fitted)
+        for own in self._zeros > 0.0:
+            rows[own] -= rows[own & self.rows].mean(axis=0)
+        return np.concatenate([rows[self.rows], self.priors(fitted)])
 
     def least(self, start: Array, loss: str = "linear", close: float = _EXACT) -> tuple[Array, float]:
         """Return where the sum of squares is least, and that sum.
@@ -211,10 +241,14 @@ class Fit:
             end = _crossing(rise, float(best[number]), side * half, float(bound))
             at_bound = at_bound or end == bound
             ends.append(end)
-        low, high = (
-            float(self.values(np.where(np.arange(len(best)) == number, end, best))[number]) for end in ends
-        )
+        low, high = (float(self.values(self._with(best, number, end))[number]) for end in ends)
         return Interval(float(self.values(best)[number]), low, high, at_bound)
+
+    @staticmethod
+    def _with(point: Array, number: int, value: float) -> Array:
+        found = point.copy()
+        found[number] = value
+        return found
 
     def _rise(self, best: Array, least: float, number: int, at: tuple[float, Array]) -> float:
         """Return by how much the sum of squares rises where a parameter is held elsewhere.
@@ -276,27 +310,26 @@ def identify(
     """
     fit = Fit(bench, series)
     tell(f"{len(fit.measured)} rows of {len(series)} series, {len(bench.parameter)} values")
-    start = fit.curves.at(fit.values(fit.start))
-    fit.predicted(fit.start)
-    odd, check = _odd(fit, series, start), _check(fit, bench)
+    start = fit.aligned(fit.start)
+    odd, check = _odd(fit, series, start), _check(fit, bench, start)
     if only_check:
-        return _result(fit, bench, series, check, odd, ())
+        return _result(fit, bench, series, check, odd, (), start)
     problems = [*odd, *(() if check.good else check.lines())]
     if problems and not force:
         raise InputError("\n".join((*problems, "--force fits in spite of this")))
-    best, outliers = _without_outliers(fit)
+    best, outliers = _without_outliers(fit, start)
     best, least = fit.least(best)
     freedom = max(1, int(fit.rows.sum()) - len(best))
     spread = max(1.0, least / freedom)
     tell(f"fitted after {fit.curves.solved} equilibria; intervals follow")
-    found = tuple(fit.interval(best, least, number, spread) for number in range(len(best)))
+    found = tuple(fit.interval(best, least, number, spread) for number in range(fit.count))
     fit.predicted(best)
     return _result(fit, bench, series, check, odd, found, best, outliers)
 
 
-def _without_outliers(fit: Fit) -> tuple[Array, Mask]:
+def _without_outliers(fit: Fit, start: Array) -> tuple[Array, Mask]:
     """Return where a robust fit ends, and (rows,) which rows it sets aside: the fit has them no longer."""
-    best, outliers = fit.start, np.zeros(len(fit.measured), bool)
+    best, outliers = start, np.zeros(len(fit.measured), bool)
     for _ in range(_ROUNDS):
         best, _ = fit.least(best, loss="soft_l1", close=_PROFILE)
         scaled = np.abs(fit.predicted(best) - fit.measured) / fit.noise
@@ -311,28 +344,24 @@ def _without_outliers(fit: Fit) -> tuple[Array, Mask]:
 
 def _odd(fit: Fit, series: Sequence[Series], start: Array) -> list[str]:
     ends = np.cumsum([len(entry.values) for entry in series])[:-1]
-    return oddities(series, np.split(start, ends))
+    return oddities(series, np.split(fit.predicted(start), ends))
 
 
-def _check(fit: Fit, bench: BenchTable) -> Identifiability:
-    scaled = fit.scaled(fit.start)[fit.rows]
-    prior = np.isfinite(fit.prior_sd)
-    slope = np.where(fit._logs, fit.values(fit.start), 1.0)
-    scaled = np.concatenate([scaled, np.diag(slope / fit.prior_sd)[prior]])
+def _check(fit: Fit, bench: BenchTable, start: Array) -> Identifiability:
+    scaled = fit.told(start)
     further = {}
     if np.linalg.matrix_rank(scaled, tol=1e-300) and len(bench.parameter) > 1:
-        rows = fit.scaled(fit.start, _FURTHER)
-        for name, each in zip(_FURTHER, rows, strict=True):
-            size = float(np.abs(each).max())
-            further[name] = each / size if size else each[:0]
-    return identifiability(scaled, fit.high - fit.low, bench.parameter, further)
+        names = [name for name in _FURTHER if name not in {each.quantity for each in bench.series}]
+        for name, each in zip(names, fit.scaled(start, names), strict=True):
+            further[name] = each / _SEEN[unit_of(name.partition(".")[0])]
+    return identifiability(scaled, (fit.high - fit.low)[: fit.count], bench.parameter, further)
 
 
 def _result(
     fit: Fit, bench: BenchTable, series: Sequence[Series], check: Identifiability, odd: list[str],
-    found: tuple[Interval, ...], at: Array | None = None, outliers: Mask | None = None,
+    found: tuple[Interval, ...], at: Array, outliers: Mask | None = None,
 ) -> Identified:  # fmt: skip
-    predicted = fit.predicted(fit.start if at is None else at)
+    predicted = fit.predicted(at)
     aside = np.zeros(len(predicted), bool) if outliers is None else outliers
     return Identified(
         bench, tuple(series), check, tuple(odd), found, predicted, fit.measured, fit.noise, fit.rows,

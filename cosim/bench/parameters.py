@@ -29,6 +29,7 @@ from cosim.stepping.parts import film_law
 
 _ROBOT: Final = "soft_robot."
 _STEP: Final = 3e-5  # of a parameter
+_ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass; what is linear in it does not mind
 _STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
 _SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.0, "gas_mass_kg": 0.0}
 """Of a parameter that is 0, or nearly, instead of itself."""
@@ -107,7 +108,7 @@ class ModelParameter:
         Raises:
             InputError: the mesh changes its nodes or triangles with it, or no value near it is allowed.
         """
-        step = _STEP * abs(self.value) if self.value else _STEP
+        step = _STEP * abs(self.value) if self.value else _ZERO_STEP
 
         def built(offset: float) -> SoftSystem:
             if not offset:

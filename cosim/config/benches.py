@@ -75,7 +75,7 @@ class SeriesTable:
         loads: by load, the column with its values, or a number: "pressure_Pa", "cable_tension_N.CABLE",
             "cable_length_m.CABLE", and dead loads "force_N.RING.x", .y or .z, world axes.
         noise: standard deviation of the measured values, in the unit of their column.
-        relative: whether only the change since the first row was measured.
+        relative: whether only changes were measured: their zero is unknown, and found with the values.
         hold_out: every so manieth row is kept out of the fit, and predicted by it; 0: none is.
     """
 

@@ -12,10 +12,11 @@ import cosim
 from cosim.base.frames import Array
 from cosim.bench.checks import identifiability, oddities
 from cosim.bench.curves import Curves
-from cosim.bench.fitting import Identified, identify
+from cosim.bench.fitting import Fit, Identified, identify
 from cosim.bench.page import fitted_scenario, page_text, series_lines, write_results
 from cosim.config.benches import BenchTable, Series, SeriesTable, UnknownTable, load_bench
 from cosim.config.loading import load_soft_robot
+from tests.derivatives import differences, relative_error
 
 BENCH = """
 scenario = "bending_angle"
@@ -67,6 +68,10 @@ def bench_in(folder: Path) -> tuple[BenchTable, tuple[Series, ...]]:
 def test_values_are_found_again_and_an_outlier_is_set_aside(tmp_path: Path) -> None:
     bench, series = bench_in(tmp_path)
     assert series[0].loads["pressure_Pa"] == (3e3, 6e3, 9e3, 12e3)
+    fit = Fit(bench, series)
+    start = fit.aligned(fit.start)
+    by_start = differences(fit.residuals, start, 1e-2).T
+    assert relative_error(by_start, fit.jacobian(start)) < 1e-5
     wrong = list(series[0].values)
     wrong[2] += 1e-3
     found = identify(bench, (replace(series[0], values=tuple(wrong)), series[1]))

@@ -121,13 +121,10 @@ def error_of(simulation: cosim.Simulation, name: str, step: float) -> float:
     ("name", "step"),
     [
         ("soft_robot.film.thickness_m", 3e-4),
-        ("soft_robot.film.poisson_ratio", 1e-3),
-        ("soft_robot.hinge.stiffness_factor", 1e-3),
         ("soft_robot.stiffener.height_m", 3e-4),
         ("soft_robot.mass.node_mass_kg", 3e-4),
         ("soft_robot.cable.corner_0.capstan_factor", 3e-4),
-        ("soft_robot.stack.corner_radius_m", 3e-4),
-        ("soft_robot.stack.unit_height_m", 3e-4),
+        ("soft_robot.stack.hole_radius_m", 3e-4),
         ("pressure_Pa.chamber", 3e-4),
         ("cable_tension_N.corner_1", 3e-4),
     ],
@@ -136,13 +133,13 @@ def test_a_column_against_whole_solutions(name: str, step: float) -> None:
     assert error_of(pulled(), name, step) < 1e-6
 
 
-@pytest.mark.parametrize(("name", "step"), [("cable_length_m.corner_1", 1e-3), ("gas_mass_kg.chamber", 1e-4)])
+@pytest.mark.parametrize(("name", "step"), [("cable_length_m.corner_0", 1e-3), ("gas_mass_kg.chamber", 1e-4)])
 def test_lengths_and_sealed_gas(name: str, step: float) -> None:
     simulation = pulled()
     arm, here = present(simulation)
-    volume, length = arm.volumes_m3[0], arm.body.cables[1].length(here.state.positions)
+    volume, length = arm.volumes_m3[0], arm.body.cables[0].length(here.state.positions)
     gas = SealedGas(101325.0 + 8e3, volume)
-    loads = replace(here.loads, gas=(gas,), cable_length_m=(None, 0.995 * length))
+    loads = replace(here.loads, gas=(gas,), cable_length_m=(0.98 * length, None))
     there = solution(simulation, loads, simulation.scenario)
     model = StaticModel.of(simulation.scenario, there.solver.system)
     parameter = parameters_of([name], model)[0]

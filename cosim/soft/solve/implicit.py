@@ -140,7 +140,7 @@ class EquilibriumSlope:
             fall = min(1.0, size / before) if before else 1.0
             if size * fall <= _LEFT * most or not (redrawn or self._losses_move):
                 break
-            if before and redrawn and 0.5 * before < size <= _ROUNDED * most:
+            if before and 0.5 * before < size <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * most:
                 break
             before = size
         else:
