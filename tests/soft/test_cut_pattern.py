@@ -113,10 +113,28 @@ def test_the_mesh_of_a_symmetric_outline_is_symmetric(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("off", [-1e-9, 0.0, 1e-9])
 def test_a_seam_on_an_axis_of_symmetry_is_kept_whatever_rounding_does(off: float, tmp_path: Path) -> None:
-    sheet = Sheet().pouch().line("SEAL", [(10.0, 60.0 + off), (30.0, 60.0 - off)])
+    sheet = Sheet().pouch("PORT").port(20.0, 30.0)
+    sheet.line("SEAL", [(10.0, 60.0 + off), (30.0, 60.0 - off)])
     mesh = understood(sheet.table(tmp_path)).mesh
     x = mesh.positions[mesh.edges_of(LineKind.SEAL)]
     assert np.linalg.norm(x[:, 1] - x[:, 0], axis=1).sum() == pytest.approx(0.34, rel=1e-6)
+
+
+def test_a_port_within_the_width_of_a_seam_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        MeshError, match=r"\(20\.00, 60\.00\) mm lies within a seam of 100 mm: set seam_width_m"
+    ):
+        understood(Sheet().pouch().table(tmp_path, seam_width_m=0.1))
+
+
+def test_an_acute_corner_is_meshed(tmp_path: Path) -> None:
+    sheet = Sheet().line("CUT", [(0, 0), (40, 2), (40, 0)], close=True).port(35, 1)
+    sets = (
+        PatternSetTable("base", box_m=((0.035, 0.0), (0.04, 0.002))),
+        PatternSetTable("tip", box_m=((0, 0), (0.02, 0.001))),
+    )
+    film = understood(sheet.table(tmp_path, edge="sealed", sets=sets))
+    assert signed_area(film.mesh.positions, film.mesh.triangles).sum() == pytest.approx(40e-6, rel=1e-9)
 
 
 def test_no_edge_within_a_chamber_joins_seam_and_seam(tmp_path: Path) -> None:
@@ -262,6 +280,23 @@ def two_outlines(sheet: Sheet) -> None:
     sheet.pouch().line("CUT", [(100, 0), (140, 0), (140, 50)], close=True)
 
 
+def crossing_outlines(sheet: Sheet) -> None:
+    sheet.pouch().line("HOLE", [(30, 80), (50, 80), (50, 100), (30, 100)], close=True)
+
+
+def port_on_seam(sheet: Sheet) -> None:
+    sheet.pouch().line("SEAL", [(0, 60), (40, 60)])
+
+
+def a_mere_point(sheet: Sheet) -> None:
+    sheet.pouch().space.add_point((1, 1), dxfattribs={"layer": "SEAL"})
+
+
+def far_too_small(sheet: Sheet) -> None:
+    sheet.scale = 1e-4
+    sheet.pouch()
+
+
 def seam_outside(sheet: Sheet) -> None:
     sheet.pouch().line("SEAL", [(20, 60), (60, 60)])
 
@@ -289,7 +324,15 @@ def printed_frame(sheet: Sheet) -> None:
         (no_seal, r"layer SEAL is empty: draw the seams on it, or set body\.edge = 'sealed'"),
         (no_tip, "layer TIP is empty; there are: CUT, PORT, SEAL"),
         (gap, r"the outline is open at \(0\.00, 0\.\d\d\) mm"),
-        (two_outlines, "layer CUT has 2 outlines side by side"),
+        (two_outlines, r"the outline has 2 pieces side by side, one at \(1[23]\d\.\d\d, \d+\.\d\d\) mm"),
+        (
+            crossing_outlines,
+            r"of layer HOLE crosses LWPOLYLINE #\w+ of layer CUT at \(40\.00, (8|10)0\.00\) mm|"
+            r"of layer CUT crosses LWPOLYLINE #\w+ of layer HOLE at \(40\.00, (8|10)0\.00\) mm",
+        ),
+        (port_on_seam, r"CIRCLE #\w+ of layer PORT at \(20\.00, 60\.00\) mm lies on a seam"),
+        (a_mere_point, r"POINT #\w+ of layer SEAL at \(1\.00, 1\.00\) mm has no length"),
+        (far_too_small, r"the outline is 0\.004 x 0\.012 mm; at least 1 mm are meshed: is the unit right"),
         (seam_outside, r"LWPOLYLINE #\w+ of layer SEAL leaves the outline at \((5\d|60)\.\d\d, 60\.00\) mm"),
         (unsealed_hole, r"is open at \((1|2)\d\.\d\d, (8|9)\d\.\d\d\) mm: no seam closes it"),
         (printed_frame, "layer FRAME has lines; printed frames on patterns are not modelled"),

@@ -25,6 +25,7 @@ from cosim.soft.geometry.surface import directed_edges, rims
 
 FRONT, BACK, WELDED = "front", "back", "welded"
 SheetName = Literal["both", "front", "back"]
+_SMALLEST_M: Final = 1e-3  # of an outline
 _EDGES_TO_SEAM: Final = 4.0
 _MOST_BY_DEFAULT: Final = 3000  # triangles of a sheet
 _WELDED_BENDING: Final = 4.0  # of each sheet: two sheets as one, twice as thick, bend 8 times as hard as one
@@ -137,6 +138,9 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
         MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
             seam does not close, or a set has no nodes. The message has the place in the drawing.
     """
+    for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds):
+        if len(line.points) < 2:
+            raise MeshError(f"{line.where or 'a line'} at {in_mm(line.middle)} has no length: take it away")
     met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
     first, second = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
     pattern = replace(
@@ -201,6 +205,7 @@ def _sheet(cut: Sequence[DrawnLine]) -> Any:
     joined = shapely.unary_union([shapely.LineString(line.points) for line in cut], grid_size=1e-9)
     for line in cut:
         _check_simple(line)
+    _check_apart(cut)
     polygons, cuts, dangles, invalid = shapely.polygonize_full([joined])
     for open_line in [*dangles.geoms, *cuts.geoms, *invalid.geoms][:1]:
         end = _loose_end(open_line, joined)
@@ -212,11 +217,29 @@ def _sheet(cut: Sequence[DrawnLine]) -> Any:
     for ring in sorted((shapely.Polygon(face.exterior) for face in rings), key=lambda face: -face.area):
         sheet = sheet.symmetric_difference(ring)
     if sheet.is_empty or sheet.geom_type != "Polygon":
-        count = len(getattr(sheet, "geoms", ()))
+        parts = sorted(getattr(sheet, "geoms", ()), key=lambda part: part.area)
+        point = np.array(parts[0].representative_point().coords[0]) if parts else np.zeros(2)
         raise MeshError(
-            f"layer CUT has {count} outlines side by side; a pattern has one outline, with holes in it"
+            f"the outline has {len(parts)} pieces side by side, one at {in_mm(point)}; a pattern has one, "
+            "with holes in it"
+        )
+    size = np.ptp(np.array(sheet.exterior.coords), axis=0)
+    if size.min() < _SMALLEST_M:
+        raise MeshError(
+            f"the outline is {1e3 * size[0]:.3g} x {1e3 * size[1]:.3g} mm; at least {1e3 * _SMALLEST_M:g} mm "
+            "are meshed: is the unit right?"
         )
     return sheet
+
+
+def _check_apart(lines: Sequence[DrawnLine]) -> None:
+    """Refuse outlines that cross one another."""
+    shapely = extra_module("shapely", "pattern")
+    drawn = [shapely.LineString(line.points) for line in lines]
+    first, second = shapely.STRtree(drawn).query(drawn, predicate="crosses")
+    for a, b in zip(first.tolist(), second.tolist(), strict=True):
+        point = np.array(shapely.intersection(drawn[a], drawn[b]).representative_point().coords[0])
+        raise MeshError(f"{lines[a].where} crosses {lines[b].where} at {in_mm(point)}: draw them apart")
 
 
 def _check_simple(line: DrawnLine) -> None:
@@ -274,6 +297,12 @@ def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:
         return [line.points for line in pattern.seal]
     drawn = shapely.unary_union([shapely.LineString(line.points) for line in pattern.seal])
     wide = shapely.intersection(drawn.buffer(0.5 * pattern.seam_width_m, cap_style="flat"), sheet)
+    for port in pattern.ports:
+        if wide.contains(shapely.Point(*port.middle)):
+            raise MeshError(
+                f"{port.where or 'the port'} at {in_mm(port.middle)} lies within a seam of "
+                f"{1e3 * pattern.seam_width_m:g} mm: set seam_width_m to less, or move it"
+            )
     parts = getattr(wide, "geoms", (wide,))
     rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
     return [np.array(ring.coords) for ring in rings]
@@ -300,7 +329,7 @@ def _neighbours(triangles: IntArray) -> dict[tuple[int, int], list[int]]:
 
 def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
     """Return the chamber (m,) that each triangle is in, by flood fill from the ports; -1 for none."""
-    ports = pattern.ports
+    shapely, ports = extra_module("shapely", "pattern"), pattern.ports
     if not ports:
         raise MeshError("the pattern has no port: mark the inside of each chamber on layer PORT")
     seams = {(a, b) for a, b in mesh.edges_of(LineKind.SEAL).tolist()}
@@ -319,7 +348,10 @@ def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
             beside[owners[0]].append(owners[1])
             beside[owners[1]].append(owners[0])
     chamber = np.full(len(mesh.triangles), -1)
+    walls = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
     for number, port in enumerate(ports):
+        if shapely.distance(shapely.Point(*port.middle), walls) < SAME_PLACE_M:
+            raise MeshError(f"{port.where or 'the port'} at {in_mm(port.middle)} lies on a seam: move it off")
         first = _triangle_at(mesh, port)
         if chamber[first] >= 0:
             raise MeshError(

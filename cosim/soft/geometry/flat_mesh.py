@@ -27,6 +27,7 @@ _CORNER_RAD: Final = math.radians(25.0)
 _CLEAR: Final = 0.62  # of the edge length, between lattice and lines
 _ROUNDS, _SWEEPS = 4, 6
 _LEAST_ANGLE_RAD: Final = math.radians(20.0)
+_SLIVER: Final = 1e-6  # area over the square of the longest edge
 MOST_TRIANGLES: Final = 40_000
 
 
@@ -359,7 +360,10 @@ def _delaunay(sheet: Any, positions: Array, edges: IntArray) -> IntArray:
     middles = positions[triangles].mean(axis=1)
     shapely.prepare(sheet)
     inside = shapely.contains_xy(sheet, middles[:, 0], middles[:, 1])
-    return np.asarray(triangles[inside & (signed_area(positions, triangles) > 0.0)])
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
+    # nodes of a straight edge may stand a rounding beside it, with slivers beyond
+    return np.asarray(triangles[inside & (signed_area(positions, triangles) > _SLIVER * longest)])
 
 
 def signed_area(positions: Array, triangles: IntArray) -> Array:
