@@ -134,7 +134,7 @@ def test_a_jerk_and_a_falling_box_make_no_jump(tmp_path: Path) -> None:
     jerked = together(run_of(tmp_path, JERK))
     assert [change.to for change in changes_of(jerked)] == ["film"]
     check_no_jump(jerked, together(run_of(tmp_path, JERK, 1.0)))
-    hit, whole = (together(run_of(tmp_path, DROP, share, LEANING)) for share in (0.3, 1.0))
+    hit, whole = (together(run_of(tmp_path, DROP, share, LEANING)) for share in (0.32, 1.0))
     change = check_no_jump(hit, whole)
     assert hit[change.tick].ledger.contacts > 0
 
