@@ -136,7 +136,7 @@ def test_a_jerk_and_a_falling_box_make_no_jump(tmp_path: Path) -> None:
     check_no_jump(jerked, together(run_of(tmp_path, JERK, 1.0)))
     hit, whole = (together(run_of(tmp_path, DROP, share, LEANING)) for share in (0.32, 1.0))
     change = check_no_jump(hit, whole)
-    assert hit[change.tick].ledger.contacts > 0
+    assert hit[change.tick - 1].ledger.contacts > 0
 
 
 def test_without_a_handover_the_run_ends_there(tmp_path: Path) -> None:
