@@ -16,6 +16,8 @@ INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
 MOST_TIP_M, MOST_WRENCH = 5e-4, 0.05
 """Jump and gap beyond which the section model does not take back."""
+MOST_BRIDGED: Final = 0.25
+"""Gap of the wrench up to which it is bridged; beyond, the wrench jumps by it."""
 LOOK_S: Final = 0.02
 """Simulated time between two looks at where in that range the film is; in statics every increment."""
 _LOOKS, _LOOKS_MAX = 5, 80
@@ -28,7 +30,8 @@ class Handover:
     """One change of the model that stands for the soft robot.
 
     Both models take the last tick before it from the same state, with the forces that bridge them; jumps and
-    gaps are what they differ by at its end. Gaps are bridged as well: the flange does not feel them at once.
+    gaps are what they differ by at its end. Gaps up to `MOST_BRIDGED` are bridged as well: the flange feels
+    them later.
 
     Args:
         tick: the first that the new model takes; 0: the run begins with it.

@@ -143,12 +143,13 @@ class HandoverArm(SoftSide):
     def __init__(self, chain: SectionArm, film: SoftArm, *, bridged: bool = True) -> None:
         self.chain, self.film, self.body = chain, film, film.body
         self.effort: SearchEffort = film.effort
+        chain.final = OutOfRangeError  # halves near the end of its range only put the change off
         self._bridged, self._over = bridged, TakingOver(chain, film)
         self._film_acts, self._why = False, ""
         self._bridge: Bridge | None = None
         self._given: Array | None = None
         self._inside, self._ticks, self._step_s, self._begun = Inside(), 0, 0.0, False
-        self._before: tuple[Array, SoftState] | None = None  # seen from the flange, and as a change left it
+        self._before: tuple[SoftState, Pose] | None = None  # before the step in progress, while forces fade
         self._pending: _Pending | None = None
         self._events: list[Handover | BridgeEnd] = []
 
@@ -227,7 +228,7 @@ class HandoverArm(SoftSide):
     def restore(self, before: SoftState) -> None:
         """Undo the last step; a change of models in it stays."""
         if self._film_acts and self._of(before) is self.chain and self._before is not None:
-            before = self._before[1]
+            before = self._before[0]
         self.acting.restore(before)
 
     def restart(self) -> None:
@@ -240,9 +241,10 @@ class HandoverArm(SoftSide):
         self._inside = replace(self._inside, since=self._inside.since + count)
         bridge = self._bridge
         if bridge is not None:
-            here = self._local(self.acting)
-            bridge = bridge.after(here if self._before is None else self._before[0], here)
-            self._before = here, self.state
+            here = self._here()
+            before = here if self._before is None else self._before
+            bridge = bridge.after((before[0].positions, before[1]), (here[0].positions, here[1]))
+            self._before = here
             self._bridge = None if bridge.over else bridge
             if bridge.over:
                 self._events.append(BridgeEnd(self._ticks, bridge.work_J))
@@ -264,9 +266,9 @@ class HandoverArm(SoftSide):
         frames = section.frames.fit(film.soft.positions, film.flange)
         return place_in_range(section, frames, pressure).fraction <= INSIDE
 
-    def _local(self, side: SectionArm | SoftArm) -> Array:
-        flange = side.save_state().flange
-        return np.asarray((side.state.positions - flange.translation) @ flange.rotation)
+    def _here(self) -> tuple[SoftState, Pose]:
+        """Return the acting model's state and the flange's pose."""
+        return self.acting.state, self.acting.save_state().flange
 
     def _loads_left(self, whole: Loads) -> LoadsLeft:
         """Return the loads at the end of the last step with bridging forces, and without."""
@@ -305,7 +307,7 @@ class HandoverArm(SoftSide):
     def _change(self, to: Model, why: str, bridge: Bridge | None, jumps: Jumps) -> None:
         self._film_acts, self._why = to == "film", why
         self._bridge = bridge if self._bridged else None
-        self._before = self._local(self.acting), self.acting.state
+        self._before = self._here()
         self._events.append(
             Handover(
                 self._ticks + 1, to, why, jumps.tip_m, jumps.force_N, jumps.wrench, jumps.kinetic_J,
@@ -335,7 +337,7 @@ class HandoverArm(SoftSide):
         except ConvergenceError:
             self._inside = self._inside.refused()
             return here
-        jumps = self._over.between(here, found)
+        jumps = self._over.between(here, found, bridge)
         self.chain.settle(found)
         self._inside = self._inside.taken_back()
         self._change("section", "well within its range again", bridge, jumps)
@@ -365,7 +367,9 @@ class HandoverArm(SoftSide):
         force = None if bridge is None else bridge.at(world_from_flange, 1)
         found = self.film.follow(first, world_from_flange, with_force(loads, force))
         found = self._stripped(found, loads, bridge)
-        self._pending = _Pending(found.state, bridge, _reason(failed), self._over.between(begin, first))
+        self._pending = _Pending(
+            found.state, bridge, _reason(failed), self._over.between(begin, first, bridge)
+        )
         return found
 
     def _film_begins(self, begin: Equilibrium, error: ConvergenceError) -> tuple[Equilibrium, Bridge | None]:
@@ -567,7 +571,7 @@ class HandoverArm(SoftSide):
         self._bridge, self._given, self._inside = state.bridge, state.given, state.inside
         self._ticks, self._why, self._events, self._pending = state.ticks, state.why, [], None
         self._begun = state.ticks > 0
-        self._before = self._local(self.acting), self.acting.state
+        self._before = self._here()
 
 
 def _reason(error: ConvergenceError) -> str:

@@ -15,12 +15,13 @@ still differ, of inertia and of what is touched, is put on the flange and fades 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask, Pose, Wrench, cross
+from cosim.base.frames import Array, Mask, Pose, Wrench, cross, vector_from_rotation
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import RingGroup, RingGuides
@@ -91,11 +92,10 @@ class HeldRings:
             drawn = self._section.positions(frames, pressure_Pa)
             start = self._film.in_shape(drawn, flange_of(frames))
         with self._solver.effort.search("the film on the rings of a chain"):
-            try:
+            with suppress(ConvergenceError):
                 return self._held(frames, start, loads)
-            except ConvergenceError:
-                near = self._bent(frames, replace(loads, contact=None), pressure_Pa)
-                return self._held(frames, near.state, loads)
+            near = self._bent(frames, replace(loads, contact=None), pressure_Pa)
+            return self._held(frames, near.state, loads)
 
     def _held(self, frames: Array, start: SoftState, loads: Loads) -> HeldFilm:
         guides = RingGuides(self._frames, self._groups, frames, _STIFFNESS)
@@ -161,10 +161,11 @@ class Bridge:
 
     Args:
         force: (n, 3) [N], flange frame.
-        load: (6,) [N, N m], on the flange besides what it bears of these, at its origin, its axes.
+        load: (6,) [N, N m], on the flange besides what it bears of these, at its origin, its axes; it fades
+            in a tenth of the steps, as hits do.
         steps: in which they fade.
         done: steps taken.
-        work_J: that they have done, as seen from the flange.
+        work_J: that they have done on the soft robot, as seen from the flange, and on the flange.
     """
 
     force: Annotated[Array, ("nodes", 3)]
@@ -179,9 +180,12 @@ class Bridge:
         return self.done >= self.steps
 
     def share(self, step: int) -> float:
-        """Return what is left of it at the end of a step, falling from 1 to 0 without a kink."""
-        u = min(1.0, step / self.steps)
-        return 1.0 - u * u * (3.0 - 2.0 * u)
+        """Return what is left of the forces at the end of a step."""
+        return _left(step / self.steps)
+
+    def share_of_load(self, step: int) -> float:
+        """Return the same of the load on the flange."""
+        return _left(step / max(1, self.steps // 10))
 
     def at(self, flange: Pose, step: int) -> Array:
         """Return the forces (n, 3) [N] at the end of a step, world axes."""
@@ -195,20 +199,32 @@ class Bridge:
             flange: its pose.
             step: which.
         """
-        inner, load = borne(self.at(flange, step), positions, flange), self.share(step) * self.load
+        inner, load = borne(self.at(flange, step), positions, flange), self.share_of_load(step) * self.load
         turn = flange.rotation.T
         return Wrench(inner.force + load[:3] @ turn, inner.torque + load[3:] @ turn)
 
-    def after(self, before: Array, after: Array) -> Bridge:
+    def after(self, before: tuple[Array, Pose], after: tuple[Array, Pose]) -> Bridge:
         """Return it one step later.
 
         Args:
-            before: (n, 3) [m], the film before the step, flange frame.
+            before: the film (n, 3) [m], world, and the flange's pose, before the step.
             after: the same after it.
         """
-        mean = 0.5 * (self.share(self.done) + self.share(self.done + 1))
-        work = mean * float(np.einsum("nr,nr->", self.force, after - before))
+        (x, flange), (x_after, flange_after) = before, after
+        moved = flange_after.inverse().apply(x_after) - flange.inverse().apply(x)
+        shift = (flange_after.translation - flange.translation) @ flange.rotation
+        turn = vector_from_rotation(flange.rotation.T @ flange_after.rotation)
+        steps = self.done, self.done + 1
+        mean, of_load = (0.5 * sum(map(share, steps)) for share in (self.share, self.share_of_load))
+        work = mean * float(np.einsum("nr,nr->", self.force, moved))
+        work += of_load * float(self.load[:3] @ shift + self.load[3:] @ turn)
         return replace(self, done=self.done + 1, work_J=self.work_J + work)
+
+
+def _left(share: float) -> float:
+    """Return what is left after a share of the time in which something fades, from 1 to 0 without a kink."""
+    u = min(1.0, share)
+    return 1.0 - u * u * (3.0 - 2.0 * u)
 
 
 def borne(force: Array, positions: Array, flange: Pose) -> Wrench:

@@ -155,7 +155,8 @@ def _stacked(shapes: Sequence[ChainShape]) -> tuple[Array, Array]:
 class SectionArm(SoftSide):
     """A chain of frames held by the flange; owns solver and state.
 
-    The film's own nodes are made from the frames when somebody asks.
+    The film's own nodes are made from the frames when somebody asks. `final` is a kind of error after which a
+    tick is not tried in halves; None for none.
 
     Args:
         section: what it is.
@@ -172,6 +173,7 @@ class SectionArm(SoftSide):
         self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
         self.options = statics
         self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
+        self.final: type[ConvergenceError] | None = None
         self._leaves = 0  # of unstable equilibria, one on the way on from another
         self._film: SoftState | None = None
         self._films = ChainFilms(section)
@@ -252,7 +254,7 @@ class SectionArm(SoftSide):
         self._begin = (self._last, self._flange, self._loads)
         try:
             iterations = step_or_halves(
-                self._step, self.restart, self._begin[1:], (flange, loads), step_s, aim
+                self._step, self.restart, self._begin[1:], (flange, loads), step_s, aim, final=self.final
             )
         except ConvergenceError:
             self._last = self._begin[0]

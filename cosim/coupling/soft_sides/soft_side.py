@@ -601,6 +601,7 @@ def step_or_halves(
     step_s: float,
     aim: StepAim | None,
     halvings: int = _HALVINGS_MAX,
+    final: type[ConvergenceError] | None = None,
 ) -> int:
     """Take one step, or two halves where it does not converge; return the Newton iterations.
 
@@ -613,6 +614,7 @@ def step_or_halves(
         step_s: length [s].
         aim: what the step is asked for; None for nothing.
         halvings: how often it may be halved.
+        final: a kind of error after which no halves are tried; None for none.
 
     Raises:
         ConvergenceError: not even the shortest pieces converge.
@@ -620,6 +622,8 @@ def step_or_halves(
     try:
         return step(begin, end, step_s, aim)
     except ConvergenceError as error:
+        if final is not None and isinstance(error, final):
+            raise
         if halvings == 0:
             raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
         spent = error.iterations
@@ -627,6 +631,6 @@ def step_or_halves(
     restart()
     part = None if aim is None else StepAim(aim.tolerance_N)
     for first, last in ((begin, middle), (middle, end)):
-        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1)
+        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1, final)
     restart()
     return spent

@@ -16,7 +16,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Wrench
-from cosim.coupling.soft_sides.handover import fade_steps
+from cosim.coupling.soft_sides.handover import MOST_BRIDGED, fade_steps
 from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, flange_of, on_rings
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
@@ -46,6 +46,11 @@ class LoadsLeft:
 
     whole: Loads
     own: Loads
+
+    @property
+    def untouched(self) -> LoadsLeft:
+        """The same with nothing that is touched."""
+        return LoadsLeft(replace(self.whole, contact=None), replace(self.own, contact=None))
 
     def with_borne(self, wrench: Wrench, positions: Array, flange: Pose) -> Wrench:
         """Return a wrench on the flange with what that bears of the bridging forces on nodes (n, 3) [m]."""
@@ -162,6 +167,8 @@ class TakingOver:
     def film_steps(self, acting: LoadsLeft, step_s: float) -> tuple[Bridge, Jumps]:
         """Let the film take the last tick of the chain, and be where that ends.
 
+        What is touched has not dented the film yet: a hit is over before it would rest there.
+
         Args:
             acting: loads at its end.
             step_s: its length.
@@ -175,7 +182,7 @@ class TakingOver:
         last, pressure = saved.last, saved.last.pressure_Pa
         past = Past.of(last.chain, step_s)
         before, first = flange_of(past.motion[0]), flange_of(past.earlier[0])
-        state, force = self._to_film(past.motion[0], acting, pressure)
+        state, force = self._to_film(past.motion[0], acting.untouched, pressure)
         bridge = Bridge(force @ before.rotation, np.zeros(6), fade_steps(step_s))
         velocity = section.positions(past.motion[1], pressure)
         earlier = None
@@ -207,7 +214,7 @@ class TakingOver:
         before = now.frames if now.earlier is None else now.earlier[0]
         x = self._layout.carried(begin.positions, before, now.frames)
         start = replace(begin, positions=x, earlier=None)
-        state = self._rings.at_rest(now.frames, start, acting.own, pressure_Pa).state
+        state = self._rings.at_rest(now.frames, start, acting.untouched.own, pressure_Pa).state
         velocity = self._section.positions(now.rates, pressure_Pa)
         earlier = (begin.positions, begin.velocities) if self._two_steps else None
         here = replace(state, velocities=velocity, earlier=earlier)
@@ -311,10 +318,14 @@ class TakingOver:
         """Return the kinetic energy [J] of a chain."""
         return 0.5 * float(np.einsum("fab,far,fbr->", self._section.mass, chain.rates, chain.rates))
 
-    def between(self, left: Equilibrium, new: Equilibrium) -> Jumps:
-        """Return the jumps from one equilibrium to another, of the other model."""
+    def between(self, left: Equilibrium, new: Equilibrium, bridge: Bridge | None) -> Jumps:
+        """Return the jumps from one equilibrium to another, of the other model, and what a bridge closes."""
         tip, new_tip = self._tip(left.state.positions), self._tip(new.state.positions)
-        return self._apart(tip, left.wrench, new_tip, new.wrench, new.world_from_flange)
+        wrench, flange = new.wrench, new.world_from_flange
+        if bridge is not None:
+            load = bridge.load.reshape(2, 3) @ flange.rotation.T
+            wrench = Wrench(wrench.force - load[0], wrench.torque - load[1])
+        return self._apart(tip, left.wrench, new_tip, wrench, flange)
 
     def _closed(
         self, bridge: Bridge, new: SoftSide, left: tuple[Array, Wrench], reply: SoftReply | None, flange: Pose
@@ -334,6 +345,8 @@ class TakingOver:
             return bridge, Jumps(tip_m, math.nan, math.nan, 0.0, 0.0)
         wrench = together(reply.wrench, bridge.on_flange(x, flange, 0))
         jumps = self._apart(tip, before, self._tip(x), wrench, flange)
+        if jumps.wrench > MOST_BRIDGED:  # a hit: what no film would pass on is not to last
+            return bridge, jumps
         return replace(bridge, load=_between(wrench, before, flange)), jumps
 
     def _apart(self, tip: Array, left: Wrench, new_tip: Array, new: Wrench, flange: Pose) -> Jumps:
