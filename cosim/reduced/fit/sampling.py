@@ -160,8 +160,8 @@ class WorkingRange:
         shear_m: largest shift between neighbouring frames.
         small: share of bend, twist and shear in samples that are almost straight.
         samples: at each pressure, besides straight and almost straight ones.
-        folds: whether sections fold, as those of fingers: samples are then all pieces of ways to poses that are
-            bent farther, see `folded_strains`; bend, twist, shear and small have no part in it.
+        folds: whether sections fold, as those of fingers: samples are then all pieces of the ways to poses
+            that are bent farther, see `folded_strains`.
     """
 
     pressures_Pa: tuple[float, ...]
@@ -254,8 +254,9 @@ class Sampler:
             ]
             if work.folds:
                 ends = low, high, self._radii
+                small = [at + work.small * (folded_strains(random, *ends) * _ACROSS) for at in straight]
                 bent = [folded_strains(random, *ends) for _ in range(work.samples)]
-                ways = [self.way(free, wanted) for wanted in straight + bent]
+                ways = [self.way(free, wanted) for wanted in straight + small + bent]
                 rows += [sample for way in ways for sample in way]
                 failures += sum(not way for way in ways)
                 continue
