@@ -1,7 +1,7 @@
 """Grasps of the three-finger gripper: masses x shapes x initial positions, lifted, shaken and held.
 
     python benchmarks/grasps.py [--json FILE] [--markdown FILE] [--seeds N] [--masses G ..] [--shapes NAME ..]
-                              [--published]
+                              [--published] [--fidelity NAME]
 
 Each case is one of the scenarios gripper_lifts_roll, _plant, _spool with another mass and another place:
 object and stand are shifted by up to 5 mm along x and y, the object is turned about the vertical, by seed.
@@ -48,9 +48,12 @@ def place(shape: str, seed: int) -> dict[str, Any]:
     }
 
 
-def grasp(shape: str, mass_g: int, seed: int, *, published: bool) -> dict[str, Any]:
+def grasp(
+    shape: str, mass_g: int, seed: int, *, published: bool, fidelity: str = "lumped"
+) -> dict[str, Any]:
     """Return how one case ended, and what it moved, with the scenario's own fingers or the paper's model."""
     overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g, "model.published": published}
+    overrides["fidelity"] = fidelity
     simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", overrides))
     stage = simulation.stage
     body, began = stage.body_names.index(shape), time.thread_time()
@@ -116,6 +119,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--masses", type=int, nargs="+", default=MASSES_G)
     parser.add_argument("--shapes", nargs="+", default=SHAPES, choices=SHAPES)
+    parser.add_argument("--fidelity", default="lumped", choices=("section", "lumped", "refined"))
     parser.add_argument("--published", action="store_true", help="fingers of the paper's lumped model")
     options = parser.parse_args()
     cases: list[dict[str, Any]] = []
@@ -126,7 +130,7 @@ def main() -> None:
     for case in ((s, m, k) for k in range(options.seeds) for m in options.masses for s in options.shapes):
         if case in done:
             continue
-        cases.append(grasp(*case, published=options.published))
+        cases.append(grasp(*case, published=options.published, fidelity=options.fidelity))
         print(json.dumps(cases[-1]), flush=True)
         if options.json:
             options.json.write_text(json.dumps(cases, indent=2) + "\n")

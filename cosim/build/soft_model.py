@@ -31,7 +31,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of
-from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
+from cosim.reduced.fit.fitting import FINGERS, METHOD, Effort, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
@@ -164,13 +164,16 @@ def section_model(
     largest, films = largest_covered(scenario), film_law(scenario)
     if films is not None:  # friction has no energy, and units that come near are looked for in all samples
         films = replace(films, friction=0.0, throughout=False) if FilmFaces.of(body).can_meet else None
-    path = cache_directory() / f"section_model_{content_hash(body, largest, films)}.kept"
+    effort = None if robot.copies is None else FINGERS  # copies close around things
+    path = cache_directory() / f"section_model_{content_hash(body, largest, films, effort)}.kept"
     found = kept(path, unpacking(SectionModel))
     if found is not None:
         return found
     tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
     try:
-        model = build_model(body, largest, films)
+        model = (
+            build_model(body, largest, films) if effort is None else build_model(body, largest, films, effort)
+        )
     except ConvergenceError as error:
         raise ScenarioError(
             "fidelity",
@@ -204,9 +207,12 @@ def largest_covered(scenario: Scenario) -> float:
     return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for row in values for p in row if p is not None))
 
 
-def content_hash(body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None) -> str:
+def content_hash(
+    body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None, effort: Effort | None = None
+) -> str:
     """Return a short name of everything that a section model depends on."""
-    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)
+    more = () if effort is None else (effort,)
+    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films, *more)
 
 
 @final

@@ -29,8 +29,12 @@ from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
 _HELD_OUT = 8  # of so many samples one is not fitted
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
-_BEYOND, _LEAST_BEYOND = 0.15, 0.12  # of the sampled range of lengths, of the length, on either side
-_LIMP_Pa, _LIMP_BEND = 3e3, 0.5  # below, a film has hardly any resistance of its own, nor an end of its range
+_BEYOND = 0.15  # of the sampled range of lengths, on either side
+_LIMP_BEYOND, _LIMP_BEND, _LIMP_Pa = (
+    0.12,
+    0.5,
+    3e3,
+)  # of lengths, ends of ranges that fold; below, gas bears little
 _LEAST_BEND = 1e-3
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
@@ -54,8 +58,9 @@ def fit_model(
         _fit_section(samples, s, over[:, 0], length[:, s], smoothing) for s in range(samples.strain.shape[1])
     ]
     energy = np.stack([fit.coefficients for fit in fits], axis=1)
-    energy[:, :, BENDING] += 0.5 * np.outer(_limpness(spline), _resistance(samples))
     limits = _limits(samples, length, over[:, 0])
+    if samples.folds:
+        energy[:, :, BENDING] += 0.5 * np.outer(_limpness(spline), _resistance(samples))
     return SectionModel(
         spline,
         np.concatenate([energy, limits], axis=2),
@@ -71,8 +76,8 @@ def fit_model(
 def _limpness(spline: PressureSpline) -> Array:
     """Return (size,): how far below `_LIMP_Pa` the functions of pressure are, 1 without gas.
 
-    There a film hardly resists bending, less than a fit can tell; a chain without any resistance would fold
-    by itself. It is lent the median of all pressures.
+    There a film hardly resists bending, less than a fit over folds can tell; a chain without any resistance
+    would fold by itself. It is lent the median of all pressures.
     """
     return np.clip(1.0 - spline.centers / _LIMP_Pa, 0.0, 1.0)
 
@@ -80,9 +85,8 @@ def _limpness(spline: PressureSpline) -> Array:
 def _resistance(samples: Samples) -> Array:
     """Return the moment over the bend (s,) [N m] of each section, the median of all samples."""
     bend, moment = (np.linalg.norm(part[:, :, 3:5], axis=2) for part in (samples.strain, samples.force))
-    return np.array(
-        [np.median(m[b > _LEAST_BEND] / b[b > _LEAST_BEND]) for m, b in zip(moment.T, bend.T, strict=True)]
-    )
+    pairs = zip(moment.T, bend.T, strict=True)
+    return np.array([np.median(m[b > _LEAST_BEND] / b[b > _LEAST_BEND]) for m, b in pairs])
 
 
 def _limits(samples: Samples, length: Array, over: Array) -> Array:
@@ -93,8 +97,9 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
     for level in np.unique(samples.pressure_Pa):
         here = samples.pressure_Pa == level
         low, high = place[here].min(axis=0), place[here].max(axis=0)
-        margin = np.maximum(_BEYOND * (high - low), _LEAST_BEYOND)
-        end = np.maximum(_FARTHEST_BEND**2 * bend[here].max(axis=0), _LIMP_BEND**2 * (level < _LIMP_Pa))
+        margin = np.maximum(_BEYOND * (high - low), _LIMP_BEYOND * samples.folds)
+        limp = _LIMP_BEND**2 * (samples.folds and level < _LIMP_Pa)
+        end = np.maximum(_FARTHEST_BEND**2 * bend[here].max(axis=0), limp)
         rows.append(np.stack([low - margin, high + margin, end], axis=1))
     at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
     found = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
@@ -127,7 +132,7 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing
         len(strain), 6, -1
     )
     wanted = force * weight
-    kept = np.arange(len(strain)) // _HELD_OUT % _HELD_OUT != _HELD_OUT - 1  # parts of ways
+    kept = np.arange(len(strain)) % _HELD_OUT != _HELD_OUT - 1
     matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
@@ -239,7 +244,7 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
-METHOD: Final = 3
+METHOD: Final = 2
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
 _SMOOTHINGS = (1e-4, 1e-3, 1e-2, 1e-1)
@@ -255,11 +260,19 @@ _PULL_OF_WEIGHT = 0.5
 @final
 @dataclass(frozen=True)
 class Effort:
-    """How much is sampled: at so many pressures, so many ways to bent poses at each, splines of so many intervals."""
+    """How much is sampled: at so many pressures, so many bent poses at each, splines of so many intervals.
+
+    With `folds`, poses of fingers, which are bent farther, with all that is on the way there.
+    """
 
     levels: int = 14
-    samples: int = 14
+    samples: int = 24
     intervals: int = 8
+    folds: bool = False
+
+
+FINGERS: Final = Effort(samples=14, folds=True)
+"""What is sampled of copies, which close around things."""
 
 
 def build_model(
@@ -284,7 +297,8 @@ def build_model(
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
     samples = Sampler(body, frames, films).collect(
-        WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples), _SEED
+        WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples, folds=effort.folds),
+        _SEED,
     )
     fits = [fit_model(samples, frames, spline, smoothing) for smoothing in _SMOOTHINGS]
     # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film

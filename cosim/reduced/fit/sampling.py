@@ -20,7 +20,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.errors import ConvergenceError
-from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains
+from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Sums
@@ -132,13 +132,16 @@ Sample: TypeAlias = tuple[float, Array, Array, float, Array, Array]
 _STILL = (0.0, 0.0, 0.0)
 _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
-_BEND_MAX = 0.6
+_BEND_MAX = 0.5
+# of sections that fold: bend relative to that at which corners meet, and at most, twist, shear
+_FOLDED_BEND, _FOLDED_MAX, _FOLDED_TWIST, _FOLDED_SHEAR_m = 1.5, 0.6, 0.1, 1.5e-3
 _ONE_WAY, _ANGLES = 0.5, 12  # share of ways that bend in one plane, at one of so many angles
 _TIP_SHARE = 0.1
 _BASE_REACH = 1.8  # nothing on the other side of the base meets the first ring
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
+_LEAST_STEP = 0.1  # of the way to a sample
 _BEND_STEP, _STEP = 0.06, 0.08  # bend, and share of the length, from one sample of a way to the next
-_LEAST_STEP = 0.05  # of that
+_LEAST_PIECE = 0.05  # of that
 _ROUNDING = 1e-9
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
 
@@ -152,21 +155,24 @@ class WorkingRange:
         pressures_Pa: rising from 0.
         tension_N: axial force up to which sections are stretched.
         compression: largest shortening of a section over its length without load; less at low pressure.
-        bend: largest angle between neighbouring frames, relative to that at which their corners would meet.
+        bend: largest angle between neighbouring frames, relative to that at which their rims would meet.
         twist: sine of the largest angle about the axis.
         shear_m: largest shift between neighbouring frames.
         small: share of bend, twist and shear in samples that are almost straight.
-        samples: ways at each pressure, besides those to straight and almost straight ones.
+        samples: at each pressure, besides straight and almost straight ones.
+        folds: whether sections fold, as those of fingers: samples are then all pieces of the ways to poses
+            that are bent farther, see `folded_strains`.
     """
 
     pressures_Pa: tuple[float, ...]
     tension_N: float
     compression: float = 0.35
-    bend: float = 1.5
-    twist: float = 0.1
-    shear_m: float = 1.5e-3
+    bend: float = 0.75
+    twist: float = 0.02
+    shear_m: float = 3e-4
     small: float = 0.15
-    samples: int = 16
+    samples: int = 24
+    folds: bool = False
 
 
 @final
@@ -183,6 +189,7 @@ class Samples:
         positions: (m, n, 3) [m], of the nodes.
         length_m: (pressures, s), middle of the sampled lengths of each section.
         failures: samples without a solution.
+        folds: whether sections fold, see `WorkingRange`.
     """
 
     pressure_Pa: Array
@@ -193,6 +200,7 @@ class Samples:
     positions: Array
     length_m: Array
     failures: int
+    folds: bool = False
 
 
 @final
@@ -234,7 +242,7 @@ class Sampler:
         """
         random = np.random.default_rng(seed)
         free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
-        rows = list[Sample]()
+        rows: list[Sample] = []
         lengths, failures = [], 0
         for pressure in work.pressures_Pa:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
@@ -244,33 +252,69 @@ class Sampler:
             straight = [
                 straight_strains(low, high, fraction) for fraction in np.linspace(0.0, 1.0, _STRAIGHT)
             ]
+            if work.folds:
+                ends = low, high, self._radii
+                small = [at + work.small * (folded_strains(random, *ends) * _ACROSS) for at in straight]
+                bent = [folded_strains(random, *ends) for _ in range(work.samples)]
+                ways = [self.way(free, wanted) for wanted in straight + small + bent]
+                rows += [sample for way in ways for sample in way]
+                failures += sum(not way for way in ways)
+                continue
             # small ones tell what a section resists shear, bending and twist with, apart from one another
             small = [
                 at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
                 for at in straight
+                for _ in range(2)
             ]
             bent = [random_strains(random, low, high, self._radii, work) for _ in range(work.samples)]
             for wanted in straight + small + bent:
-                way = self._way(free, wanted)
-                rows += way
-                failures += not way
+                try:
+                    rows.append(self._guided(free, wanted))
+                except ConvergenceError:
+                    failures += 1
         pressures, strain, force, volume, frames, positions = (
             np.array(column) for column in zip(*rows, strict=True)
         )
-        return Samples(pressures, strain, force, volume, frames, positions, np.array(lengths), failures)
+        lengths_m = np.array(lengths)
+        return Samples(pressures, strain, force, volume, frames, positions, lengths_m, failures, work.folds)
 
     def _lengths(self, free: Equilibrium, work: WorkingRange) -> tuple[Array, Array]:
         """Return the shortest and the longest length (s,) [m] of each section to sample."""
-        still = self._frames.strains(self._frames.fit(free.state.positions, Pose()))[:, 2]
+        still = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
         force = np.zeros_like(free.state.positions)
         force[self._body.tip, 2] = work.tension_N / len(self._body.tip)
         pulled = self._solver.follow(free, Pose(), replace(free.loads, nodal_force=force))
-        long = self._frames.strains(self._frames.fit(pulled.state.positions, Pose()))[:, 2]
+        long = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
         pressure = free.loads.pressures(1)[0]
         shortened = work.compression * pressure / (pressure + _HALF_STIFF_Pa)
         return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
 
-    def _way(self, free: Equilibrium, wanted: Array) -> list[Sample]:
+    def _guided(self, free: Equilibrium, wanted: Array) -> Sample:
+        """Return the sample at wanted strains (s, 6), or as far on the way there as the film goes.
+
+        Raises:
+            ConvergenceError: it goes nowhere.
+        """
+        frames = self._frames
+        here = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
+        found, guides, done, step = free, None, 0.0, 1.0
+        while done < 1.0 and step > _LEAST_STEP:
+            target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * (wanted - here))
+            tried = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
+            x = found.state.positions
+            start = frames.carried(x, frames.fit(x, Pose()), target)
+            try:
+                found = self._solver.solve(found.state, Pose(), replace(free.loads, extra=tried), start)
+            except ConvergenceError:
+                step *= 0.5
+                continue
+            guides, done = tried, done + step
+        if guides is None:
+            raise ConvergenceError("no pose on the way to a sample has an equilibrium", float("nan"), 0)
+        self.reached.append(min(1.0, done))
+        return self._sample(found, guides.force(found.state.positions))
+
+    def way(self, free: Equilibrium, wanted: Array) -> list[Sample]:
         """Return samples on the way from the free shape to wanted strains (s, 6), as far as the film goes.
 
         Each begins in the shape of the one before: where films fold and meet, a shape that is guessed is one
@@ -282,7 +326,7 @@ class Sampler:
         pieces = max(np.abs(whole[:, 3:5]).max() / _BEND_STEP, np.abs(whole[:, 2] / here[:, 2]).max() / _STEP)
         longest = step = 1.0 / max(1, int(np.ceil(pieces)))
         found, done = free, 0.0
-        while done < 1.0 - _ROUNDING and step > _LEAST_STEP * longest:
+        while done < 1.0 - _ROUNDING and step > _LEAST_PIECE * longest:
             target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * whole)
             guides = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
             try:
@@ -300,7 +344,7 @@ class Sampler:
         x = found.state.positions
         here = self._frames.fit(x, Pose())
         volume = float(self._system.gas.enclosed_volumes(x[None]).sum())
-        strain = self._frames.strains(here)
+        strain = strains(*self._pairs(here))
         return found.loads.pressures(1)[0], strain, self._section_forces(x, here, force), volume, here, x
 
     def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
@@ -314,6 +358,10 @@ class Sampler:
             pull, origin = pull + force[ring].sum(axis=0), r
             result[s] = np.linalg.solve(_motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment]))
         return result
+
+    @staticmethod
+    def _pairs(frames: Array) -> tuple[Array, Array]:
+        return frames[:-1], frames[1:]
 
 
 # far above a section's own stiffness in bending and length, so that it goes where it is sent; below it in
@@ -345,10 +393,33 @@ def random_strains(
     def field(size: int) -> Array:
         """Return (s, size): constant and linear parts and a little of anything, within about -1 to 1."""
         ends = random.uniform(-1.0, 1.0, (2, size))
+        return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.05, (len(low), size)))
+
+    result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
+    result[:, :2] = work.shear_m * field(2)
+    bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
+    # rims of neighbouring frames meet at an angle of length over radius
+    largest = np.minimum(work.bend * result[:, 2] / radii[1:], _BEND_MAX)
+    result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
+    result[:, 5] = work.twist * field(1)[:, 0]
+    return result
+
+
+def folded_strains(random: np.random.Generator, low: Array, high: Array, radii: Array) -> Array:
+    """Return wanted strains (s, 6) of a finger that folds; see `random_strains`.
+
+    Half of them bend in one plane. What holds the base bends the first section by itself; nothing beyond the
+    last one shears it. Half a unit turns about its narrow end, which shifts the other one.
+    """
+    way = np.linspace(0.0, 1.0, len(low))[:, None]
+
+    def field(size: int) -> Array:
+        """Return (s, size): constant and linear parts and a little of anything, within about -1 to 1."""
+        ends = random.uniform(-1.0, 1.0, (2, size))
         return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.1, (len(low), size)))
 
     result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
-    result[:, :2] = work.shear_m * random.uniform(0.0, 1.0) ** 2 * field(2)
+    result[:, :2] = _FOLDED_SHEAR_m * random.uniform(0.0, 1.0) ** 2 * field(2)
     result[-1, :2] *= _TIP_SHARE
     bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
     if random.uniform() < _ONE_WAY:
@@ -356,15 +427,15 @@ def random_strains(
         bend = bend[:, :1] * np.array([np.cos(angle), np.sin(angle)])
     # what holds the base bends the first section by itself; nothing beyond the last one shears it
     bend[0] = 1.3 * random.uniform(-1.0, 1.0, 2)
-    reach = np.where(np.arange(len(low)) == 0, _BASE_REACH, 1.0) * work.bend
-    largest = np.minimum(reach * result[:, 2] / np.maximum(radii[1:], radii[:-1]), _BEND_MAX)
+    reach = np.where(np.arange(len(low)) == 0, _BASE_REACH, 1.0) * _FOLDED_BEND
+    largest = np.minimum(reach * result[:, 2] / np.maximum(radii[1:], radii[:-1]), _FOLDED_MAX)
     result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
     # half a unit turns about its narrow end, which shifts the other one
     narrow = (radii[1:] - radii[:-1]) / (radii[1:] + radii[:-1])
     lever = 0.5 * result[:, 2] * narrow * random.uniform(0.7, 1.1)
     result[:, 0] += lever * result[:, 4]
     result[:, 1] -= lever * result[:, 3]
-    result[:, 5] = work.twist * random.uniform(0.0, 1.0) ** 2 * field(1)[:, 0]
+    result[:, 5] = _FOLDED_TWIST * random.uniform(0.0, 1.0) ** 2 * field(1)[:, 0]
     return result
 
 
