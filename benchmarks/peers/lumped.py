@@ -85,7 +85,8 @@ class Stand:
         stand = ArmFile("stand", Path("stand.urdf"), _STAND, "top", ("slide",), np.zeros(1))
         scene = RigidScene(
             SceneDescription(
-                stand, tick_s, gravity=(0.0, 0.0, 0.0), objects=() if course.bar is None else (_solid(course.bar),),
+                stand, tick_s, gravity=(0.0, 0.0, 0.0),
+                objects=() if course.bar is None else (_solid(course.bar),),
                 floor_height_m=None, armature=_STAND_KG, gains=ServoGains(np.zeros(1), np.zeros(1)),
             )
         )  # fmt: skip
