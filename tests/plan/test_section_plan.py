@@ -63,8 +63,10 @@ def test_what_may_be_held_by_what_it_touches_is_warned_of(load: Any) -> None:
     assert f"warning: {found.line}\n" in said.getvalue()
 
 
-def test_auto_falls_back_to_film_where_the_section_model_ends(load: Any) -> None:
+def test_auto_measures_section_models_that_end_with_their_film(load: Any) -> None:
     said: list[str] = []
     ask = load({**PULL, "duration_s": 0.2}, fidelity="auto", auto={"tolerance_m": 0.005})
+    # snapped by 60 N, the arm that began as a chain is elsewhere by more than is asked for
     assert with_fidelity_chosen(ask, said.append).fidelity == "lumped"
-    assert any(re.search(r"section, .*pull\.cable_tension_N: takes the arm out", line) for line in said)
+    measured = [line for line in said if re.search(r"section, .* real time, tip", line)]
+    assert len(measured) == 4
