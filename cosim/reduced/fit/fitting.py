@@ -132,7 +132,9 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing
         len(strain), 6, -1
     )
     wanted = force * weight
-    kept = np.arange(len(strain)) % _HELD_OUT != _HELD_OUT - 1
+    # of ways whole parts: samples beside each other are nearly alike
+    row = np.arange(len(strain)) // (_HELD_OUT if samples.folds else 1)
+    kept = row % _HELD_OUT != _HELD_OUT - 1
     matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
