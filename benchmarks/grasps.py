@@ -48,9 +48,7 @@ def place(shape: str, seed: int) -> dict[str, Any]:
     }
 
 
-def grasp(
-    shape: str, mass_g: int, seed: int, *, published: bool, fidelity: str = "lumped"
-) -> dict[str, Any]:
+def grasp(shape: str, mass_g: int, seed: int, *, published: bool, fidelity: str = "lumped") -> dict[str, Any]:
     """Return how one case ended, and what it moved, with the scenario's own fingers or the paper's model."""
     overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g, "model.published": published}
     overrides["fidelity"] = fidelity
