@@ -30,11 +30,8 @@ _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what tho
 _HELD_OUT = 8  # of so many samples one is not fitted
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
 _BEYOND = 0.15  # of the sampled range of lengths, on either side
-_LIMP_BEYOND, _LIMP_BEND, _LIMP_Pa = (
-    0.12,
-    0.5,
-    3e3,
-)  # of lengths, ends of ranges that fold; below, gas bears little
+# of ranges that fold: beyond the samples, of the length; bend at least, and below which pressure
+_FOLDS_BEYOND, _LIMP_BEND, _LIMP_Pa = 0.12, 0.5, 3e3
 _LEAST_BEND = 1e-3
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
@@ -97,7 +94,7 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
     for level in np.unique(samples.pressure_Pa):
         here = samples.pressure_Pa == level
         low, high = place[here].min(axis=0), place[here].max(axis=0)
-        margin = np.maximum(_BEYOND * (high - low), _LIMP_BEYOND * samples.folds)
+        margin = np.maximum(_BEYOND * (high - low), _FOLDS_BEYOND * samples.folds)
         limp = _LIMP_BEND**2 * (samples.folds and level < _LIMP_Pa)
         end = np.maximum(_FARTHEST_BEND**2 * bend[here].max(axis=0), limp)
         rows.append(np.stack([low - margin, high + margin, end], axis=1))
@@ -132,7 +129,9 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing
         len(strain), 6, -1
     )
     wanted = force * weight
-    kept = np.arange(len(strain)) % _HELD_OUT != _HELD_OUT - 1
+    # of ways whole parts: samples beside each other are nearly alike
+    row = np.arange(len(strain)) // (_HELD_OUT if samples.folds else 1)
+    kept = row % _HELD_OUT != _HELD_OUT - 1
     matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
