@@ -160,9 +160,9 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     points = np.concatenate([np.zeros((0, 2)), *corners])
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
     mesh = mesh_sheet(sheet, lines, points, edge_m)
-    for line in lines:
-        if line.kind == LineKind.SEAL:
-            _check_followed(line.points, mesh, edge_m)
+    for flat in lines:
+        if flat.kind == LineKind.SEAL:
+            _check_followed(flat.points, mesh, edge_m)
     chamber = _chambers(mesh, pattern)
     mesh, chamber = _without_dead_corners(mesh, chamber)
     shared = _shared(mesh, chamber)
