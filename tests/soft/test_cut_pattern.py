@@ -460,7 +460,7 @@ def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path
     for name, x in (("LEFT", 10.0), ("RIGHT", 30.0)):
         sheet.space.add_point((x, 60.0), dxfattribs={"layer": f"PORT_{name}"})
     table = sheet.table(tmp_path, chambers=("right", "left"))
-    thick = FaceGroupTable("front", FilmTable(1e9, 0.3, 2e-4, 1000.0))
+    thick = FaceGroupTable("left", FilmTable(1e9, 0.3, 2e-4, 1000.0))
     robot = replace(robot_of(table), groups=(thick,))
     body = build_soft_body(robot, ModelTable())
     assert robot.chamber_names() == ("right", "left") == tuple(part.name for part in body.gas_chambers)
