@@ -239,7 +239,7 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
             left_out["shapes without a layer"] = left_out.get("shapes without a layer", 0) + 1
             continue
         for points in _svg_points(element, metres):
-            upwards = metres * (points * (1.0, -1.0) + (0.0, 0.0))
+            upwards = metres * (points * (1.0, -1.0) + (0.0, height))
             layers.setdefault(layer, []).append(DrawnLine(upwards, f"{where} of layer {layer}"))
         if sum(map(len, layers.values())) > _MOST_LINES:
             raise MeshError(f"{path.name}: has more than {_MOST_LINES} lines")
