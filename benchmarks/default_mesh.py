@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.options import fidelity_body
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
-from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable

@@ -42,7 +42,7 @@ import numpy as np
 from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.kinematics.arm import Arm

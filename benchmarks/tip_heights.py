@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm

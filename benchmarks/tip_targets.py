@@ -21,8 +21,8 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
+from cosim.build.options import fidelity_body
 from cosim.build.simulation import build
-from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import FlangePoseTable, PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario

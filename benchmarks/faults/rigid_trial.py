@@ -15,7 +15,7 @@ from benchmarks.faults.trial import LONGEST_REFUSAL, Verdict
 from cosim.base.kept_parts import KeptParts
 from cosim.build.arm_parts import ArmParts
 from cosim.build.arms import find_arm
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import InstabilityError

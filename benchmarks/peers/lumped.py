@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.peers.case import GRAVITY_M_S2, SAMPLE_S, Bar, Case, Course, Run, run
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose, Wrench
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.schemes.interface import Interface

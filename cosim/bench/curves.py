@@ -9,10 +9,9 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.bench.outputs import outputs_of, read_at
+from cosim.bench.outputs import Slopes, outputs_of, read_at
 from cosim.bench.parameters import StaticModel, parameters_of, value_at, with_load, with_values
-from cosim.bench.slopes import Slopes
-from cosim.build.soft_model import dynamic_options, fidelity_body, static_options
+from cosim.build.options import dynamic_options, fidelity_body, static_options
 from cosim.config.benches import BenchTable, Series
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario

@@ -9,13 +9,14 @@ from typing import Final, NamedTuple, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.bench.parameters import StaticModel
+from cosim.bench.parameters import AnyParameter, Sides, StaticModel
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.implicit import Side
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.sensitivity import EquilibriumSlope, Side
 from cosim.soft.solve.state import Clamp, Equilibrium
 
 _XYZ: Final = "xyz"
@@ -181,3 +182,36 @@ def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
     for k, each in enumerate(_XYZ):
         if axis in ("", each):
             yield Output(f"{kind}.{place}.{each}", mean, k)
+
+
+@final
+class Slopes:
+    """Jacobians of the same outputs by the same parameters, at any equilibria of one model.
+
+    Args:
+        parameters: of the columns.
+        outputs: of the rows.
+        model: that has both.
+    """
+
+    def __init__(
+        self, parameters: Sequence[AnyParameter], outputs: Sequence[Output], model: StaticModel
+    ) -> None:
+        self._names, self._outputs = [each.name for each in parameters], outputs
+        self._sides: list[Sides] = [each.sides(model) for each in parameters]
+
+    def at(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium) -> tuple[Array, Array]:
+        """Return the outputs (m,), and their Jacobian (m, parameters), at an equilibrium."""
+        slopes, columns = EquilibriumSlope(solver, clamp, here), []
+        for name, sides_at in zip(self._names, self._sides, strict=True):
+            sides = sides_at(here, clamp)
+            slope = slopes.by(sides, name)
+            columns.append(
+                sum(side.weight * self._read(side, slopes.moved(side, slope), here) for side in sides)
+            )
+        own = Side(0.0, 0.0, 0.0, solver.system, clamp, here.loads)
+        found = self._read(own, (here.state.positions, slopes.gradient), here)
+        return found, np.stack(columns, axis=1) if columns else np.zeros((len(found), 0))
+
+    def _read(self, side: Side, moved: tuple[Array, Array], here: Equilibrium) -> Array:
+        return read(self._outputs, OutputShape(side, *moved, here.world_from_flange))

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
@@ -22,8 +22,8 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.implicit import Side
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.sensitivity import Side
 from cosim.soft.solve.state import Clamp, Equilibrium
 from cosim.stepping.parts import film_law
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from cosim.app.simulation import Simulation
 from cosim.base.frames import Array
-from cosim.bench.outputs import outputs_of
+from cosim.bench.outputs import Slopes, outputs_of
 from cosim.bench.parameters import ParameterName, StaticModel, parameters_of
-from cosim.bench.slopes import Slopes
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
@@ -97,8 +96,8 @@ def sensitivity(
 
     dx/dp = -K^-1 dg/dp, one factorisation of the tangent K for all parameters. dg/dp is the difference
     quotient of the assembled forces at a fixed shape, with no solution; it and with it the result are exact
-    to some 1e-8 of the column's largest entry (see `cosim.soft.solve.implicit`). Losses along cables follow
-    the shape; what presses on the film stays pressed on it, and an arm does not give way to the wrench.
+    to some 1e-8 of the column's largest entry (`cosim.soft.solve.sensitivity`). Losses along cables follow the
+    shape; what presses on the film stays pressed on it, and an arm does not give way to the wrench.
 
     Args:
         source: a simulation with mode "quasistatic" and fidelity "lumped" or "refined", taken where it is; or

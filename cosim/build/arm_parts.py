@@ -19,7 +19,6 @@ from cosim.base.frames import Array, Mask, Pose
 from cosim.base.kept_parts import KeptParts, name_of, stamps
 from cosim.base.triangle_mesh import read_mesh
 from cosim.build.arms import cell_of, motion_of, placed_arm
-from cosim.build.soft_model import SoftModel
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import ContactTable, Scenario
 from cosim.config.schema.soft_robot import PalmTable
@@ -38,6 +37,7 @@ from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject
 from cosim.rigid.build.pair_friction import PairFriction
 from cosim.rigid.scene.scene import RigidScene
+from cosim.soft.body.body import SoftBody
 
 STATES: Final = 100
 POSE_BOUND: Final = 1e-9
@@ -282,22 +282,25 @@ class ArmParts:
         curves = [None if path.spline is None else (path.spline.x, path.spline.c) for path in paths]
         return name_of(self._arm_name, timed, [path.first for path in paths], curves)
 
-    def clearances(self, plan: Plan, model: SoftModel, *, film_touches: bool) -> PathClearances | None:
+    def clearances(
+        self, plan: Plan, body: SoftBody, body_name: str, *, film_touches: bool
+    ) -> PathClearances | None:
         """Return how near to one another a plan brings things; see `path_clearances`.
 
         Args:
             plan: of the run.
-            model: of the soft robot.
+            body: of the soft robot.
+            body_name: of all that it is made of.
             film_touches: whether the run models what the soft robot touches.
         """
         settings = self._scenario.plan
         name = name_of(
-            self.motion_name(plan), self._geometry_name, model.body_name, settings, self.driven, film_touches
+            self.motion_name(plan), self._geometry_name, body_name, settings, self.driven, film_touches
         )
         return self._kept.made(
             "clearances", name,
             lambda: path_clearances(
-                self.scene, plan, model.body, settings, self.driven, film_touches=film_touches
+                self.scene, plan, body, settings, self.driven, film_touches=film_touches
             ),
         )  # fmt: skip
 

@@ -8,7 +8,8 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.kept_parts import KeptParts
 from cosim.build.arm_parts import ArmParts, check_engines_agree
 from cosim.build.arms import find_arm
-from cosim.build.soft_model import body_name, described_body, fidelity_body
+from cosim.build.options import described_body, fidelity_body
+from cosim.build.soft_model import body_name
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable

@@ -16,7 +16,8 @@ from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nam
 from cosim.base.numba_insides import processor
 from cosim.base.state_archive import packed, unpacking
 from cosim.build.kernel_modules import compile_contact
-from cosim.build.soft_model import SoftModel, contact_law
+from cosim.build.options import contact_law
+from cosim.build.soft_model import SoftModel
 from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
 from cosim.config.loading import note_kinds
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -119,7 +120,7 @@ def build(
         commands = entry.source(commands, scenario)
     live = LiveCommands(commands, own, scenario, soft, _bounds(model, plan, modelled, arm))
     parts = Parts(scenario, plan, carrier, soft, live, partial(brought_to_rest, kept, model.name, soft))
-    stage = stage_of(parts, modelled, planned, model)
+    stage = stage_of(parts, modelled, planned, model.section)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
     run.errors = ErrorFinder(parts, model.finer)
     return run
@@ -160,7 +161,7 @@ def _arm(
         arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, parts.driven
     )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
-    clear = parts.clearances(plan, model, film_touches=contact.included)
+    clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
     check_clearances(clear, plan, scenario.plan)
     planned = parts.asked(plan, payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel)

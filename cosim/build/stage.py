@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.build.options import contact_law, dynamic_options, fidelity_report, section_figures
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
-from cosim.build.soft_model import SoftModel, contact_law, dynamic_options, fidelity_report, section_figures
 from cosim.config.rules import gas_report, gas_rules
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
@@ -27,6 +27,7 @@ from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
 from cosim.plan.plan import Plan
+from cosim.reduced.section_model import SectionModel
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.contact.self_contact_faces import FilmFaces
@@ -306,7 +307,7 @@ def _of_robot(scenario: Scenario, key: str) -> str:
 
 
 def stage_of(
-    parts: Parts, modelled: tuple[Decision, ...], arm: PlannedArm | None, model: SoftModel
+    parts: Parts, modelled: tuple[Decision, ...], arm: PlannedArm | None, section: SectionModel | None
 ) -> RunInfo:
     """Return everything about a run that does not change while it lasts.
 
@@ -314,7 +315,7 @@ def stage_of(
         parts: of the run.
         modelled: what it models, and what it leaves out.
         arm: what the plan asks of it; None without one.
-        model: of the soft robot.
+        section: model of the soft robot; None where another represents it.
     """
     ticks, tick_s = _steps(parts)
     scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
@@ -338,11 +339,11 @@ def stage_of(
         membrane_stress=partial(_largest_stress, body),
         cable_names=scenario.soft_robot.cable_names(),
         devices=device_names(scenario),
-        report=_report(parts, modelled, model),
+        report=_report(parts, modelled, section),
         modelled=modelled,
         hinge_energy_share=partial(hinge_energy_share, body),
         stiffener_strain=partial(stiffener_strain, body),
-        section_model=section_figures(model.section),
+        section_model=section_figures(section),
         hands_over=scenario.hands_over,
         expected_error=expected_error(scenario),
         arm=arm,
@@ -387,7 +388,7 @@ def _largest_stress(body: SoftBody, positions: Array) -> Array:
     return body.principal_stress(np.array(positions))[:, 0]  # kernels take no array that is read-only
 
 
-def _report(parts: Parts, modelled: tuple[Decision, ...], model: SoftModel) -> str:
+def _report(parts: Parts, modelled: tuple[Decision, ...], section: SectionModel | None) -> str:
     scenario, body = parts.scenario, parts.soft.body
     integrator = scenario.solver.integrator.replace("_", " ")
     lines = {
@@ -397,7 +398,7 @@ def _report(parts: Parts, modelled: tuple[Decision, ...], model: SoftModel) -> s
         f"{len(body.cables)} cables",
         "Stiffeners": "; ".join(filter(None, (stiffener_report(body), extension_report(scenario)))),
         "Known": known_report(scenario),
-        "Fidelity": fidelity_report(scenario, model.section),
+        "Fidelity": fidelity_report(scenario, section),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),
         **device_report(scenario),

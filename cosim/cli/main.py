@@ -126,9 +126,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
         case "sweep":
             return _sweep(options)
         case "identify":
-            from cosim.cli.identify import identify_command
-
-            return identify_command(options)
+            return _identify(options)
         case "replay":
             return _replay(options)
         case "pattern":
@@ -304,6 +302,25 @@ def _export_path(options: argparse.Namespace) -> int:
     if table.payload is not None:
         for line in repr(payload_torque(source)).split("\n"):
             print(printable(f"payload: {line}"))
+    return EXIT_DONE
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from cosim.bench import page  # here, because they load numpy and pydantic
+    from cosim.bench.fitting import identify
+    from cosim.config.benches import load_bench
+
+    bench, series = load_bench(options.bench)
+    result = identify(bench, series, only_check=options.check, force=options.force, tell=tell)
+    if options.check:
+        for line in (*result.oddities, *result.check.lines()):
+            print(printable(line))
+        return EXIT_DONE if result.check.good and not result.oddities else EXIT_INPUT
+    for line in (*page.value_lines(result), *page.series_lines(result)):
+        print(printable(line))
+    out = options.out or Path("runs") / options.bench.stem
+    for path in page.write_results(result, page.fitted_scenario(result), out, options.bench.name):
+        tell(str(path))
     return EXIT_DONE
 
 

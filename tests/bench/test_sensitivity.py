@@ -12,17 +12,16 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.bench.outputs import OutputShape, outputs_of, read
+from cosim.bench.outputs import OutputShape, Slopes, outputs_of, read
 from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, with_values
-from cosim.bench.slopes import Slopes
-from cosim.build.soft_model import fidelity_body, static_options
+from cosim.build.options import fidelity_body, static_options
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.solve.implicit import EquilibriumSlope, Side
 from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.sensitivity import EquilibriumSlope, Side
 from cosim.soft.solve.state import Clamp, Equilibrium
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from tests.derivatives import differences, relative_error

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +62,12 @@ def test_what_is_no_pattern_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["pattern", "export", "pouch_finger", str(tmp_path / "finger.svg")]) == 2
     assert "must end in .dxf" in capsys.readouterr().err
     assert main(["new"]) == 2
+
+
+@pytest.mark.parametrize("library", ["shapely", "pythoncdt", "svgelements"])
+def test_a_missing_library_is_named_with_its_extra(
+    library: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    assert main(["pattern", "check", "pouch_finger"]) == 2
+    assert f"this needs {library}: pip install 'cosim[pattern]'" in capsys.readouterr().err

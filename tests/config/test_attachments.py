@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.build.options import fidelity_body
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
-from cosim.build.soft_model import fidelity_body
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.scenario import ModelTable
 from cosim.config.writing import scenario_text

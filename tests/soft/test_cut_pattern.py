@@ -227,6 +227,7 @@ def test_an_svg_has_its_lengths_through_nested_transforms(tmp_path: Path) -> Non
         (line,) = drawing.layers[layer]
         assert np.ptp(line.points, axis=0) == pytest.approx((0.03, 0.09), rel=1e-9)
         assert line.closed
+    assert drawing.layers["CUT"][0].points.min(axis=0) == pytest.approx((0.005, 0.02), rel=1e-9)
     top = drawing.layers["CABLE_TIP"][0].points  # y leads upwards
     assert top[:, 1] == pytest.approx(drawing.layers["CUT"][0].points[:, 1].max())
 
@@ -459,7 +460,7 @@ def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path
     for name, x in (("LEFT", 10.0), ("RIGHT", 30.0)):
         sheet.space.add_point((x, 60.0), dxfattribs={"layer": f"PORT_{name}"})
     table = sheet.table(tmp_path, chambers=("right", "left"))
-    thick = FaceGroupTable("back", FilmTable(1e9, 0.3, 2e-4, 1000.0))
+    thick = FaceGroupTable("left", FilmTable(1e9, 0.3, 2e-4, 1000.0))
     robot = replace(robot_of(table), groups=(thick,))
     body = build_soft_body(robot, ModelTable())
     assert robot.chamber_names() == ("right", "left") == tuple(part.name for part in body.gas_chambers)

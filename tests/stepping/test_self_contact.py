@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import cosim
-from cosim.build.soft_model import fidelity_body
+from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from tests.app.test_saved_runs import same, simulation, through_a_file
 from tests.soft.interpenetration import deepest_m

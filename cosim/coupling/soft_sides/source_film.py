@@ -15,25 +15,8 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
-from cosim.reduced.section_model import SectionBody
-from cosim.reduced.solve.clamp import FrameClamp
+from cosim.reduced.solve.clamp import FrameClamp, film_clamp
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
-
-
-def film_clamp(section: SectionBody, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
-    """Return what holds a film as some frames of its chain are held: base, and rings where they are.
-
-    Args:
-        section: whose film.
-        frames: that are held.
-        shape: (n, 3) [m], of the film.
-        flange: its pose.
-    """
-    held = np.zeros(shape.shape, dtype=bool)
-    for ring, whole in zip(section.frames.rings, frames.held[1:], strict=True):
-        held[ring] = whole
-    clamp = Clamp.of_base(section.body)
-    return clamp.holding(held, shape, flange) if held.any() else clamp
 
 
 @final

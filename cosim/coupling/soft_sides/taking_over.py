@@ -21,12 +21,11 @@ from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, flang
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.soft_sides.source_film import film_clamp
 from cosim.errors import ConvergenceError
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.sections.ring_frames import points_of
 from cosim.reduced.solve.chain_step import ChainState
-from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, upright
+from cosim.reduced.solve.clamp import FrameClamp, film_clamp, rates_from_nodes, upright
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
 

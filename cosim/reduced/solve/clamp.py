@@ -17,6 +17,7 @@ from cosim.errors import InputError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.ring_frames import RingFrames, carried
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
+from cosim.soft.solve.state import Clamp
 
 
 def twists(frames: Array, rates: Array) -> Array:
@@ -231,3 +232,19 @@ def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, 
 
 def _degrees(sine: float) -> str:
     return f"{math.degrees(math.asin(min(float(sine), 1.0))):.1f}"
+
+
+def film_clamp(section: SectionBody, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
+    """Return what holds a film as some frames of its chain are held: base, and rings where they are.
+
+    Args:
+        section: whose film.
+        frames: that are held.
+        shape: (n, 3) [m], of the film.
+        flange: its pose.
+    """
+    held = np.zeros(shape.shape, dtype=bool)
+    for ring, whole in zip(section.frames.rings, frames.held[1:], strict=True):
+        held[ring] = whole
+    clamp = Clamp.of_base(section.body)
+    return clamp.holding(held, shape, flange) if held.any() else clamp

@@ -1,24 +1,229 @@
-"""How an equilibrium moves with its loads: the implicit function theorem.
+"""How an equilibrium moves with its loads, and with all that its model is made of: implicit function theorem.
 
-At equilibrium gradient(x, q) = 0, so K dx/dq = -d gradient/dq, with K the exact tangent stiffness of the
-free nodes. One factorisation serves all parameters.
+At equilibrium g(x, p) = 0, so K dx/dp = -dg/dp. One factorisation of the tangent K serves all parameters.
+
+`Sensitivity`: how the tip moves with cable tensions, gravity and the flange, in closed form.
+
+`EquilibriumSlope`: any parameter. dg/dp is the difference quotient of the forces g that two models, whose
+parameter differs by some 1e-5 of itself, have at the same shape: two assemblies, no solution. As the shape is
+the same to the last bit, stiff film does not turn the rounding of positions into forces. What K leaves out,
+losses along cables that follow the shape, is in the quotient too: they are those of the shape moved along the
+dx/dp that was found, which is corrected until nothing is left. Where a parameter changes the drawn film, the
+quotient is taken along dx/dp, as film that was drawn otherwise would be strained at the same shape.
+
+The error is that of the quotient: some 1e-8 of dx/dp, 1e-6 where the drawn film changes. An equilibrium has
+no derivative where the two sides of the quotient, or the forces on both sides of it along dx/dp, disagree: a
+cable that gets taut, a contact that begins, a fold nearby. That is refused.
 """
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.errors import InputError
-from cosim.soft.body.places import TipFrame
+from cosim.errors import ConvergenceError, InputError, SensitivityError
+from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import TipFrame, place_of_largest
 from cosim.soft.elements.cable import add_segments
 from cosim.soft.elements.eyelets import RATIO
-from cosim.soft.solve.implicit import factorise_at
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.state import Clamp, Equilibrium
+
+_ROUNDS_MAX: Final = 60
+_LEFT: Final = 1e-10  # of dx/dp, when the rounds end
+_ROUNDED: Final = 1e-5  # the same, where rounding keeps them from falling
+_KINK: Final = 2e-2  # of the first difference of a shape, the second one
+_SEEN_m: Final = 1e-8  # what rounding leaves of a second difference is far below it
+
+
+class Side(NamedTuple):
+    """The model of an equilibrium with one parameter moved.
+
+    Args:
+        offset: of the parameter, in its unit.
+        weight: of a function's value here in its derivative by the parameter, per unit.
+        bend: the same in the second difference, without a unit.
+        system: assembles the changed body.
+        clamp: that holds it.
+        loads: on it.
+    """
+
+    offset: float
+    weight: float
+    bend: float
+    system: SoftSystem
+    clamp: Clamp
+    loads: Loads
+
+
+def factorise_at(solver: NewtonSolver, here: Equilibrium) -> None:
+    """Factorise the tangent at an equilibrium.
+
+    Raises:
+        ConvergenceError: it is not positive definite: the equilibrium is not stable.
+    """
+    # through the solver, which has to know that its factorisation is another one now
+    state, frame = here.state, here.world_from_flange.rotation
+    if not solver.factorise(state.positions, state.memory, here.loads, None, frame):
+        raise ConvergenceError(
+            "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
+            "no useful sensitivity; change the pressure or the flange pose",
+            here.residual_N,
+            0,
+        )
+
+
+class Slope(NamedTuple):
+    """How an equilibrium moves with a parameter, per unit of it.
+
+    Args:
+        motion: (n, 3) [m], of the nodes, held ones included.
+        gradient: (n, 3) [N], of the potential's gradient, which is that of the held nodes alone.
+    """
+
+    motion: Array
+    gradient: Array
+
+
+@final
+class EquilibriumSlope:
+    """Derivatives of an equilibrium by parameters of its model; keeps the factorised tangent.
+
+    Attributes: `gradient`, (n, 3) [N] at the equilibrium; `assemblies`, how many gradients were assembled.
+
+    Args:
+        solver: Newton's method for the body with the clamp in force.
+        clamp: in force.
+        here: where the derivatives are taken.
+
+    Raises:
+        ConvergenceError: the equilibrium is not stable.
+    """
+
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium) -> None:
+        factorise_at(solver, here)
+        system = solver.system
+        self._solver, self._here, self.assemblies = solver, here, 0
+        self._x = np.array(here.state.positions, order="C")
+        self._memory = system.fresh(here.state.memory)
+        self._pattern, self._blocks = system.tangent_pattern, system.tangent_blocks.copy()
+        self._low_rank, self._clamp = system.low_rank, clamp
+        self._caps = system.open_cap_stiffness(self._x)
+        lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
+        pairs = zip(system.body.cables, lengths, strict=True)
+        self._losses_move = any(
+            cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
+        )
+        self._own = Side(0.0, 0.0, 0.0, system, clamp, here.loads)
+        self.gradient = self._assembled(self._own, self._x, self._x)
+
+    def by(self, sides: tuple[Side, ...], name: str) -> Slope:
+        """Return the derivative by a parameter.
+
+        Args:
+            sides: of the difference quotient.
+            name: of the parameter, for messages.
+
+        Raises:
+            SensitivityError: there is none: the sides disagree, or the rounds lead nowhere.
+        """
+        held, free = np.zeros_like(self._x), self._solver.free
+        for side in sides:
+            held += side.weight * self._placed(side)
+        redrawn, motion, before = any(side.clamp is not self._clamp for side in sides), held, 0.0
+        for round_ in range(_ROUNDS_MAX):
+            along = motion if redrawn and round_ else None
+            quotient, taken = self._quotient(sides, motion, along)
+            pushed = self._stiffness(held - taken) if along is None else np.zeros_like(held)
+            last, motion = motion, taken + np.where(free, 0.0, held - taken)
+            motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
+            size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
+            fall = min(1.0, size / before) if before else 1.0
+            if size * fall <= _LEFT * most or not (redrawn or self._losses_move):
+                break
+            if before and 0.5 * before < size <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * most:
+                break
+            before = size
+        else:
+            raise SensitivityError(
+                f"no derivative by {name}: losses along cables, which follow the shape, do not settle in "
+                f"{_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
+            )
+        self._check_kink(sides, motion, name)
+        return Slope(motion, quotient + self._stiffness(motion - taken))
+
+    def moved(self, side: Side, slope: Slope) -> tuple[Array, Array]:
+        """Return positions (n, 3) [m] and gradient (n, 3) [N] on a side."""
+        return self._x + side.offset * slope.motion, self.gradient + side.offset * slope.gradient
+
+    def _placed(self, side: Side) -> Array:
+        """Return how far a side's clamp holds nodes (n, 3) [m] from where they are."""
+        if side.clamp is self._clamp:
+            return np.zeros_like(self._x)
+        return side.clamp.place(self._x, self._here.world_from_flange) - self._x
+
+    def _quotient(self, sides: tuple[Side, ...], motion: Array, along: Array | None) -> tuple[Array, Array]:
+        """Return the quotient (n, 3) [N per unit] of the gradient, and how its shapes move (n, 3) [m].
+
+        The shape rests, or is moved: by what is left of a motion once it is rounded, which is known to the
+        last bit, so that stiff film does not turn the rounding into forces.
+
+        Args:
+            sides: of the quotient.
+            motion: (n, 3) [m], of the shape that losses along cables are those of.
+            along: (n, 3) [m], of the shape; None: it rests.
+        """
+        found, taken = np.zeros_like(self._x), np.zeros_like(self._x)
+        for side in sides:
+            x = self._x if along is None else np.ascontiguousarray(self._x + side.offset * along)
+            taken += side.weight * (x - self._x)
+            found += side.weight * self._assembled(side, x, self._x + side.offset * motion)
+        return found, taken
+
+    def _assembled(self, side: Side, x: Array, lost_at: Array) -> Array:
+        """Return the gradient (n, 3) [N] of a side's potential at a shape (n, 3) [m].
+
+        lost_at: (n, 3) [m], the shape that losses along cables are those of.
+        """
+        self.assemblies += 1
+        system, memory = side.system, self._memory
+        share = system.segment_share(lost_at, side.loads, memory)
+        system.evaluate(x, side.loads, share, memory, hessian=False)
+        return system.gradient.copy()
+
+    def _stiffness(self, motion: Array) -> Array:
+        """Return K dx (n, 3) [N] of the tangent of all nodes, losses along cables frozen."""
+        row, column, blocks = self._pattern.row, self._pattern.column, self._blocks
+        force, below = np.zeros_like(motion), row > column
+        np.add.at(force, row, np.einsum("brc,bc->br", blocks, motion[column]))
+        np.add.at(force, column[below], np.einsum("bcr,bc->br", blocks[below], motion[row[below]]))
+        if self._low_rank is not None:
+            along = np.einsum("knr,nr->k", self._low_rank.vectors, motion)
+            force += np.einsum("k,knr->nr", self._low_rank.coefficients * along, self._low_rank.vectors)
+        for ring, part in self._caps:
+            force[ring] += (part @ motion[ring].ravel()).reshape(-1, 3)
+        return force
+
+    def _check_kink(self, sides: tuple[Side, ...], motion: Array, name: str) -> None:
+        """Compare what a second difference of the forces does to the shape with the step itself."""
+        bent = -sum(side.bend for side in sides) * self.gradient
+        for side in sides:
+            x = np.ascontiguousarray(self._x + side.offset * motion)
+            bent = bent + side.bend * self._assembled(side, x, x)
+        bent = np.where(self._solver.free, bent, 0.0)
+        step = max(abs(side.offset) for side in sides) * float(np.abs(motion).max())
+        if float(np.abs(self._solver.linear.solve(bent)).max()) > _KINK * max(step, _SEEN_m):
+            place = place_of_largest(self._solver.system.body, self._x, bent, self._solver.free)
+            raise SensitivityError(
+                f"no derivative by {name}: the forces at {place} change otherwise above than below the "
+                "present state, as where a cable gets taut, a contact begins, or a fold is near; move the "
+                "loads away from there"
+            )
+
 
 _NO_SLOTS = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))

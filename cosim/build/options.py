@@ -1,0 +1,125 @@
+"""What a scenario asks of its soft model: its body, options of the solvers, law of contact; in words too."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from cosim.build.soft_body import build_soft_body
+from cosim.config.rules import file_of
+from cosim.config.schema.scenario import GivenBodyTable, ModelTable, Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.toml.reading import blamed_on
+from cosim.reduced.section_model import SectionModel
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import StepOptions
+
+REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
+STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
+
+
+def fidelity_body(scenario: Scenario, finer: int = 0) -> SoftBody:
+    """Return the soft body of a scenario, with the mesh of its fidelity, in the flange frame.
+
+    Args:
+        scenario: checked.
+        finer: how often each triangle is divided into four, besides that.
+
+    Raises:
+        ScenarioError: the geometry gives degenerate triangles.
+    """
+    refined = finer + (scenario.fidelity == "refined")
+    return described_body(file_of(scenario, "its mesh"), scenario.model, refined)
+
+
+def described_body(robot: SoftRobotTable, model: ModelTable, finer: int = 0) -> SoftBody:
+    """Return the soft body of a description, in the flange frame; what is wrong with it names a key.
+
+    Raises:
+        ScenarioError: it cannot be built; see `build_soft_body`.
+    """
+    with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
+        return build_soft_body(robot, model, finer=finer)
+
+
+def static_options(scenario: Scenario) -> NewtonOptions:
+    """Return how equilibria of a scenario are solved."""
+    return NewtonOptions(
+        tolerance_N=scenario.solver.residual_tolerance_N,
+        start_tolerance_N=scenario.solver.residual_tolerance_N,
+        iterations_max=scenario.solver.newton_iterations_max,
+        search_iterations_max=scenario.solver.search_iterations_max,
+        reuse_max=REUSE_MAX if scenario.mode == "quasistatic" else 0,
+        reuse_below_N=STATIC_REUSE_BELOW_N,
+        leaves_saddles=not scenario.solver.follow_unstable,
+    )
+
+
+def dynamic_options(scenario: Scenario) -> StepOptions:
+    """Return how ticks of a scenario are solved."""
+    return StepOptions(
+        integrator=scenario.solver.integrator,
+        tolerance_N=scenario.solver.dynamic_tolerance_N,
+        iterations=scenario.solver.dynamic_newton_iterations,
+        newton=replace(static_options(scenario), reuse_max=REUSE_MAX, reuse_below_N=math.inf),
+        damping_per_s=scenario.solver.damping_per_s,
+        air_drag_per_s=scenario.solver.air_drag_per_s,
+        substep_error_m=scenario.solver.substep_error_m,
+    )
+
+
+def fidelity_report(scenario: Scenario, section: SectionModel | None) -> str:
+    """Return in words how finely the soft robot is modelled, and by which section model, if any."""
+    chosen = scenario.auto.chosen if scenario.auto is not None else None
+    paper = "; the paper's lumped model (model.published)" if scenario.model.published else ""
+    return _rung(scenario, section) + paper + (f"; chosen by measurement: {chosen}" if chosen else "")
+
+
+def _section_rung(model: SectionModel) -> str:
+    built = (
+        f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
+        f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; "
+    )
+    if not math.isfinite(model.tip_error):
+        return built + "it has no equilibrium at some loads it was not built from, at which the film has one"
+    return built + (
+        f"its tip is within {1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) "
+        "of the film's at loads it was not built from"
+    )
+
+
+def _rung(scenario: Scenario, section: SectionModel | None) -> str:
+    targets = [phase.name for phase in scenario.phases if phase.tip_key is not None]
+    if scenario.fidelity == "rigid":
+        planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
+        return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
+    if section is not None:
+        film = "; where it ends, the film takes over" if scenario.hands_over else ""
+        return _section_rung(section) + film
+    if scenario.fidelity == "refined":
+        return "refined: every triangle divided into four"
+    if isinstance(scenario.soft_robot, GivenBodyTable):
+        return "lumped: the mesh that is given as arrays"
+    return "lumped: the mesh of the soft robot's file"
+
+
+def contact_law(scenario: Scenario) -> ContactLaw:
+    """Return the law of contact with the scene."""
+    given = scenario.contact
+    return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
+
+
+def section_figures(model: SectionModel | None) -> dict[str, float] | None:
+    """Return the figures of a section model as a summary has them; None without one."""
+    if model is None:
+        return None
+    return {
+        "tip_error_m": model.tip_error_m,
+        "tip_error": model.tip_error,
+        "frames": model.length.shape[1] + 1,
+        "samples": model.samples,
+        "failures": model.failures,
+        "largest_pressure_Pa": model.spline.largest_Pa,
+    }
