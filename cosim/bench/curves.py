@@ -78,8 +78,12 @@ class Curves:
         for number, entry in enumerate(self.series):
             outputs = outputs_of([entry.table.quantity], self._model)
             for row in range(len(entry.values)):
-                with self._arm.effort.search(f"row {row + 1} of {entry.table.name}"):
-                    here = self._equilibrium(number, row)
+                place = f"series.{entry.table.name}, row {row + 1}"
+                try:
+                    with self._arm.effort.search(place):
+                        here = self._equilibrium(number, row)
+                except ConvergenceError as error:
+                    raise error.at(place) from None
                 found.append(read_at(outputs, solver.system, clamp, here)[0])
         return np.array(found)
 

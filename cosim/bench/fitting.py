@@ -311,6 +311,8 @@ def identify(
     fit = Fit(bench, series)
     tell(f"{len(fit.measured)} rows of {len(series)} series, {len(bench.parameter)} values")
     start = fit.aligned(fit.start)
+    if not np.isfinite(start).all() or not np.isfinite(fit.predicted(start)).all():
+        fit.curves.at(fit.values(start))  # raises again
     odd, check = _odd(fit, series, start), _check(fit, bench, start)
     if only_check:
         return _result(fit, bench, series, check, odd, (), start)
@@ -350,7 +352,7 @@ def _odd(fit: Fit, series: Sequence[Series], start: Array) -> list[str]:
 def _check(fit: Fit, bench: BenchTable, start: Array) -> Identifiability:
     scaled = fit.told(start)
     further = {}
-    if np.linalg.matrix_rank(scaled, tol=1e-300) and len(bench.parameter) > 1:
+    if len(bench.parameter) > 1:
         names = [name for name in _FURTHER if name not in {each.quantity for each in bench.series}]
         for name, each in zip(names, fit.scaled(start, names), strict=True):
             further[name] = each / _SEEN[unit_of(name.partition(".")[0])]

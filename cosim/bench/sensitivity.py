@@ -96,8 +96,8 @@ def sensitivity(
 
     dx/dp = -K^-1 dg/dp, one factorisation of the tangent K for all parameters. dg/dp is the difference
     quotient of the assembled forces at a fixed shape, with no solution; it and with it the result are exact
-    to some 1e-8 of the column's largest entry (`cosim.soft.solve.sensitivity`). Losses along cables follow the
-    shape; what presses on the film stays pressed on it, and an arm does not give way to the wrench.
+    to some 1e-8 of the column's largest entry (`cosim.soft.solve.sensitivity`). Losses along cables follow
+    the shape; what presses on the film stays pressed on it, and an arm does not give way to the wrench.
 
     Args:
         source: a simulation with mode "quasistatic" and fidelity "lumped" or "refined", taken where it is; or
