@@ -119,8 +119,9 @@ def test_servos_go_on_in_pieces_as_in_whole_ticks() -> None:
 
 
 def test_the_first_whole_tick_looks_back_over_a_whole_one() -> None:
-    grasp, before, fine = hit(), None, False
+    grasp, fine = hit(), False
     soft = grasp.grasp.soft
+    before = soft.state.positions
     while not fine or grasp.coupling.fine.on:  # the pads ring for some 0.2 s
         assert grasp.coupling.interface.ticks < 200
         fine, before = grasp.coupling.fine.on, soft.state.positions

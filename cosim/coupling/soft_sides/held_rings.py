@@ -15,6 +15,7 @@ still differ, of inertia and of what is touched, is put on the flange and fades 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated, final
@@ -22,17 +23,18 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose, Wrench, cross, vector_from_rotation
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import RingGroup, RingGuides
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.ring_frames import RingFrames, carried, frames_from_strains, strains
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import Clamp, SoftState
 
 _STIFFNESS = np.array([3e5, 3e5, 3e5, 300.0, 300.0, 300.0])  # far above a section's own
@@ -60,21 +62,29 @@ class HeldRings:
     """Brings a film to rest with the frames of its rings held.
 
     Args:
-        film: whose.
+        body: of the film.
+        films: law of their contact with one another; None for none.
+        in_shape: returns a shape (n, 3) [m] at a pose of the flange as a state at rest.
         section: its section model.
     """
 
-    def __init__(self, film: SoftArm, section: SectionBody) -> None:
-        body, frames = film.body, section.frames
+    def __init__(
+        self,
+        body: SoftBody,
+        films: FilmContactLaw | None,
+        in_shape: Callable[[Array, Pose], SoftState],
+        section: SectionBody,
+    ) -> None:
+        frames = section.frames
         if body.frames is None:
             rings = np.array(frames.rings[:-1])
             body = body.with_elements(FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
-        self._film, self._section, self._frames = film, section, frames
+        self._in_shape, self._section, self._frames = in_shape, section, frames
         system = SoftSystem(body)
         self._groups = RingGroup.all_of(system.pattern, frames)
         clamp = Clamp.of_base(body)
         newton = NewtonSolver(system, clamp.mask(body.nodes))
-        self._solver = EquilibriumSolver(newton, clamp, _OPTIONS, film.films, slides_max=0)
+        self._solver = EquilibriumSolver(newton, clamp, _OPTIONS, films, slides_max=0)
 
     def at_rest(self, frames: Array, start: SoftState | None, loads: Loads, pressure_Pa: float) -> HeldFilm:
         """Return the film at rest with its rings held.
@@ -90,7 +100,7 @@ class HeldRings:
         """
         if start is None:
             drawn = self._section.positions(frames, pressure_Pa)
-            start = self._film.in_shape(drawn, flange_of(frames))
+            start = self._in_shape(drawn, flange_of(frames))
         with self._solver.effort.search("the film on the rings of a chain"):
             with suppress(ConvergenceError):
                 return self._held(frames, start, loads)
@@ -114,7 +124,7 @@ class HeldRings:
         first = carried(self._section.straight(pressure_Pa), flange_of(frames))
         begin, wanted = strains(first[:-1], first[1:]), strains(frames[:-1], frames[1:])
         straight = self._section.positions(first, pressure_Pa)
-        found = self._held(first, self._film.in_shape(straight, flange_of(frames)), loads)
+        found = self._held(first, self._in_shape(straight, flange_of(frames)), loads)
         here, done, piece = first, 0.0, 0.5
         while done < 1.0:
             share = min(1.0, done + piece)

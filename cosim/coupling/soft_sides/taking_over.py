@@ -136,7 +136,7 @@ class TakingOver:
     def __init__(self, chain: SectionArm, film: SoftArm) -> None:
         self._chain, self._film = chain, film
         self._layout, self._section = chain.section.frames, chain.section
-        self._rings = HeldRings(film, self._section)
+        self._rings = HeldRings(film.body, film.films, film.in_shape, self._section)
         self._two_steps = film.dynamics.integrator == "bdf2"
 
     def _hold_film(self, clamp: FrameClamp, shape: Array, flange: Pose) -> None:
