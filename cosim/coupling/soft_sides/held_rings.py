@@ -34,7 +34,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.self_contact import FilmContactLaw
+from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
 
 _STIFFNESS = np.array([3e5, 3e5, 3e5, 300.0, 300.0, 300.0])  # far above a section's own
@@ -63,7 +63,7 @@ class HeldRings:
 
     Args:
         body: of the film.
-        films: law of their contact with one another; None for none.
+        films: their contact with one another; None for none.
         in_shape: returns a shape (n, 3) [m] at a pose of the flange as a state at rest.
         section: its section model.
     """
@@ -71,7 +71,7 @@ class HeldRings:
     def __init__(
         self,
         body: SoftBody,
-        films: FilmContactLaw | None,
+        films: SelfContact | None,
         in_shape: Callable[[Array, Pose], SoftState],
         section: SectionBody,
     ) -> None:
