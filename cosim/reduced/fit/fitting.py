@@ -248,7 +248,8 @@ METHOD: Final = 2
 _SEED = 1
 _SMOOTHINGS = (1e-4, 1e-3, 1e-2, 1e-1)
 _SWEEP = 80  # pressures, evenly spaced in their logarithm
-_SWEEP_LEAN_rad = 0.15
+_SWEEP_LEANS_rad = (0.0, 0.15)
+_SWEEP_FOLDS_rad = (0.0, 0.15, 0.3, 0.45)  # fingers lean outwards where they are mounted
 _TENSION_OF_WEIGHT = 1.5
 _LEAST_TENSION_N = 1.0
 _SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
@@ -301,7 +302,8 @@ def build_model(
     )
     fits = [fit_model(samples, frames, spline, smoothing) for smoothing in _SMOOTHINGS]
     # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film
-    lost = [_lost_equilibria(body, model) for model in fits]
+    leans = _SWEEP_FOLDS_rad if effort.folds else _SWEEP_LEANS_rad
+    lost = [_lost_equilibria(body, model, leans) for model in fits]
     compared = [
         _compared(body, model, films)
         for model, failures in zip(fits, lost, strict=True)
@@ -310,12 +312,12 @@ def build_model(
     return min(compared, key=lambda model: model.tip_error)
 
 
-def _lost_equilibria(body: SoftBody, model: SectionModel) -> int:
+def _lost_equilibria(body: SoftBody, model: SectionModel, leans: tuple[float, ...]) -> int:
     """Return how often Newton's method fails while the hanging arm is inflated, upright and leaning."""
     chain = ChainSolver(SectionBody(body, model))
     free = np.arange(len(chain.section.frames)) > 0
     slack, lost = (0.0,) * len(body.cables), 0
-    for lean in (0.0, _SWEEP_LEAN_rad):
+    for lean in leans:
         frames = chain.section.straight(0.0)
         gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
         for pressure in (0.0, *np.geomspace(5.0, 0.95 * model.spline.largest_Pa, _SWEEP).tolist()):
