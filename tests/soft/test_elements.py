@@ -169,7 +169,8 @@ def changed(value: Any) -> Any:
 
 
 def test_every_field_of_a_body_and_of_its_elements_changes_its_name() -> None:
-    body = replace(damped(hexagon_arm(2)), chambers=copies(hexagon_arm(2), (Pose(),)).chambers)
+    one = copies(hexagon_arm(2), (Pose(),))
+    body = replace(damped(hexagon_arm(2)), chambers=one.chambers, copies=one.copies)
     names = {content_name(body)}
     bodies = [
         replace(body, **{field.name: changed(getattr(body, field.name))})
