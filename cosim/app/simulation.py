@@ -123,11 +123,6 @@ class Simulation:
         return build_simulation(self.scenario, self._controllers, before, body, log, self._kept)
 
     @property
-    def run(self) -> SteppedRun:
-        """What is stepped, for parts of cosim that look into it; its attributes may change."""
-        return self._run
-
-    @property
     def stage(self) -> RunInfo:
         """Everything that does not change during the run."""
         return self._run.stage
@@ -285,6 +280,11 @@ class Simulation:
             self.restore(here)
         else:
             self._begin(changed, None, here)
+
+
+def stepped_run(simulation: Simulation) -> SteppedRun:
+    """Return what a simulation steps, for parts of cosim that look into it."""
+    return simulation._run
 
 
 def _read(saved: SavedState | str | Path) -> SavedState:

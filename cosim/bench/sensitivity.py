@@ -9,7 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cosim.app.simulation import Simulation
+from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
 from cosim.bench.outputs import Slopes, outputs_of
 from cosim.bench.parameters import ParameterName, StaticModel, parameters_of
@@ -118,7 +118,7 @@ def sensitivity(
         ConvergenceError: it is not stable.
     """
     simulation = _simulation_of(source, overrides)
-    run, scenario = simulation.run, simulation.scenario
+    run, scenario = stepped_run(simulation), simulation.scenario
     if not isinstance(run, QuasistaticSimulation):
         raise InputError("sensitivities are of equilibria: set mode = 'quasistatic'")
     here, soft = run.equilibrium, run.soft

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.app.simulation import stepped_run
 from cosim.base.frames import Array
 from cosim.bench.outputs import OutputShape, Slopes, outputs_of, read
 from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, with_values
@@ -50,7 +51,7 @@ def pulled() -> cosim.Simulation:
 
 
 def present(simulation: cosim.Simulation) -> tuple[SoftArm, Equilibrium]:
-    run = simulation.run
+    run = stepped_run(simulation)
     assert isinstance(run, QuasistaticSimulation)
     assert isinstance(run.soft, SoftArm)
     return run.soft, run.equilibrium
