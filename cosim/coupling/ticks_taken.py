@@ -63,15 +63,10 @@ class TicksTaken:
         """(done, 6), of the soft side on the flange, at its origin, world axes."""
         return self.ticks.figures[1 : self.done + 1, WRENCH:CENTER]
 
-    @property
-    def center(self) -> Array:
-        """(done, 3) [m], centre of mass of the soft side, world."""
-        return self.ticks.figures[1 : self.done + 1, CENTER:INERTIA]
-
-    @property
-    def inertia(self) -> Array:
-        """(done, 3, 3) [kg m^2], of the soft side about its centre of mass, world axes."""
-        return self.ticks.figures[1 : self.done + 1, INERTIA:].reshape(-1, 3, 3)
+    def mass(self) -> tuple[Array, Array]:
+        """Return the soft side's centre of mass (done, 3) [m], and inertia (done, 3, 3) about it, world axes."""
+        figures = self.ticks.figures[1 : self.done + 1]
+        return figures[:, CENTER:INERTIA], figures[:, INERTIA:].reshape(-1, 3, 3)
 
     def begin(self, soft: SoftSide, wrench: Wrench, flange: Pose) -> None:
         """Fill what is there before the first tick."""

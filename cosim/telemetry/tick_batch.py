@@ -187,6 +187,7 @@ class TickBatch(RigidColumns):
             rest: the columns that this does not know.
         """
         n, ticks = taken.done, taken.ticks
+        center, inertia = taken.mass()
         return cls(
             joint_position=ticks.joints[:n],
             joint_velocity=ticks.joint_speed[:n],
@@ -197,8 +198,8 @@ class TickBatch(RigidColumns):
             flange_position=ticks.origin[1 : n + 1],
             flange_rotation=ticks.axes[1 : n + 1],
             flange_twist=ticks.twist[:n],
-            soft_center=taken.center,
-            soft_inertia=taken.inertia,
+            soft_center=center,
+            soft_inertia=inertia,
             chamber_pressure_Pa=taken.pressure_Pa[:n],
             wrench=taken.wrench,
             energy_J=np.zeros((n, 0)),
