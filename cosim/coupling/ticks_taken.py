@@ -64,7 +64,7 @@ class TicksTaken:
         return self.ticks.figures[1 : self.done + 1, WRENCH:CENTER]
 
     def mass(self) -> tuple[Array, Array]:
-        """Return the soft side's centre of mass (done, 3) [m], and inertia (done, 3, 3) about it, world axes."""
+        """Return the soft side's centre of mass (done, 3) [m] and its inertia (done, 3, 3), world axes."""
         figures = self.ticks.figures[1 : self.done + 1]
         return figures[:, CENTER:INERTIA], figures[:, INERTIA:].reshape(-1, 3, 3)
 
