@@ -137,7 +137,8 @@ def test_how_many_steps_a_tick_has_follows_from_the_lightest_free_object() -> No
 
     assert steps() == 4
     assert steps(clock__tick_s=1e-3) == 1
-    assert steps(object__roll__mass_kg=0.02) == 8
+    assert steps(object__roll__mass_kg=0.02) == 4
+    assert steps(object__roll__mass_kg=0.2) == 3
     assert steps(object__roll__mass_kg=5.0) == 1
     assert steps(contact__enabled=False) == 1
     assert steps(coupling__scheme="iterated") == 1
