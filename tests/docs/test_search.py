@@ -26,7 +26,7 @@ WANTED = {
     "send path to robot": "follow_tip_path",
     "urscript export": "to_the_robot",
     "ros bag": "to_the_robot",
-    "foxglove": "to_the_robot",
+    "robot motion": "to_the_robot",
     "grasp object": "grasp_an_object",
     "pick and place": "grasp_an_object",
     "closed loop python": "in_the_loop",
