@@ -25,7 +25,11 @@ BAG: Final = "bag"
 FILM_PER_s: Final = 10.0
 """How often the film is in the bag, at most; a picture of it takes some 100 kB."""
 _WORLD, _FLANGE, _TIP = "world", "flange", "tip"
-_TRIANGLES: Final = 11  # TRIANGLE_LIST of visualization_msgs/msg/Marker
+_OF_TRIANGLES: Final[dict[str, Any]] = {
+    "ns": "film", "id": 0, "type": 11, "action": 0, "frame_locked": False, "colors": [], "uv_coordinates": [],
+    "text": "", "texture_resource": "", "mesh_resource": "", "mesh_use_embedded_materials": False,
+}  # fmt: skip
+"""Of a `visualization_msgs/msg/Marker` that is a TRIANGLE_LIST, without pictures and text."""
 _FILM_COLOUR: Final = (0.85, 0.6, 0.3, 0.9)
 _METADATA: Final = "metadata.yaml"
 
@@ -184,36 +188,20 @@ class _Messages:
             orientation=self._turn(np.array([1.0, 0.0, 0.0, 0.0])),
         )
         colour = self._of("std_msgs/msg/ColorRGBA", **dict(zip("rgba", _FILM_COLOUR, strict=True)))
-        texture = self._of(
-            "sensor_msgs/msg/CompressedImage", header=self._header(row, ""), format="", data=_NO_BYTES
-        )
-        mesh = self._of("visualization_msgs/msg/MeshFile", filename="", data=_NO_BYTES)
-        yield (
-            "/film",
+        image, mesh = "sensor_msgs/msg/CompressedImage", "visualization_msgs/msg/MeshFile"
+        marker = self._of(
             kind,
-            self._of(
-                kind,
-                header=self._header(row, _WORLD),
-                ns="film",
-                id=0,
-                type=_TRIANGLES,
-                action=0,
-                pose=still,
-                scale=self._vector(np.ones(3)),
-                color=colour,
-                lifetime=self._of("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
-                frame_locked=False,
-                points=[point(x=x, y=y, z=z) for x, y, z in corners.tolist()],
-                colors=[],
-                texture_resource="",
-                texture=texture,
-                uv_coordinates=[],
-                text="",
-                mesh_resource="",
-                mesh_file=mesh,
-                mesh_use_embedded_materials=False,
-            ),
+            header=self._header(row, _WORLD),
+            pose=still,
+            scale=self._vector(np.ones(3)),
+            color=colour,
+            lifetime=self._of("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+            points=[point(x=x, y=y, z=z) for x, y, z in corners.tolist()],
+            texture=self._of(image, header=self._header(row, ""), format="", data=_NO_BYTES),
+            mesh_file=self._of(mesh, filename="", data=_NO_BYTES),
+            **_OF_TRIANGLES,
         )
+        yield "/film", kind, marker
 
 
 _NO_BYTES: Final = np.zeros(0, np.uint8)
