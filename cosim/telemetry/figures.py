@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import zip_longest
 from typing import Annotated, Any, Final, final
@@ -29,6 +29,20 @@ def elastic_figures(run: RunInfo, positions: Array) -> dict[str, Any]:
         strength = strain.strength if strain.strength < math.inf else None
         figures["stiffener"] = {"peak_strain": strain.peak, "strength_strain": strength}
     return figures
+
+
+def section_warnings(model: Mapping[str, float] | None) -> list[str]:
+    """Return what to say of a section model whose accuracy is not known.
+
+    Args:
+        model: `RunInfo.section_model`.
+    """
+    if model is None or math.isfinite(model["tip_error"]):
+        return []
+    return [
+        "the section model's accuracy is not known: it has no equilibrium at some loads at which its film "
+        "has one; compare with fidelity = 'lumped' before you rely on its figures"
+    ]
 
 
 def strength_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:

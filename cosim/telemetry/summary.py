@@ -275,7 +275,7 @@ class SummaryBuilder:
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
         beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
-        beyond += swing_warnings(self._phases)
+        beyond += [*swing_warnings(self._phases), *figures.section_warnings(self._stage.section_model)]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from cosim.telemetry.figures import strength_warnings
+from cosim.telemetry.figures import section_warnings, strength_warnings
 
 
 @pytest.mark.parametrize(("peak", "told"), [(0.0221, "2.2"), (0.02004, "2.004"), (0.31, "31")])
@@ -19,3 +21,12 @@ def test_what_stays_within_is_not_told(peak: float | None) -> None:
     assert not strength_warnings(
         [{"name": "pull", "stiffener": {"peak_strain": peak, "strength_strain": 0.02}}]
     )
+
+
+def test_a_section_model_of_unknown_accuracy_is_warned_of() -> None:
+    known = {"tip_error_m": 1e-3, "tip_error": 0.01}
+    assert not section_warnings(None)
+    assert not section_warnings(known)
+    (warning,) = section_warnings(known | {"tip_error": math.inf})
+    assert "accuracy is not known" in warning
+    assert "fidelity = 'lumped'" in warning
