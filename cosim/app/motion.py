@@ -1,6 +1,6 @@
 """The motion of a robot for its controller: as planned, or as a run had it, with the payload on the flange.
 
-A soft robot's centre of mass moves as it inflates and bends. A controller that is told of it once gives wrong
+A soft robot's centre of mass moves as it inflates and bends. A controller with one fixed payload gives wrong
 torques elsewhere: by Y (p_set - p), with Y of the arm's inverse dynamics and the payload's parameters p.
 """
 
@@ -245,7 +245,7 @@ class PayloadTorque:
         joint_names: base to flange.
         fixed: (10,), the one payload with least squares of wrong torque over the run, as `PAYLOAD`.
         by_fixed: (rows, joints) [N m], wrong with that.
-        by_schedule: (rows, joints) [N m], wrong with the payload of that instant, told every 0.5 s.
+        by_schedule: (rows, joints) [N m], wrong with the payload of that instant, updated every 0.5 s.
     """
 
     time_s: Array

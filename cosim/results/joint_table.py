@@ -21,7 +21,7 @@ CSV: Final = ".csv"
 URSCRIPT: Final = ".script"
 TRAJECTORY: Final = ".yaml"
 TOLD_EVERY_s: Final = 0.5
-"""How often URScript is told of the payload, which it changes evenly until the next time."""
+"""Time between two payload updates in URScript; the controller changes the payload evenly in between."""
 PAYLOAD: Final = (
     "payload.mass_kg", "payload.center_x_m", "payload.center_y_m", "payload.center_z_m",
     "payload.inertia_xx_kg_m2", "payload.inertia_yy_kg_m2", "payload.inertia_zz_kg_m2",
@@ -39,7 +39,7 @@ _UR_JOINTS: Final = 6
 @final
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """What is asked of a robot, at a fixed rate.
+    """Commands to a robot, at a fixed rate.
 
     Args:
         name: of the phase, or of the scenario.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
+from cosim.base.extras import extra_module
 from cosim.base.frames import Array, rotations_from_quaternions
 from cosim.base.resources import writing
 from cosim.errors import InputError
@@ -43,11 +44,7 @@ def check_bags() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        import rosbags.rosbag2
-    except ImportError:
-        raise InputError("bags need rosbags: pip install 'cosim[bag]'") from None
-    return rosbags.rosbag2
+    return extra_module("rosbags.rosbag2", "bag")
 
 
 def write_bag(result: RunResult, folder: Path) -> int:

@@ -1,4 +1,4 @@
-"""What a change from one model of the soft robot to another is told by, and when the section model holds."""
+"""The record of a change from one model of the soft robot to another, and when the section model holds."""
 
 from __future__ import annotations
 

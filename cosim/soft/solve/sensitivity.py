@@ -129,7 +129,7 @@ class EquilibriumSlope:
             name: of the parameter, for messages.
 
         Raises:
-            SensitivityError: there is none: the sides disagree, or the rounds lead nowhere.
+            SensitivityError: no derivative exists: the sides disagree, or the rounds do not converge.
         """
         held, free = np.zeros_like(self._x), self._solver.free
         for side in sides:
