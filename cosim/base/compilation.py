@@ -93,10 +93,17 @@ def _compile_side_by_side(kernels: list[Any]) -> None:
         os.close(take)
 
 
+def processors() -> int:
+    """Return how many processors this process may use; macOS only knows how many the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def processes() -> int:
     """Return how many may compile at once: at most as many as `NUMBA_NUM_THREADS` says."""
-    processors = len(os.sched_getaffinity(0))
-    return min(_MOST_PROCESSES, processors, int(os.environ.get("NUMBA_NUM_THREADS", processors)))
+    usable = processors()
+    return min(_MOST_PROCESSES, usable, int(os.environ.get("NUMBA_NUM_THREADS", usable)))
 
 
 def compile_parts(take: int, parts: list[str]) -> None:

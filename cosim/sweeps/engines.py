@@ -16,6 +16,7 @@ from multiprocessing import connection, get_context, parent_process
 from typing import Any, Final, TypeAlias, final
 
 from cosim.app.workers import one_thread_each
+from cosim.base.compilation import processors
 from cosim.errors import InputError
 from cosim.sweeps.table import LOST, Row, Task
 
@@ -68,7 +69,7 @@ class Engine:
         if workers is not None and engine != PROCESSES:
             raise InputError(f"--workers {workers}: counts the processes of this machine; leave it out")
         self._engine = engine
-        self._workers = workers or len(os.sched_getaffinity(0))
+        self._workers = workers or processors()
 
     @contextmanager
     def pool(self) -> Iterator[Pool]:
