@@ -23,6 +23,7 @@ from cosim.errors import MOST_LINES, InputError, ScenarioError, SolverError
 
 TICKS = 3
 LONGEST_REFUSAL = 1500
+UNCHECKED = "the static plan fails"
 Level = Literal["load", "build"]
 Kind = Literal[
     "completed", "refused when loaded", "refused in part", "refused when built", "unsolved", "slow", "finding"
@@ -92,19 +93,28 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
 
     Args:
         case: of `case_of`.
-        level: "load": all that needs no build; "build": built, and three ticks.
+        level: "load": all that needs no build; "build": checked as `cosim check` does, built, and three
+            ticks. It is a finding if the check accepts what the run refuses, or refuses it with another text. The
+            static plan of tip targets and paths is left out, which no check solves.
         folder: for its file, which `mesh.obj` and the like may stand beside.
     """
     path = case.write(folder)
     refused: Kind = "refused when loaded"
+    checked = ""
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             scenario = _loaded(path, case)
             refused = "refused when built"
             if level == "build":
+                checked = _check(scenario)
                 _run(scenario)
+                if checked:
+                    return Verdict("finding", f"the check alone refuses it: {checked}")
     except InputError as error:
         problem = _wrong_refusal(error)
+        told = checked == str(error) or UNCHECKED in str(error)
+        if not problem and refused == "refused when built" and not told:
+            problem = f"the check says {checked or 'nothing'!r}: "
         what = f"{problem}{type(error).__name__}: {error}"
         if not problem and case.alone and level == "load" and (hidden := _hidden(case, error, folder)):
             return Verdict("refused in part", f"not told: {hidden}; {what}")
@@ -158,6 +168,17 @@ def _loaded(path: Path, case: Case) -> Scenario:
         return scenario
     mode = "dynamic" if scenario.mode == "quasistatic" else "quasistatic"
     return load_scenario(scenario, {"mode": mode})
+
+
+def _check(scenario: Scenario) -> str:
+    """Return what `cosim check` refuses about a scenario; empty if it accepts it."""
+    from cosim.build.file_checks import check_built  # here: the level "load" needs no engine
+
+    try:
+        check_built(scenario)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def _run(scenario: Scenario) -> None:

@@ -54,8 +54,8 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     if kind != "arm":
         _add_changes(tables)
     top = {"anyOf": _ROBOT_GIVEN[1:]} if kind == "robot" else tables.pop(root)
-    identity = f"urn:cosim:{kind}:{SCHEMA}"  # a name, not an address
-    return {"$schema": DIALECT, "$id": identity, "title": f"cosim {kind}, schema {SCHEMA}", **top, "$defs": tables}
+    named = {"$id": f"urn:cosim:{kind}:{SCHEMA}", "title": f"cosim {kind}, schema {SCHEMA}"}
+    return {"$schema": DIALECT, **named, **top, "$defs": tables}
 
 
 def _classes(node: Any) -> Iterator[type]:
