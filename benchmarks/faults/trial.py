@@ -93,9 +93,9 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
 
     Args:
         case: of `case_of`.
-        level: "load": all that needs no build; "build": checked as `cosim check` does, built, and three
-            ticks. It is a finding if the check accepts what the run refuses, or refuses it with another text. The
-            static plan of tip targets and paths is left out, which no check solves.
+        level: "load": all that needs no build; "build": built, and three ticks, after `cosim check` has
+            checked it. It is a finding if the check accepts what the run refuses, or refuses it with another
+            text. The static plan of tip targets and paths is left out, which no check solves.
         folder: for its file, which `mesh.obj` and the like may stand beside.
     """
     path = case.write(folder)
