@@ -88,8 +88,8 @@ from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
 from cosim.soft.published.open_caps import RimArrays, correct_rims, hold_rims
-from cosim.soft.solve.state import BedNumbers, HeldNodes, follow_flange, place_flight, place_held
-from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
+from cosim.soft.solve.state import HeldNodes, follow_flange, place_flight, place_held
+from cosim.soft.solve.step_begin import FOLD_SWEEPS, BedNumbers, fill_bed, fill_flight, keep_folds_open
 
 RESULTANT_SHARE: Final = 1e-2
 """Of the resultant force, or of the moment over the body's size, that counts as a residual."""

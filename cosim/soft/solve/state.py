@@ -45,6 +45,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.step_begin import BedNumbers
 
 _LEAST_WIDE: Final = 1e-6  # of a triangle of held nodes, over its length: rounding would turn a narrower one
 _JUMP_m: Final = 2e-5
@@ -149,22 +150,6 @@ def add_wrench(held: HeldNodes, gradient: Matrix, x: Matrix, flange: Matrix, wre
             arm_i, arm_m = x[node, i] - flange[0, i], x[node, m] - flange[0, m]
             wrench[r] -= reaction[r]
             wrench[3 + r] -= arm_i * reaction[m] - arm_m * reaction[i]
-
-
-class BedNumbers(NamedTuple):
-    """Numbers of the bed that inertia and losses are in a step.
-
-    Args:
-        two_steps: whether the step looks back over two.
-        span: s [s].
-        factor: s / (1 + (alpha + beta) s) [s].
-        share: alpha s, of the flange's motion in that of a node.
-    """
-
-    two_steps: bool
-    span: float
-    factor: float
-    share: float
 
 
 @device_function

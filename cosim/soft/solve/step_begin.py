@@ -7,11 +7,10 @@ v = (x - base) / s.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from cosim.base.kernels import IndexTable, Matrix, Vector, kernel
 from cosim.soft.geometry.surface import TURN
-from cosim.soft.solve.state import BedNumbers
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
@@ -21,6 +20,22 @@ FOLD_SWEEPS: Final = 3
 _LEAST_OPEN = 0.3  # of a fold's angle that free flight may leave
 _STAYS = 0.9  # of its angle: a fold that is left so much is not being closed
 _CLOSED = 1e-3  # of theta1: a fold may be closed further than this
+
+
+class BedNumbers(NamedTuple):
+    """Numbers of the bed that inertia and losses are in a step.
+
+    Args:
+        two_steps: whether the step looks back over two.
+        span: s [s].
+        factor: s / (1 + (alpha + beta) s) [s].
+        share: alpha s, of the flange's motion in that of a node.
+    """
+
+    two_steps: bool
+    span: float
+    factor: float
+    share: float
 
 
 @kernel

@@ -35,7 +35,6 @@ from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import (
-    BedNumbers,
     BegunStep,
     Clamp,
     Damped,
@@ -48,7 +47,7 @@ from cosim.soft.solve.state import (
     follow_flange,
     place_flight,
 )
-from cosim.soft.solve.step_begin import fill_bed, fill_flight
+from cosim.soft.solve.step_begin import BedNumbers, fill_bed, fill_flight
 
 _LOSS_ROUNDS_MAX = 8
 
