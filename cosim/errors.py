@@ -23,7 +23,7 @@ from __future__ import annotations
 from typing import Any, Final, Self
 
 MOST_LINES: Final = 20
-"""Faults of a file that are told at once."""
+"""Faults of a file that one message lists."""
 
 
 class CosimError(Exception):
@@ -35,7 +35,7 @@ class CosimError(Exception):
     result: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to make the error anew: by what it holds, whatever its constructor asks for."""
+        """Return how to make the error again: by what it holds, whatever its constructor asks for."""
         return _made_anew, (type(self), self.args, vars(self))
 
 

@@ -31,7 +31,7 @@ class Batch:
     """Runs of one scenario, stepped together.
 
     A run that fails stays where it was before the tick that could not be solved, and takes no more part until
-    it is reset; a process that ends takes its own runs with it. `failed` names both, and the others go on.
+    it is reset; a process that ends takes its own runs with it. `failed` names both, and the others continue.
     Processes are spawned: a script that makes a batch guards that by `if __name__ == "__main__":`.
 
     Args:
@@ -40,7 +40,7 @@ class Batch:
         workers: processes that hold them.
         overrides: values by key path, of all runs.
         changes: values by key path, of each run besides; None: none.
-        start: what all go on from, see `Simulation`.
+        start: what all continue from, see `Simulation`.
 
     Raises:
         InputError: the scenario is wrong, or there are not as many changes as runs.
@@ -118,7 +118,7 @@ class Batch:
 
         Args:
             runs: their numbers; None for all.
-            start: what they go on from; None: from where they began.
+            start: what they continue from; None: from where they began.
             changes: values by key path that differ until the next reset: for all of them, or for each.
 
         Raises:

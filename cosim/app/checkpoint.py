@@ -1,4 +1,4 @@
-"""Checkpoints: what a run needs to go on is written now and then, and when it ends early.
+"""Checkpoints: what a run needs to continue is written now and then, and when it ends early.
 
 Checks of what a saved run shows of itself, and one line for whatever is wrong with its file.
 """
@@ -87,7 +87,7 @@ class Checkpoint:
         run_id: joins the recordings of the run.
         startup_s: wall time of all starts so far.
         wall_s: wall time of all loops over the ticks so far.
-        resumed_at_ticks: where the run went on before.
+        resumed_at_ticks: where the run resumed before.
     """
 
     run: Any
@@ -108,8 +108,8 @@ class Origin:
         run_id: joins the recordings of a run.
         startup_s: wall time of all starts, this one included.
         wall_s: wall time of all loops before.
-        resumed_at_ticks: ticks after which the run went on, this time included.
-        checkpoint: that it goes on from.
+        resumed_at_ticks: ticks after which the run resumed, this time included.
+        checkpoint: that it continues from.
     """
 
     run_id: str
@@ -120,7 +120,7 @@ class Origin:
 
     @classmethod
     def of(cls, run_id: str, checkpoint: Checkpoint | None) -> Origin:
-        """Return the start of a new run of that name, or of the part that goes on from a checkpoint."""
+        """Return the start of a new run of that name, or of the part that continues from a checkpoint."""
         if checkpoint is None:
             return cls(run_id)
         return cls(
@@ -137,7 +137,7 @@ class Origin:
 
     @property
     def before(self) -> tuple[Snapshot, Snapshot] | None:
-        """First snapshot of the run, and the one that the loop goes on from; None for a new run."""
+        """First snapshot of the run, and the one that the loop continues from; None for a new run."""
         return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.last)
 
 
@@ -254,15 +254,15 @@ def check_resumable(directory: Path) -> None:
     if not is_file(path):
         if _status(directory) == "completed":
             raise InputError(f"{where} this run is completed; nothing is left to do")
-        raise InputError(f"{where} the run left no {CHECKPOINT}; run it anew: cosim run {scenario}")
+        raise InputError(f"{where} the run left no {CHECKPOINT}; start it again: cosim run {scenario}")
 
 
 def tick_to_resume(directory: Path, scenario: Scenario) -> int:
-    """Return the tick after which the run in a directory can go on.
+    """Return the tick after which the run in a directory can continue.
 
     Args:
         directory: of the run.
-        scenario: that was loaded to go on with.
+        scenario: that was loaded to continue with.
 
     Raises:
         InputError: the checkpoint cannot be read, another program wrote it, or the scenario or a file that it
@@ -273,7 +273,7 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
     changed = changed_file(_table(header, "loaded"), {SCENARIO: scenario_digest(scenario)})
     if changed is not None:
         raise InputError(
-            f"{where} {changed} has been changed since the run began; run it anew, or branch from Python: "
+            f"{where} {changed} has been changed since the run began; start it again, or branch from Python: "
             f"cosim.Simulation({str(file)!r}, start={str(path)!r})"
         )
     before, here = _table(header, "written_by"), code_identity()
@@ -281,7 +281,7 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
     if other:
         raise InputError(
             f"{where} the checkpoint was written with {', '.join(other)}; the run would not go on bit for "
-            f"bit; run it anew: cosim run {file}"
+            f"bit; start it again: cosim run {file}"
         )
     tick = header.get("tick")
     if not isinstance(tick, int):
@@ -294,7 +294,7 @@ def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> 
 
     Args:
         directory: of the run.
-        simulation: goes on from there.
+        simulation: continues from there.
         stage: of the simulation.
 
     Raises:

@@ -67,7 +67,7 @@ class Observer(Protocol):
 
 @final
 class ArrayRecorder(Recorder):
-    """Writes what was gathered as a part of its own, at every checkpoint and at the end.
+    """Writes what was gathered as its own part, at every checkpoint and at the end.
 
     Args:
         next_part: returns the path of the next part of a file, by the name of its first part.
@@ -136,7 +136,7 @@ class Options:
         watchers: shown every tick.
         stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
         checkpoint_every_s: wall time between two checkpoints in the directory.
-        resume: whether to go on with the run in the directory, from its checkpoint.
+        resume: whether to continue with the run in the directory, from its checkpoint.
         error: whether to work out how far the figures may be off; None: where it costs little of the run.
         tell: told what takes long at the end.
     """
@@ -359,7 +359,7 @@ def prepared(
         tell: told in one sentence, beforehand, what takes long.
         recording: whether the run is recorded.
         contact: whether to compile those as well, if there is an arm.
-        kept: parts that may serve again, and get those that are made here.
+        kept: parts that may be used again; it gets those that are made here.
 
     Raises:
         ScenarioError: no fidelity meets its `[auto]`.
@@ -381,7 +381,7 @@ def with_fidelity_chosen(
     Args:
         scenario: checked.
         tell: told what is measured, and what is chosen.
-        kept: parts that may serve again, and get those that are made here.
+        kept: parts that may be used again; it gets those that are made here.
 
     Raises:
         ScenarioError: nothing meets it.

@@ -48,7 +48,7 @@ def _summary(where: Path) -> dict[str, Any]:
     except FileNotFoundError:
         if (where / CHECKPOINT).is_file():
             raise InputError(
-                f"{where}: the run has not ended; go on with it: cosim run --resume {where}"
+                f"{where}: the run has not ended; resume it: cosim run --resume {where}"
             ) from None
         raise InputError(
             f"{where}: holds no run, for want of a {SUMMARY}; make one: cosim run SCENARIO --out {where}"

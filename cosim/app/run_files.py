@@ -8,9 +8,9 @@ lock on it, which the system takes back when the process ends, however it does.
 The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `arrays.parquet`,
 `frames.parquet`, `checkpoint.npz`.
 
-A run that went on after an interruption has a recording for each part: `recording-2.rrd` and so on; they
+A run that resumed after an interruption has a recording for each part: `recording-2.rrd` and so on; they
 belong together and open as one. So do the files of arrays, which end a part at every checkpoint as well. The
-checkpoint is there while the run can go on.
+checkpoint is there while the run can continue.
 """
 
 from __future__ import annotations
@@ -278,7 +278,7 @@ class RunFiles:
 
     Args:
         directory: made if it does not exist.
-        resume: whether the run in it goes on.
+        resume: whether the run in it continues.
     """
 
     def __init__(self, directory: Path, *, resume: bool = False) -> None:

@@ -46,7 +46,7 @@ class SavedState:
     snapshot: Snapshot
 
     def write(self, path: str | Path) -> None:
-        """Write the state to a file, from which `Simulation(..., start=path)` goes on.
+        """Write the state to a file, from which `Simulation(..., start=path)` continues.
 
         Args:
             path: of the file, an archive of NumPy (.npz).
@@ -64,12 +64,12 @@ class SavedState:
 
 @final
 class Simulation:
-    """A scenario that is stepped by hand; a pickled one goes on bit for bit.
+    """A scenario that is stepped by hand; a pickled one continues bit-identically.
 
     Args:
         scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
         overrides: values by key path, such as {"phase.lift.cable_tension_N": [...]}.
-        start: what to go on from instead of the state at rest: a saved state, a file of one, or the
+        start: what to continue from instead of the state at rest: a saved state, a file of one, or the
             checkpoint.npz of a run. The scenario may differ from the one that was saved, as long as bodies,
             joints and nodes are as many; what differs acts from the next tick on.
         controllers: the scenario's controllers of kind "python", by name.
@@ -224,7 +224,7 @@ class Simulation:
         scenario is random: who wants a random one draws `changes`.
 
         Args:
-            start: what to go on from; None: from where this simulation began.
+            start: what to continue from; None: from where this simulation began.
             changes: values by key path that differ until the next reset, such as {"clock.tick_s": 1e-3}; a
                 simulation that began at rest then begins at the changed scenario's state at rest.
 
@@ -266,7 +266,7 @@ class Simulation:
         return f"Simulation of {stage.scenario}, {stage.mode}: {when}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to make it anew, from where it began, and its present state."""
+        """Return how to make it again, from where it began, and its present state."""
         scenario, _, began = self._made
         changed = None if self.scenario is scenario else self.scenario
         given: dict[str, Any] = {"controllers": self._controllers, "body": self._body}

@@ -1,4 +1,4 @@
-"""Objects in processes of their own, called by name: one that ends takes none of the others with it.
+"""Objects in their own processes, called by name: one that ends takes none of the others with it.
 
 A process that has ended, or that does not answer in time, is lost with its objects until `replace` starts
 another one in its place. What cannot be sent to an object is the failure of that object alone.

@@ -70,7 +70,7 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 def _compile_side_by_side(kernels: list[Any]) -> None:
-    """Compile kernels in processes of their own and in this one, where there are processors for it.
+    """Compile kernels in their own processes and in this one, where there are processors for it.
 
     Args:
         kernels: dispatchers that are not on disk; this process loads none that another has compiled.

@@ -145,7 +145,7 @@ def name_of(*contents: Any) -> str:
     """Return a name of contents, see `content_name`; one that nothing else has where they cannot be named.
 
     Args:
-        contents: of a part; a name among them stands for the contents of another part.
+        contents: of a part; a name among them represents the contents of another part.
     """
     if any(isinstance(part, str) and part.startswith(_NAMELESS) for part in contents):
         return nameless()

@@ -266,7 +266,7 @@ def kernel(
             values that are not finite stay visible.
         allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
             calls what does; see `device_function` for what that costs, and `small_vector` for the others.
-        taken_in: whether other kernels call it by its name, each of which compiles it as a part of its own.
+        taken_in: whether other kernels call it by its name, each of which compiles it as its own part.
 
     Raises:
         TypeError: it returns arrays, and does not say that it allocates; or an annotation is missing.
@@ -327,7 +327,7 @@ def inlined(function: Function) -> Function:
 
 
 def allocating(function: Function) -> Function:
-    """Mark a device function that makes arrays, hands arrays of its own on, or calls what does."""
+    """Mark a device function that makes arrays, hands its own arrays on, or calls what does."""
     result: Function = _device(function, allocates=True)
     return result
 
@@ -353,7 +353,7 @@ def address_of(kernel: Any) -> int:
 
 
 def nothing_of(kind: Any) -> Any:
-    """Return arrays without entries, and zeros, that stand for nothing where a kernel takes some type."""
+    """Return arrays without entries, and zeros, that represent nothing where a kernel takes some type."""
     kind = kind if isinstance(kind, types.Type) else numba_type(kind)
     if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
         return kind.instance_class(*map(nothing_of, kind.types))

@@ -1,6 +1,6 @@
 """Names of parts without one of their own, and what docstrings say of fields.
 
-Names that files and results give to parts without a name of their own.
+Names that files and results give to parts without their own name.
 
 What docstrings say of a class's fields: schemas and files repeat it, so that every text stands once.
 """

@@ -1,6 +1,6 @@
 """Saved states on disk: arrays and JSON in one .npz file, made from the dataclasses themselves.
 
-What can be saved and restored while it runs goes on from a saved state bit for bit. A state is a frozen
+What can be saved and restored while it runs continues from a saved state bit-identically. A state is a frozen
 dataclass of arrays, numbers, texts, tuples, None and further frozen dataclasses. It may share arrays with the
 object it was taken from: whoever writes to an array in place saves a copy of it.
 

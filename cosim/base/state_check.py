@@ -35,7 +35,7 @@ def check_state(
     sizes: Mapping[str, int] | None = None,
     finite: bool = True,
 ) -> None:
-    """Check a saved state against one of the simulation that is to go on from it.
+    """Check a saved state against one of the simulation that is to continue from it.
 
     Args:
         found: the saved state.
@@ -245,7 +245,7 @@ def _is_finite(array: NDArray[Any]) -> bool:
 
 @final
 class _Names(dict[str, Any]):
-    """Names of a module; one that is there for type checkers only stands for anything."""
+    """Names of a module; one that is there for type checkers only means anything."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):

@@ -53,7 +53,7 @@ class TriangleMesh:
         return TriangleMesh(factor * self.vertices, self.triangles)
 
     def shells(self) -> tuple[TriangleMesh, ...]:
-        """Return the pieces that share no vertex, each as a mesh of its own.
+        """Return the pieces that share no vertex, each as its own mesh.
 
         Raises:
             MeshError: there are more than `MOST_SHELLS`.

@@ -218,7 +218,7 @@ class ArmParts:
 
     Args:
         scenario: checked, with an arm.
-        kept: parts that may serve again.
+        kept: parts that may be used again.
 
     Raises:
         ScenarioError: what is wrong with the arm and with the cell, or with an object, by key.

@@ -57,7 +57,7 @@ def check_robot(robot: SoftRobotTable) -> None:
 
 
 def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
-    """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and can go on.
+    """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and can continue.
 
     Where the flange goes for a target or path of the tip is not known without statics, nor is what the way
     leads into looked at.

@@ -95,11 +95,11 @@ def build(
     Args:
         scenario: checked by `load_scenario`.
         controllers: of kind "python", by name.
-        before: of the run whose state it goes on from; None for a run from its start.
+        before: of the run whose state it continues from; None for a run from its start.
         body: the soft body, where the scenario's is given as arrays.
         tell: told when the plan leads to something to touch, whose kernels are then compiled, and what is
             tried where an equilibrium or target takes long to find.
-        kept: parts that may serve again, and get those that are made here.
+        kept: parts that may be used again; it gets those that are made here.
 
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.

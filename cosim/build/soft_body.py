@@ -422,7 +422,7 @@ def _own_films(robot: SoftRobotTable) -> dict[str, FilmTable]:
 
 
 def _face_groups(robot: SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
-    """Return the face groups, and under a name of its own what is in none with a film."""
+    """Return the face groups, and under its own name what is in none with a film."""
     own = [mesh.face_groups[name] for name in _own_films(robot) if name in mesh.face_groups]
     rest = np.setdiff1d(np.arange(len(mesh.triangles)), np.concatenate([np.zeros(0, np.int64), *own]))
     return {**mesh.face_groups, _REST: rest}

@@ -1,10 +1,10 @@
 """The model that represents the soft robot of a scenario: its fidelity, its body, its section model.
 
-The ladder of fidelities: which model stands for the soft robot in a run.
+The ladder of fidelities: which model represents the soft robot in a run.
 
 Section models of soft robots, built once and kept on disk.
 
-What stands for the soft robot of a scenario: its body, its section model, and soft sides made of them.
+What represents the soft robot of a scenario: its body, its section model, and soft sides made of them.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class SoftModel:
 
     Args:
         scenario: checked.
-        kept: parts that may serve again.
+        kept: parts that may be used again.
         given: the soft body, where the scenario's is given as arrays.
         tell: told in one sentence what takes long, and what soft sides that search for long try.
 
@@ -160,7 +160,7 @@ class SoftModel:
         """Return a soft side to plan phases on.
 
         It is of the model that runs, but that a rigid one is planned on the lumped one: tensions and flange
-        poses are then those of the run that it stands for.
+        poses are then those of the run that it represents.
         """
         return self._flexible(bridged=False)
 

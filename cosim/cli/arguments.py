@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
     _add_identify(commands)
     _add_replay(commands)
     for name in ("run", "check", "schema", "trade", "sweep"):
-        known = "make kinds of your own known: a module, or a .py file; may be repeated"
+        known = "register custom kinds: a module, or a .py file; may be repeated"
         _add_list(commands.choices[name], "--import", "modules", "MODULE", known, action="append")
     return made
 
@@ -185,7 +185,7 @@ def _add_run(commands: Any) -> None:
     )
     _add_changes(run, "change a value, such as mode=quasistatic or phase.inflate.pressure_Pa=20e3")
     run.add_argument("--out", metavar="DIR", type=Path, help="directory of the results (default: runs/...)")
-    run.add_argument("--resume", metavar="DIR", type=Path, help="go on with the interrupted run in DIR")
+    run.add_argument("--resume", metavar="DIR", type=Path, help="resume the interrupted run in DIR")
     run.add_argument(
         "--checkpoint-every",
         metavar="SECONDS",

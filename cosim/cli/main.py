@@ -164,11 +164,11 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
             f"--checkpoint-every {every_s}: must be above 0; inf writes none but at an early end"
         )
     if options.resume is None and options.scenario is None:
-        raise InputError("run: no SCENARIO given; see 'cosim list', or go on with a run: --resume DIR")
+        raise InputError("run: no SCENARIO given; see 'cosim list', or resume a run: --resume DIR")
     given = options.scenario is not None or options.assignments or options.out is not None
     if options.resume is not None and given:
         raise InputError(
-            f"--resume {options.resume}: goes on with the scenario of that directory, there; "
+            f"--resume {options.resume}: resumes the scenario of that directory, there; "
             "give no SCENARIO, no --set and no --out"
         )
     with _live_view(options) as live:
@@ -209,7 +209,7 @@ def _sweep(options: argparse.Namespace) -> int:
     try:
         outcome = sweep(options.study, tell=None if options.quiet else SweepLine(sys.stderr), **given)
     except KeyboardInterrupt:
-        tell("cosim: interrupted; the rows so far are kept: the same command goes on")
+        tell("cosim: interrupted; the rows so far are kept: the same command continues")
         raise
     if not options.quiet:
         tell(

@@ -135,14 +135,14 @@ def resume_command(directory: Path, how: RunOptions) -> int:
         how: see there.
 
     Raises:
-        InputError: the run cannot go on; nothing was written.
+        InputError: the run cannot continue; nothing was written.
         SolverError: the physics could not be solved; the files say how far it came.
     """
     check_resumable(directory)
     scenario = load_scenario(directory / SCENARIO)
     tick = tick_to_resume(directory, scenario)
     if not how.quiet:
-        tell(f"{scenario.title}: goes on after tick {tick}")
+        tell(f"{scenario.title}: resumes after tick {tick}")
     recording = how.recording and bool(recordings(directory))
     return _execute(scenario, directory, replace(how, recording=recording), resume=True)
 
@@ -178,9 +178,7 @@ def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *,
     if not quiet:
         tell("\n".join(closing_lines(summary, directory, recordings(directory))))
     if summary["status"] == "interrupted":
-        tell(
-            f"cosim: interrupted; what was simulated is in {directory}; go on: cosim run --resume {directory}"
-        )
+        tell(f"cosim: interrupted; results are in {directory}; resume it: cosim run --resume {directory}")
         return interruption.exit_code
     if outcome.error is not None:
         tell(f"cosim: what was simulated is in {directory}")

@@ -30,7 +30,7 @@ def tell(text: str, stream: TextIO | None = None) -> None:
 
 
 def draw(text: str, stream: TextIO) -> None:
-    """Write a text as it is; a run goes on when only the screen is gone."""
+    """Write a text as it is; a run continues when only the screen is gone."""
     try:
         stream.write(text)
         stream.flush()

@@ -60,7 +60,7 @@ def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
 
     Args:
         scenario: as its file gives it.
-        faults: gets names that stand for no cable, and tensions that are not known before.
+        faults: gets names that match no cable, and tensions that are not known before.
     """
     cables = scenario.soft_robot.cable_names()
     before: tuple[float, ...] | None = (0.0,) * len(cables)
@@ -84,7 +84,7 @@ def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[
     """Return a start or phase whose tensions are a list, or None.
 
     Raises:
-        ScenarioError: a name stands for no cable, or the tensions before are not known.
+        ScenarioError: a name matches no cable, or the tensions before are not known.
     """
     given: Any = table.cable_tension_N
     if not isinstance(given, Mapping):
@@ -142,7 +142,7 @@ def _read(path: dict[str, Any], folder: Path, key: str) -> dict[str, Any]:
         return path
     for given in ("points_m", "directions"):
         if given in path:
-            raise ScenarioError(f"{key}.{given}", "cannot stand beside file, which gives the points")
+            raise ScenarioError(f"{key}.{given}", "cannot be combined with file, which gives the points")
     points, directions = read_tip_path(folder / path["file"], f"{key}.file")
     kept = {name: value for name, value in path.items() if name != "file"}
     return {**kept, "points_m": points, **({"directions": directions} if directions else {})}
@@ -455,7 +455,7 @@ def _check_in_file(soft_robot: object) -> None:
         raise ScenarioError(
             "soft_robot",
             f"'{soft_robot.get('name')}' was given as arrays, which are in no file: run this from Python, "
-            "cosim.run(..., body=...), or go on with cosim.Simulation(..., body=..., start=...)",
+            "cosim.run(..., body=...), or continue with cosim.Simulation(..., body=..., start=...)",
         )
 
 

@@ -169,7 +169,7 @@ def _a_rigid_one_is_held(phase: PhaseTable, scenario: Scenario) -> Told:
     if scenario.fidelity == "rigid":
         for key, given in (("release", phase.release), ("support", phase.supports)):
             if given:
-                yield key, "cannot stand beside fidelity = 'rigid': every node is held"
+                yield key, "cannot be combined with fidelity = 'rigid': every node is held"
 
 
 @rule
@@ -490,7 +490,7 @@ def _gas_told(
     if wanted is not None:
         yield Fault(
             "pressure_Pa",
-            "cannot stand beside a sealed gas, whose pressure follows from the volume; set it in a phase "
+            "cannot be combined with a sealed gas, whose pressure follows from the volume; set it in a phase "
             "before, or open the chamber with gas = 'prescribed'",
         )
     if not was.sealed and not before_Pa + ambient_Pa > 0.0:
@@ -502,11 +502,11 @@ def _gas_told(
     if phase.tip_key is not None and now.leak_kg_s_Pa:
         yield Fault(
             phase.tip_key,
-            f"cannot stand beside a leak ({now.leak_kg_s_Pa:g} kg/(s Pa)), which takes the tip off its "
+            f"cannot be combined with a leak ({now.leak_kg_s_Pa:g} kg/(s Pa)), which takes the tip off its "
             "target; give leak_kg_s_Pa = 0",
         )
     elif phase.tip_key is not None and scenario.gas.orifices:
-        yield phase.tip_key, "cannot stand beside an orifice, through which gas flows on at the target"
+        yield phase.tip_key, "cannot be combined with an orifice, through which gas flows on at the target"
 
 
 @rule
@@ -545,11 +545,11 @@ def _commands_stand_alone(scenario: Scenario) -> Told:
     if scenario.pumps or scenario.winches or scenario.controllers or lengths:
         yield Fault(
             "command.1",
-            "cannot stand beside pumps, winches, controllers or cable lengths: they follow and report "
+            "cannot be combined with pumps, winches, controllers or cable lengths: they follow and report "
             "what the phases ask for, not what this makes of it; let a controller command instead",
         )
     elif any(phase.tip_key is not None for phase in scenario.phases):
-        yield "command.1", "cannot stand beside a tip target or path, which is planned without it"
+        yield "command.1", "cannot be combined with a tip target or path, which is planned without it"
 
 
 @rule

@@ -186,7 +186,7 @@ def _check(study: StudyTable, faults: Faults) -> None:
 
 
 def _seen_from(study: StudyTable, folder: Path) -> StudyTable:
-    """Return the study with the paths of its own files seen from the working directory."""
+    """Return the study with its own paths files seen from the working directory."""
     changes: dict[str, Any] = {}
     if study.scenario not in list_scenarios():
         changes["scenario"] = str(folder / study.scenario)

@@ -2,7 +2,7 @@
 
 After the rigid half of a tick the film takes one step with the flange's new pose (`film_step`) and what it
 may touch, and returns the next wrench, and loads on bodies. The soft half of a tick is left in which the
-lists of what is near do not serve, or the flange turns far; its soft step in the middle where a tangent is
+lists of what is near are not valid, or the flange turns far; its soft step in the middle where a tangent is
 indefinite; so is the soft half where bodies are near that may give way within it (`giving_way`). A row ends
 after a tick with which bodies are to be weighed.
 """
@@ -121,7 +121,7 @@ class FilmSteps(NamedTuple):
         place: from which they begin where nothing is touched.
         touching_place: the same where something is.
         rest_m: how far the film looks for shapes at rest.
-        films_rest_m: the same for films of its own.
+        films_rest_m: the same for its own films.
         ahead_s: the time for whose way of the fastest node it looks further.
         calls: (kernels,), see `film_calls`.
         mass: (nodes, 1, 1) [kg].

@@ -140,7 +140,7 @@ def _read_scene(scene: NativeScene, ticks: Any, k: int) -> None:
 
 @device_function
 def _go_on(scene: NativeScene) -> None:
-    """Let servos go on through a tick of several steps, at the speed that they are asked for."""
+    """Let servos continue through a tick of several steps, at the speed that they are asked for."""
     for j in range(scene.control.shape[0]):
         scene.control[j, 0] += scene.step_s * scene.control[j, 1]
 

@@ -379,12 +379,12 @@ def joint_rate(jacobian: Array, twist: Array) -> Array:
         InputError: there are none, or only with the arm near a singular configuration.
     """
     if not jacobian.shape[1]:
-        raise InputError("the flange is told to move, but robot = 'none' has no joints to move it")
+        raise InputError("the flange is commanded to move, but robot = 'none' has no joints to move it")
     rate = np.asarray(np.linalg.lstsq(jacobian, twist, rcond=_SMALLEST)[0])
     if length(jacobian @ rate - twist) > _MISSED * length(twist):
         raise InputError(
-            f"the flange is told to move with the twist {np.round(twist, 4).tolist()}, which the arm cannot "
-            "follow in its present configuration: it is near a singular one; keep away from there, or begin "
-            "where the arm is bent (start.flange)"
+            f"the flange is commanded to move with the twist {np.round(twist, 4).tolist()}, which the arm "
+            "cannot follow in its present configuration: it is near a singular one; keep away from there, or "
+            "begin where the arm is bent (start.flange)"
         )
     return rate

@@ -381,7 +381,7 @@ class ZeroOrderHold:
         """What the next tick depends on."""
 
     def start(self, seen: Measurement) -> None:
-        """Begin anew: the next tick asks the controller."""
+        """Begin again: the next tick asks the controller."""
         self.state = HoldState(self.controller.start(seen))
 
     def tick(self, see: Callable[[], Measurement]) -> Held:

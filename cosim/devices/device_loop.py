@@ -227,7 +227,7 @@ class Actuation:
         self._setpoints: dict[str, float | None] = {}
         self._modelled, self._held = device_names(scenario) is not None, False
         self.live: LiveOrders | None = None
-        """What is commanded from outside, in place of phases and controllers; whoever does sets it anew."""
+        """What is commanded from outside, in place of phases and controllers; whoever does sets it again."""
 
     @property
     def active(self) -> bool:
@@ -365,7 +365,7 @@ class Actuation:
         self._started, self._held = state.started, state.held
 
     def _take_over(self, planned: PhasePlan) -> None:
-        """Read what a phase asks: a run that goes on from a saved state may ask something else."""
+        """Read what a phase asks: a run that continues from a saved state may ask something else."""
         if planned is not self._planned:
             self._planned, self._orders = planned, orders_of(planned, self._names)
             self._setpoints = planned.phase.acting()

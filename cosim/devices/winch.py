@@ -5,7 +5,7 @@ A stepper motor that winds a cable on a drum through a gear.
 A step winds l = step angle x drum radius / gear ratio. The driver counts the steps that it commands; the drum
 follows unless the cable pulls too hard: steps that would lift the tension above the stall force
 F = stall torque x gear ratio / drum radius are lost, and a tension above it drags the drum back by whole
-steps. Nothing tells the driver: it goes on from its count, so the length stays wrong by what was lost.
+steps. Nothing tells the driver: it continues from its count, so the length stays wrong by what was lost.
 Within a tick the eyelets count as fixed, a step of l lifts the tension by k l (k the cable's stiffness): near
 stall the motor is therefore slowed down to (F - T) / (k tick), never taken beyond. Of several cables on one
 drum T is the sum of their tensions, and k that of their stiffnesses.

@@ -82,12 +82,12 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         """Begin an episode.
 
         Args:
-            seed: of the goals from here on; None: chance goes on.
+            seed: of the goals from here on; None: chance continues.
             options: "start", a saved state or a file of one; "changes", values by key path for this episode;
                 "goal", parameters of the goal instead of drawn ones.
 
         Raises:
-            InputError: an option is unknown, or one of them or the seed does not fit; the episode goes on.
+            InputError: an option is unknown, or one of them or the seed does not fit; the episode continues.
         """
         given = checked_options(options, seed)
         goal, changes = given.get("goal"), given.get("changes")
@@ -111,7 +111,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
             action: (actions,), cut down to -1 to 1.
 
         Raises:
-            InputError: it is no row of as many finite numbers; the episode goes on.
+            InputError: it is no row of as many finite numbers; the episode continues.
         """
         asked = np.clip(finite_row(action, len(self.task.actions), "action"), -1.0, 1.0)
         failure = None
@@ -225,7 +225,7 @@ _Step: TypeAlias = tuple[Observation, float, bool, bool, dict[str, Any]]
 
 @final
 class VectorRun:
-    """One environment of many, in the process that holds it; begins anew as its mode says.
+    """One environment of many, in the process that holds it; begins again as its mode says.
 
     Args:
         one: the environment.

@@ -164,7 +164,7 @@ def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, ke
         key: to blame.
 
     Raises:
-        ScenarioError: a link stands in something, or a joint takes more torque than it can give.
+        ScenarioError: a link is in something, or a joint takes more torque than it can give.
     """
     deep = [contact for contact in scene.links.at(joints) if contact.depth_m > _STANDS_IN_M]
     if deep:

@@ -2,7 +2,7 @@
 
 One thing that a run models or leaves out.
 
-What a run has been built for and its state depends on: who goes on from that state keeps to it.
+What a run has been built for and its state depends on: who continues from that state keeps to it.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Choices:
         return cls(values, contact)
 
     def check(self, here: Choices) -> None:
-        """Check that a run with other choices can go on from a state of this one.
+        """Check that a run with other choices can continue from a state of this one.
 
         Raises:
             InputError: it cannot; the text names key, both values and what to do.
@@ -78,8 +78,8 @@ class Choices:
             other = here.values.get(key, value)
             if other != value:
                 raise InputError(
-                    f"{key} is '{other}', in the run whose state it goes on from '{value}'; that state is of "
-                    f"another kind: leave {key} = '{value}', or restart a run with '{other}'"
+                    f"{key} is '{other}', in the run whose state it continues from '{value}'; that state is "
+                    f"of another kind: leave {key} = '{value}', or restart a run with '{other}'"
                 )
         if self.contact.included and not here.contact.included:
             raise InputError(
@@ -89,20 +89,20 @@ class Choices:
             )
         if here.contact.included and self.contact.switch == CONTACT_ENABLED and not self.contact.included:
             raise InputError(
-                f"{CONTACT_ENABLED} is true, in the run whose state it goes on from false: the film may be "
+                f"{CONTACT_ENABLED} is true, in the run whose state it continues from false: the film may be "
                 f"inside of what it would touch; leave it false, or restart with {CONTACT_ENABLED} = true"
             )
 
     def keep(self, contact: Decision) -> Decision:
-        """Return the decision on contact of a run that goes on from this one.
+        """Return the decision on contact of a run that continues from this one.
 
         What has been left out because nothing was in reach begins untouched where something comes into reach
         now; what has been modelled stays so, with what it touches, though nothing would be in reach any more.
 
         Args:
-            contact: what would be decided anew.
+            contact: what would be decided again.
         """
         if self.contact.included and contact.switch == ONLY_IN_REACH and not contact.included:
-            reason = f"as in the run that it goes on from: {self.contact.reason}"
+            reason = f"as in the run that it continues from: {self.contact.reason}"
             return Decision(contact.what, True, reason, ONLY_IN_REACH)
         return contact

@@ -189,7 +189,7 @@ def start_equilibrium(
     """Return the equilibrium before the first phase: hung up without pressure, then loaded; see `SoftSide`.
 
     Raises:
-        ConvergenceError: there is none near the drawn shape.
+        ConvergenceError: none was found near the drawn shape.
     """
     with soft.searching("start"):
         return soft.start(flange, loads, hung)

@@ -106,7 +106,7 @@ _DRIVEN_BY: Final = ("cable_length_m", "cable_shortening_m", "control", "pump_pr
 
 
 def section_range(scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | None, touched: bool) -> Decision:
-    """Return whether the soft arm stays within its model's range, as far as the plan tells where it is.
+    """Return whether the soft arm stays within its model's range, as far as the plan knows where it is.
 
     Args:
         scenario: checked.
@@ -142,7 +142,7 @@ class _Walk:
         self._gas = ChamberGas(scenario.gas)
 
     def through(self) -> str:
-        """Return how far the plan tells where the arm will be; it stays in its range there."""
+        """Return how far the plan knows where the arm will be; it stays in its range there."""
         here = None
         for planned in self._plan.phases:
             name = planned.phase.name

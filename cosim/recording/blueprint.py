@@ -26,7 +26,7 @@ _UP: Final = np.array([0.0, 0.0, 1.0])
 _HALF_VIEW: Final = np.radians(25.5)
 """A little less than half of the viewer's field of view."""
 _FLOOR_M: Final = 2.0
-"""Shapes that are larger stand for the surroundings."""
+"""Shapes that are larger represent the surroundings."""
 _SCENE_TURN: Final = np.radians(32.0)
 _SCENE_ELEVATION: Final = np.radians(14.0)
 _CLOSE_TURN: Final = np.radians(18.0)
@@ -148,7 +148,7 @@ def blueprint(plots: Sequence[Plot], scene: Eye, close: Eye, *, live: bool = Fal
         plots: in the order in which they are shown.
         scene: camera of the scene.
         close: camera of the soft robot, in the frame that follows it.
-        live: whether time goes on with the run.
+        live: whether time continues with the run.
     """
     left = rrb.Vertical(
         _space("Scene", "/world", scene),

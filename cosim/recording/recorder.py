@@ -19,7 +19,7 @@ class RecordingPart:
 
     Args:
         run_id: of the run.
-        before: first snapshot of the run and the one that this part goes on from; None in the first part.
+        before: first snapshot of the run and the one that this part continues from; None in the first part.
     """
 
     run_id: str

@@ -43,7 +43,7 @@ _ENDED_S: Final = 20.0
 _END: Final = b"RRF2FOOT"  # within the last 64 bytes of a whole file
 _PHASE: Final = "/phase"
 _MODEL: Final = "/phase/model"
-"""Which model stands for the soft robot: shown below the phases."""
+"""Which model represents the soft robot: shown below the phases."""
 _SUMMARY: Final = "/summary"
 
 
@@ -274,7 +274,7 @@ class _Run:
         return self._curves
 
     def go_on(self, first: Snapshot, last: Snapshot) -> None:
-        """Lay out the views as for the first snapshot of the run, and go on from the last one recorded."""
+        """Lay out the views as for the first snapshot of the run, and continue from the last one recorded."""
         self.lay_out(first)
         assert self._scene is not None, "lay_out() has just made it"
         self._written_tick = last.tick
@@ -288,7 +288,7 @@ class _Run:
         self._stream.send_columns(_PHASE, times, rr.StateChange.columns(state=[name]))
 
     def _show_models(self, batch: TickBatch) -> None:
-        """Show which model stands for the soft robot, from the first tick on and where that changes."""
+        """Show which model represents the soft robot, from the first tick on and where that changes."""
         known = [(0, "section")] if self._last is None and batch.tick[0] == 0 else []
         for row, passed in batch.handovers.items():
             known += [(row, each.to) for each in passed if isinstance(each, Handover)]

@@ -342,7 +342,7 @@ class Scene:
         self._log_static()
 
     def go_on(self, last: Snapshot) -> None:
-        """Let the path of the tip go on from where it was."""
+        """Let the path of the tip continue from where it was."""
         self._tip = TipMarks(self._stream, last.tip_position)
 
     def send(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:

@@ -1,4 +1,4 @@
-"""Rerun's viewer as a process of its own: in a window, in a browser, or without a display."""
+"""Rerun's viewer as its own process: in a window, in a browser, or without a display."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Viewer:
     """A viewer that runs; made by `start_viewer`.
 
     Args:
-        process: of the viewer, in a session of its own: it outlives a run that Ctrl-C ends.
+        process: of the viewer, in its own session: it outlives a run that Ctrl-C ends.
         address: where recordings can be sent to.
         page: what to open in a browser; None for other viewers.
         said: what it writes.

@@ -144,7 +144,7 @@ class SectionBody:
         """Return the sealed gas of loads; None where its pressure is given.
 
         Raises:
-            InputError: there are copies, whose gases would have pressures of their own.
+            InputError: there are copies, whose gases would have their own pressures.
         """
         gases = loads.gases(self.copies)
         if self.copies > 1 and any(gas is not None for gas in gases):

@@ -9,7 +9,7 @@ What does not change during a run, as values of JSON in the files of its arrays.
 
 What only engines can tell (the film's stress at given nodes) and what is only drawn is not kept.
 
-A part of a run that went on from a checkpoint begins there; what an earlier part holds of later ticks is
+A part of a run that resumed from a checkpoint begins there; what an earlier part holds of later ticks is
 passed over.
 """
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _OWN: Final = b"cosim"
 """Key of what cosim says in the metadata of files and columns."""
 _DIGEST: Final = b"cosim_sha256"
-"""Key of the digest of that, which tells damage from what was written."""
+"""Key of the digest of that, by which damage is found."""
 _OPEN: Final = ("unit", "meaning")
 """What other programs find in the metadata of a column by itself."""
 

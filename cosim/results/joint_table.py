@@ -86,7 +86,7 @@ class JointTable:
     def urscript_text(self) -> str:
         """Return a program for the controller of a UR arm: a move to the begin, then `servoj` at every step.
 
-        Where the payload is known, `set_target_payload` tells of it before the move, and every 0.5 s what it
+        Where the payload is known, `set_target_payload` sets it before the move, and every 0.5 s what it
         will be 0.5 s later (PolyScope 5.10 and later).
 
         Raises:

@@ -381,7 +381,7 @@ class ResultBuilder:
 
     Args:
         frames_per_s: how often node positions are kept, in simulated time.
-        after_s: simulated time that the run goes on from; None from its start.
+        after_s: simulated time that the run continues from; None from its start.
     """
 
     def __init__(self, frames_per_s: float, after_s: float | None = None) -> None:
@@ -411,7 +411,7 @@ class ResultBuilder:
         return {name: _joined(parts) if parts else np.zeros(0) for name, parts in found}
 
     def forget(self) -> None:
-        """Gather anew; frames go on as they would."""
+        """Gather again; frames continue as they would."""
         self._gathered = {name: [] for name in self._gathered}
 
     def close(self) -> None:

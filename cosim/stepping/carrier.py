@@ -139,7 +139,7 @@ class Carrier(ABC):
         """
 
     def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
-        """Return where links of the arm stand in what is in the scene, or (`among_links`) in one another."""
+        """Return where links of the arm are in what is in the scene, or (`among_links`) in one another."""
         return ()
 
     def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:

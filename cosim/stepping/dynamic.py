@@ -77,7 +77,7 @@ class TipSpeed:
     Args:
         tip: (3,) [m], flange frame; NaN before the first tick.
         mean: [m/s], over the last quarter of a second.
-        looked: [m/s], at the last look at the motion that goes on; 0 where it is no faster than its mean.
+        looked: [m/s], at the last look at the motion that continues; 0 where it is no faster than its mean.
     """
 
     tip: Array

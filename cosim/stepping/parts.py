@@ -109,14 +109,14 @@ def brought_to_rest(
     """Bring a soft side to its equilibrium before the first phase, and return that.
 
     Args:
-        kept: parts that may serve again.
+        kept: parts that may be used again.
         model_name: of all that the soft side is made of.
         soft: new.
         flange: where it is.
         loads: that act.
 
     Raises:
-        ConvergenceError: there is none near the drawn shape.
+        ConvergenceError: none was found near the drawn shape.
     """
 
     def hung() -> tuple[Equilibrium | None, Any]:

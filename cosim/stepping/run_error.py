@@ -2,7 +2,7 @@
 
 Mesh: the state at rest under the loads of the phase's end is found on the run's mesh and on that refined
 once; their difference, times a factor that was calibrated (docs/run_error.md). Tensions that a target was
-reached with are searched for anew on both.
+reached with are searched for again on both.
 
 Section models: besides, the difference of the chain at rest to the film that it was condensed from, which
 is at rest under the same loads; what follows is of that film, and of no ticks.

@@ -3,7 +3,7 @@
 What a worker does with a design: compiles once, runs it, one at a time, and returns a row. Kernels are
 compiled once, here, before any worker needs them: many processes at once would each do it.
 
-The rows of a sweep, one line of JSON each, written as they come: what a killed sweep goes on from.
+The rows of a sweep, one line of JSON each, written as they come: what a killed sweep continues from.
 
 `cosim.sweep`.
 """
@@ -130,7 +130,7 @@ class Journal:
     """Rows by the names of their designs' contents.
 
     Args:
-        path: of the file; it is made, or gone on with.
+        path: of the file; it is made, or continued with.
     """
 
     def __init__(self, path: Path) -> None:
@@ -364,10 +364,10 @@ def sweep(
     modules: Sequence[str] = (),
     tell: Tell | None = None,
 ) -> SweepOutcome:
-    """Run every design of a study and write the table `sweep.parquet`; run again, go on where it was ended.
+    """Run every design of a study and write the table `sweep.parquet`; run again, continue where it ended.
 
     A design that cannot be built or solved is a row with the reason. Rows are known by the contents of
-    scenario and code: whatever of these changes is computed anew.
+    scenario and code: whatever of these changes is computed again.
 
     Args:
         study: path of a study's .toml file, or the table itself.
@@ -375,7 +375,7 @@ def sweep(
         engine: "processes", the address of a Dask scheduler, such as "tcp://127.0.0.1:8786", or any executor.
         workers: processes of this machine; None: one for each processor.
         measure: returns more columns of a run's result; workers import it by its name.
-        modules: with kinds of one's own, for every worker to import.
+        modules: with custom kinds, for every worker to import.
         tell: told of the progress after every design.
 
     Raises:

@@ -1,6 +1,6 @@
 """Rows of sweeps: what travels to a worker and back, the figures of a run, and the table of all designs.
 
-Columns of one's own: a function of a run's result, named so that every worker finds it.
+Custom columns: a function of a run's result, named so that every worker finds it.
 
 The figures of a run as a flat row: numbers of its summary by name, of its last phase without a prefix.
 
@@ -355,7 +355,7 @@ def plot_sweep(directory: str | Path, x: str, *ys: str, colour: str | None = Non
     Args:
         directory: of the sweep.
         x: column to the right.
-        ys: columns upwards, each in axes of its own.
+        ys: columns upwards, each in its own axes.
         colour: column that colours the points; None for none.
 
     Raises:

@@ -63,7 +63,7 @@ def modelled_line(summary: dict[str, Any]) -> str:
 
 
 def stability_line(summary: dict[str, Any]) -> str:
-    """Return where the soft robot was unstable, and how it was gone on; else its lowest frequency."""
+    """Return where the soft robot was unstable, and how it was continued; else its lowest frequency."""
     rows = summary["branchings"]
     lines = [*branching_lines(rows), *undecided_warnings(rows), *standing_lines(summary["phases"])]
     if lines:

@@ -277,8 +277,8 @@ class RunErrors:
     """How far the figures at the ends of phases may be off; docs/run_error.md.
 
     Args:
-        phases: by the phase's index: each figure's bar, None where there is none, what it is made of, and
-            the `reason` why there is none.
+        phases: by the phase's index: each figure's bar, None if it has no bar, what it is made of, and
+            the `reason` why.
         reason: why phases are left out; None where none is.
         iterations: on the refined mesh.
         wall_s: that it took.
@@ -322,7 +322,7 @@ class Snapshot(Shown):
         branchings: unstable states that the soft robot has met in the tick, or is in.
         overlaps: of its films, at ticks at which it is looked for.
         footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
-        handovers: changes of the model that stands for the soft robot, before the tick, and ends of bridges.
+        handovers: changes of the model that represents the soft robot, before the tick, and ends of bridges.
     """
 
     tick: int

@@ -138,7 +138,7 @@ class SummaryBuilder:
         stage: of the run.
         startup_s: wall time from the start of the command to the first snapshot; of all parts of the run.
         version: of cosim.
-        resumed_at_ticks: after which the run went on.
+        resumed_at_ticks: after which the run resumed.
     """
 
     def __init__(

@@ -236,7 +236,7 @@ class TickBatch(RigidColumns):
         return map(self.snapshot, range(len(self)))
 
     def some(self, rows: IntArray) -> TickBatch:
-        """Return some of the ticks, by their rows, in arrays of their own."""
+        """Return some of the ticks, by their rows, in their own arrays."""
         places = {row: place for place, row in enumerate(rows.tolist())}
 
         def by_row(given: Mapping[int, Any]) -> Any:
@@ -255,7 +255,7 @@ class TickBatch(RigidColumns):
         return replace(self, **{name: read_only(getattr(self, name)) for name in _ARRAYS})
 
     def snapshot(self, row: int) -> Snapshot:
-        """Return one tick, in arrays of its own."""
+        """Return one tick, in its own arrays."""
         row = range(len(self))[row]
         wrench, twist = self.wrench[row], self.flange_twist[row]
         of_ledger = {name: getattr(self, name).item(row) for name in _OF_LEDGER}

@@ -34,7 +34,7 @@ class Candidate:
         base: whether it is the scenario's own model, from which its group's switches start.
         decision: what of `modelled` in summary.json it decides otherwise; empty for none.
         commanded: whether tensions and flange poses for the tip's targets are those of the scenario's own
-            model; otherwise they are planned anew, as `cosim run` does.
+            model; otherwise they are planned again, as `cosim run` does.
     """
 
     name: str
@@ -74,7 +74,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
     Args:
         scenario: checked.
         fidelities: below the lumped one.
-        quick: leave out what stands for the truth; the model as it is is the reference then.
+        quick: leave out what represents the truth; the model as it is is the reference then.
     """
     same: dict[str, Any] = {"fidelity": "lumped", "clock.tick_s": _TICK_S}
     if any(entry.mass_kg is not None for entry in scenario.objects) or scenario.wires:
@@ -101,7 +101,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
 
 
 def _truths(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """Return what stands for the truth, by name, the best first.
+    """Return what represents the truth, by name, the best first.
 
     That is the wrinkling film on the finest mesh that can be afforded. On the mesh before that one it tells
     how far from converged it is. The scenario's own film stands in where neither has an equilibrium.
@@ -217,7 +217,7 @@ def candidates_of(
         quick: fewer of them, none with a refined mesh.
         time_scale: factor on the duration of every phase that does not shake.
         truth: what the choice is measured against: "finest", the scenario's own mesh at the finest tick, or
-            "refined", what stands for the truth among the models.
+            "refined", what represents the truth among the models.
 
     Raises:
         InputError: the scenario is quasistatic, or the factor not positive.

@@ -337,7 +337,7 @@ _REFERENCE_SLOWEST = 0.1  # share of that bound which a reference has to keep: n
 @final
 @dataclass(frozen=True)
 class Telling:
-    """Who is told of candidates.
+    """Who is informed of candidates.
 
     Args:
         begin: of a candidate's place in the list, counted from 0, before it runs.
@@ -365,7 +365,7 @@ def measure(
         scenario: that they change.
         candidates: to run.
         build: makes a simulation.
-        telling: who is told of them.
+        telling: who is informed of them.
         follow: what else sees every snapshot, inside the measured time.
         slowest: real-time factor below which a candidate is stopped, a reference at a tenth of it; 0: none.
     """

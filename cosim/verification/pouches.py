@@ -97,7 +97,7 @@ class Sheet:
         """Return the loads of the pressure.
 
         The model measures volume as cones from the origin. The end at y = 0 contributes nothing, the one at
-        y = depth a third of the prism, and no film stands for it: the film measures two thirds of the
+        y = depth a third of the prism, and no film represents it: the film measures two thirds of the
         volume, whatever its shape, and takes three halves of the pressure to do the gas's work.
         """
         return replace(UNLOADED, pressure_Pa=(1.5 * PRESSURE_PA,))

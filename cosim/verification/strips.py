@@ -51,7 +51,7 @@ soft one would let each panel twist, and the strip would bend too easily: by 1 /
 class Strip:
     """A strip along x, width along y, clamped at x = 0.
 
-    The clamped panel lies at x < 0. The fold at the clamp stands for half a panel only, so its stiffness is
+    The clamped panel lies at x < 0. The fold at the clamp represents half a panel only, so its stiffness is
     doubled: then the error falls with the square of the panels' length.
 
     Args:
@@ -474,7 +474,7 @@ def pressed(panels: int) -> Specimen:
 def outer(pressure_Pa: float) -> Loads:
     """Return the loads of a pressure from outside.
 
-    No film stands for the ends, so the model measures two thirds of the volume, see `Sheet.loads`.
+    No film represents the ends, so the model measures two thirds of the volume, see `Sheet.loads`.
     """
     return replace(UNLOADED, pressure_Pa=(-1.5 * pressure_Pa,))
 

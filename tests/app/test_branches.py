@@ -55,7 +55,7 @@ def test_what_is_modelled_stays_so(tmp_path: Path) -> None:
     here = simulation(tmp_path, **DOWN)
     lifted = here.branch({"phase.press.flange_shift_m": [0.0, 0.0, 0.0]})
     assert contact(lifted).included
-    assert contact(lifted).reason.startswith("as in the run that it goes on from: the film reaches ")
+    assert contact(lifted).reason.startswith("as in the run that it continues from: the film reaches ")
     here.save().write(tmp_path / "saved.npz")
     again = cosim.Simulation(lifted.scenario, start=tmp_path / "saved.npz")
     assert again.stage.modelled == lifted.stage.modelled

@@ -97,7 +97,7 @@ def test_targets_of_a_rigid_robot_are_planned_on_the_lumped_one(folder: Path) ->
     [
         ({"fidelity": "rigid", "model.closed": False}, "fidelity: 'rigid' needs model.closed"),
         ({"fidelity": "rigid", "phase.turn.release": ["unit_1.hole"], "phase.turn.clamp": ["tip"]},
-         "phase.turn.release: cannot stand beside fidelity = 'rigid'"),
+         "phase.turn.release: cannot be combined with fidelity = 'rigid'"),
         ({"fidelity": "refined", "soft_robot.stack.refine": 4}, "fidelity: 'refined' is one refinement"),
         ({"fidelity": "fine"}, "fidelity: got the text 'fine'; allowed: 'rigid', 'section', 'lumped', "),
     ],

@@ -287,7 +287,7 @@ def test_only_stacks_have_sections_finer_meshes_and_published_hinges(tmp_path: P
     ):
         with pytest.raises(ScenarioError, match="not drawn as a stack of units alone"):
             load_scenario(tmp_path / "scenario.toml", changes)
-    with pytest.raises(ScenarioError, match=r"body: cannot stand beside stack"):
+    with pytest.raises(ScenarioError, match=r"body: cannot be combined with stack"):
         load_scenario("ur5e_hexagon_arm", {"soft_robot.body": {"kind": "mesh", "file": "a.obj", "set": []}})
 
 

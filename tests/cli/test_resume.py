@@ -137,10 +137,10 @@ def test_a_new_run_in_the_directory_replaces_all_of_the_old_one(command: Command
 
 def test_people_are_told_how_to_go_on(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
     command.start(at_tick=interrupt_at(7))
-    assert f"go on: cosim run --resume {command.directory}" in capsys.readouterr().err
+    assert f"resume it: cosim run --resume {command.directory}" in capsys.readouterr().err
     command.resume()
     lines = capsys.readouterr().err
-    assert "goes on after tick 7" in lines
+    assert "resumes after tick 7" in lines
     assert f"open it: cosim view {command.directory}" in lines
 
 
@@ -163,7 +163,7 @@ def test_a_run_without_checkpoint_is_refused(command: Command, capsys: pytest.Ca
     command.start(at_tick=interrupt_at(7))
     (command.directory / "checkpoint.npz").unlink()
     assert command.resume() == 2
-    assert "left no checkpoint.npz; run it anew: cosim run" in capsys.readouterr().err
+    assert "left no checkpoint.npz; start it again: cosim run" in capsys.readouterr().err
 
 
 def test_a_directory_without_a_run_is_refused(command: Command, capsys: pytest.CaptureFixture[str]) -> None:

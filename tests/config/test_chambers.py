@@ -83,7 +83,7 @@ def test_gas_flows_through_an_orifice_until_pressures_agree() -> None:
 
 def test_a_chamber_table_is_written_back_as_it_was() -> None:
     given = {"phase": [phase("all", pressure_Pa={"copy_*": 2e3}, gas={"copy_1": "sealed"})]}
-    with pytest.raises(ScenarioError, match="cannot stand beside a sealed gas"):
+    with pytest.raises(ScenarioError, match="cannot be combined with a sealed gas"):
         load_scenario("three_unit_inflation", {**TRIPLE, **given})
     given = {"phase": [phase("all", pressure_Pa={"copy_*": 2e3})]}
     scenario = load_scenario("three_unit_inflation", {**TRIPLE, **given})

@@ -63,7 +63,7 @@ def test_a_run_has_its_path_spelled_out(tmp_path: Path) -> None:
         (with_path(speed_m_s=0.5), "phase.follow.tip_path", "too short to reach 0.5 m/s"),
         (with_path(points_m=POINTS[:1]), "phase.follow.tip_path", "two points at least"),
         (with_path(directions=[[0, 0, 0]]), "phase.follow.tip_path.directions.1", "must not be zero"),
-        (with_path(file="x.csv"), "phase.follow.tip_path.points_m", "cannot stand beside file"),
+        (with_path(file="x.csv"), "phase.follow.tip_path.points_m", "cannot be combined with file"),
         ({"name": "follow", "tip_path": {"points_m": POINTS}}, "phase.follow.tip_path.speed_m_s", "missing"),
         ({"name": "follow"}, "phase.follow.duration_s", "missing"),
     ],

@@ -128,7 +128,7 @@ def test_a_source_sees_the_robot_and_moves_its_joints() -> None:
     [
         ((SINE.replace("0.4", "-1.0"), HOLD), r"command\.1\.amplitude_N: -1 is out of bounds"),
         ((SINE, SINE.replace("sine", "cosine"), HOLD), r"command\.2: kind is the text 'cosine'"),
-        ((SINE, device_parts.PUMP, HOLD), r"command\.1: cannot stand beside pumps"),
+        ((SINE, device_parts.PUMP, HOLD), r"command\.1: cannot be combined with pumps"),
         ((SINE, device_parts.PULL + device_parts.SHORTER), r"command\.1: cannot .* cable lengths"),
         (
             (SINE, HOLD + "tip_target.height_m = 0.2\ntip_target.reach_with = 'flange'\n"),

@@ -192,7 +192,7 @@ def test_a_run_that_has_not_ended_is_refused_with_how_to_go_on(
     command = Command(monkeypatch, made_up_build, tmp_path / "a")
     with pytest.raises(SystemExit):
         command.start("--checkpoint-every", "1e-9", at_tick=at_tick)
-    with pytest.raises(cosim.InputError, match="has not ended; go on with it: cosim run --resume"):
+    with pytest.raises(cosim.InputError, match="has not ended; resume it: cosim run --resume"):
         cosim.load_run(command.directory)
     assert command.resume() == 0
     assert cosim.load_run(command.directory).tick.tolist() == list(range(26))

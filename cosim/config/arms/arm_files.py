@@ -46,7 +46,7 @@ class ArmSource:
     Args:
         name: as asked for.
         path: of the URDF or MJCF.
-        table: of its `arm.toml`, or what stands for one.
+        table: of its `arm.toml`, or what represents one.
         package_folders: in which packages are looked for first.
         files: what has been read already.
     """

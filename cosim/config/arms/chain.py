@@ -193,7 +193,7 @@ def numbers(
         element: that may have it.
         key: the attribute.
         count: how many there must be.
-        default: text that stands for it where it is missing; empty: it must be there.
+        default: text that replaces it where it is missing; empty: it must be there.
         where: for messages.
         kind: of number, which says how large it may be.
 

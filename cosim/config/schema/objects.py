@@ -242,7 +242,7 @@ class ObjectTable(_Shaped):
     @rule
     def _hangs_on_one_joint(self) -> Told:
         if self.hinge is not None and self.slide is not None:
-            yield "slide", "cannot stand beside hinge; an object has one joint"
+            yield "slide", "cannot be combined with hinge; an object has one joint"
         elif (self.hinge or self.slide) and self.mass_kg is None:
             key = "slide" if self.hinge is None else "hinge"
             yield "mass_kg", f"is missing; what hangs on a {key} needs mass"

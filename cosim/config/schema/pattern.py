@@ -65,7 +65,7 @@ class PatternTable(BodySourceTable):
     """A film of two flat sheets that are welded along seams, as it is cut.
 
     Args:
-        kind: tells kinds of `[body]` apart.
+        kind: of `[body]`.
         file: DXF or SVG beside the file that names it, in layers CUT, SEAL, HOLE, PORT, CABLE, FOLD; or
             `outline_m` has the outline.
         unit: of the drawing's numbers; omitted: as the drawing says.

@@ -1,6 +1,6 @@
 """Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
 
-Names that stand for several things: groups ("gripper" for "gripper/...") and patterns ("copy_*/tip").
+Names that mean several things: groups ("gripper" for "gripper/...") and patterns ("copy_*/tip").
 
 Values that a scenario gives for the gas chambers: one for all, a list, or a table by name.
 
@@ -9,7 +9,7 @@ names begin with "gripper/"), or a pattern ("gripper/copy_*").
 
 Tables of what changes the commands of a scenario's phases: `[[command]]`.
 
-Each kind has a table of its own, a subclass of `CommandTable`, and is known once it is registered.
+Each kind has its own table, a subclass of `CommandTable`, and is known once it is registered.
 
 A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
 `roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
@@ -60,7 +60,7 @@ def by_name(table: Mapping[str, Value], names: Sequence[str], what: str, path: s
         path: of the table, for the message.
 
     Raises:
-        ScenarioError: a key stands for no name.
+        ScenarioError: a key matches no name.
     """
     found: dict[str, Value] = {}
     for key, value in table.items():
@@ -85,7 +85,7 @@ def given_values(
         path: of the setting, for messages.
 
     Raises:
-        ScenarioError: a list of another length, or a name that stands for no chamber.
+        ScenarioError: a list of another length, or a name that matches no chamber.
     """
     if isinstance(setting, Mapping):
         found = by_name(setting, names, "chamber", path)
@@ -116,7 +116,7 @@ class CommandTable(KindTable):
     """A source of commands.
 
     Args:
-        kind: of the source; each kind has further keys of its own.
+        kind: of the source; each kind has its own further keys.
     """
 
     def source(self, given: Any, scenario: Any) -> Any:
@@ -406,7 +406,7 @@ class PhaseTable:
     def _moves_in_one_way(self) -> Told:
         moves = self._given(_MOVES)
         if self.flange is not None and len(moves) > 1:
-            yield moves[1], "cannot stand beside flange, which already gives the pose"
+            yield moves[1], "cannot be combined with flange, which already gives the pose"
 
     @rule
     def _shakes(self) -> Told:
@@ -428,9 +428,9 @@ class PhaseTable:
         if self.tip_path is None:
             return
         for other in self._given((*_MOVES, "tip_target")):
-            yield other, "cannot stand beside tip_path, which moves the flange"
+            yield other, "cannot be combined with tip_path, which moves the flange"
         if self.ramp != "linear":
-            yield "ramp", f"is '{self.ramp}'; a tip_path has ramps of its own (ramp_s): leave it out"
+            yield "ramp", f"is '{self.ramp}'; a tip_path has its own ramps (ramp_s): leave it out"
 
     @rule
     def _lasts_as_long_as_its_path(self) -> Told:
@@ -457,17 +457,17 @@ class PhaseTable:
         if self.tip_target is None:
             return
         for key in self._given(_MOVES)[:1]:
-            yield key, "cannot stand beside tip_target in one phase"
+            yield key, "cannot be combined with tip_target in one phase"
         if self.tip_target.reach_with == "cables" and self.cable_tension_N is not None:
-            yield "cable_tension_N", "cannot stand beside a target reached with cables"
+            yield "cable_tension_N", "cannot be combined with a target reached with cables"
 
     @rule
     def _commands_cables_in_one_way(self) -> Told:
         for key in self._given(("cable_length_m", "cable_shortening_m")):
             if getattr(self, key) and self.cable_tension_N is not None:
-                yield key, "cannot stand beside cable_tension_N, which commands the same cables"
+                yield key, "cannot be combined with cable_tension_N, which commands the same cables"
         for name in sorted((self.cable_length_m or {}).keys() & (self.cable_shortening_m or {}).keys()):
-            yield f"cable_shortening_m.{name}", "cannot stand beside cable_length_m of the same cable"
+            yield f"cable_shortening_m.{name}", "cannot be combined with cable_length_m of the same cable"
 
 
 HOLD: Final = PhaseTable(name="hold", duration_s=1e9, ramp="step")

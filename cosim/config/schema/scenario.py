@@ -517,7 +517,7 @@ class GivenBodyTable:
 
 
 AnySoftRobot: TypeAlias = SoftRobotTable | GivenBodyTable
-"""What stands for the soft robot in a checked scenario."""
+"""What represents the soft robot in a checked scenario."""
 
 
 @final
@@ -614,5 +614,5 @@ class Scenario:
 
     @property
     def endless(self) -> bool:
-        """Whether it has no phases of its own, and lasts as long as it is stepped."""
+        """Whether it has no phases, and lasts as long as it is stepped."""
         return self.phases in ((), (HOLD,))

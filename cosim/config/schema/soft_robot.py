@@ -4,7 +4,7 @@ What draws the film of a soft robot, other than a stack of units: `[body]` of it
 
 Tables of elements that a soft robot has besides its film, folds, cables and stiffeners: `[[element]]`.
 
-Each kind has a table of its own, a subclass of `ElementTable`, and is known once it is registered.
+Each kind has its own table, a subclass of `ElementTable`, and is known once it is registered.
 
 Tables of what a soft robot is made of: film, hinges, stiffeners, mass."""
 
@@ -41,7 +41,7 @@ class BodySourceTable(KindTable):
     """What draws the film of a soft robot.
 
     Args:
-        kind: of the source; each kind has further keys of its own.
+        kind: of the source; each kind has its own further keys.
     """
 
     def set_names(self) -> tuple[str, ...]:
@@ -95,9 +95,9 @@ class MeshTable(BodySourceTable):
     """A film from a mesh file, its open ends closed by caps.
 
     Args:
-        kind: tells kinds of `[body]` apart.
+        kind: of `[body]`.
         file: STL or OBJ, beside the file that names it; counter-clockwise seen from outside, in the flange's
-            frame. The groups of an OBJ file (`g NAME`) are those that `[[group]]` gives a film of their own.
+            frame. The groups of an OBJ file (`g NAME`) are those that `[[group]]` gives their own film.
         scale: multiplies the numbers of the file, such as 0.001 for a file in mm.
         sets: `[[body.set]]` in the file.
         tip: the set around the free end.
@@ -132,7 +132,7 @@ class ElementTable(KindTable):
     """Further elements of a soft robot.
 
     Args:
-        kind: of the elements; each kind has further keys of its own.
+        kind: of the elements; each kind has its own further keys.
     """
 
     def element(self, body: Any) -> Any:
@@ -413,7 +413,7 @@ class AttachmentTable:
     @rule
     def _has_a_tip_to_be_on(self, robot: SoftRobotTable) -> Told:
         if robot.copies is not None:
-            yield "", "cannot stand beside copies, which have no single tip"
+            yield "", "cannot be combined with copies, which have no single tip"
 
     @rule
     def _has_the_same_film(self, robot: SoftRobotTable) -> Told:
@@ -433,7 +433,7 @@ class AttachmentTable:
 @final
 @dataclass(frozen=True)
 class FaceGroupTable:
-    """A named group of triangles with a film of its own; a hinge between two films has the harmonic mean.
+    """A named group of triangles with its own film; a hinge between two films has the harmonic mean.
 
     Args:
         name: as whatever draws the film calls the group.
@@ -496,7 +496,7 @@ class SoftRobotTable:
         schema: number of the names of the keys; see that of scenarios.
         stack: what draws the film, or `body` does.
         body: what else may draw it: a mesh file, or a kind registered from Python.
-        groups: `[[group]]` in the file: triangles of `body` with a film of their own.
+        groups: `[[group]]` in the file: triangles of `body` with their own film.
         base: rings clamped to the flange from the start, such as "unit_1.hole".
         cables: `[[cable]]` in the file, of one copy.
         copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
@@ -596,7 +596,7 @@ class SoftRobotTable:
     @rule
     def _is_drawn_once(self) -> Told:
         if self.stack is not None and self.body is not None:
-            yield "body", "cannot stand beside stack; one draws the film"
+            yield "body", "cannot be combined with stack; one draws the film"
         elif self.stack is None and self.body is None:
             yield "stack", "is missing; give [stack], or [body] with what draws the film"
         elif self.stack is not None and self.groups:

@@ -54,7 +54,7 @@ class StackTable:
             docs/mesh_study.md.
         refine_holes: of a drawn mesh, how often all edges that end at hole rings are cut, a third of the
             logarithmic way outwards: units bend there, and it is several times too stiff for it.
-        neck: films fused around the holes; omitted: each unit has films of its own up to the holes. Only with
+        neck: films fused around the holes; omitted: each unit has its own films up to the holes. Only with
             refine_holes or a graded mesh.
         refine: how often each triangle is divided into four, after that.
     """

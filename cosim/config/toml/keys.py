@@ -274,7 +274,7 @@ def listing(names: Sequence[str]) -> str:
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """Return the names that a name, group or pattern stands for, in their order."""
+    """Return the names that a name, group or pattern represents, in their order."""
     return [name for name in names if name.startswith(f"{pattern}/") or fnmatchcase(name, pattern)]
 
 

@@ -2,7 +2,7 @@
 
 Schemas of tables as pydantic makes them of dataclasses, made strict and bounded by units.
 
-Tables of which files may have several kinds, each a class of its own, known once it is registered.
+Tables of which files may have several kinds, each its own class, known once it is registered.
 
 A family of kinds, such as that of `[[element]]`, is a direct subclass of `KindTable`, and its kinds are
 subclasses of the family.
@@ -11,8 +11,8 @@ Keys of the schema number before, and what they are called now.
 
 What to say about a value that does not fit its schema.
 
-pydantic checks types, keys and bounds; every fault is told with the path of its key, the value, and what is
-allowed. What is wrong in a table does not keep rules from being checked on the rest.
+pydantic checks types, keys and bounds; every fault is reported with the path of its key, the value, and
+what is allowed. What is wrong in a table does not keep rules from being checked on the rest.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def validator_of(kind: type) -> SchemaValidator:
 
 
 def forget_schemas() -> None:
-    """Make schemas anew when they are next asked for: the tables that they may hold have changed."""
+    """Rebuild schemas when they are next asked for: the tables that they may hold have changed."""
     for kept in (bounded_schema, file_schema, validator_of):
         kept.cache_clear()
 

@@ -34,7 +34,7 @@ class Fault(NamedTuple):
 
 
 _PLAIN: Final = "_plain"
-"""Where a guarded class keeps the one that it stands for."""
+"""Where a guarded class keeps the one that it represents."""
 
 
 class NotKnown(Exception):  # noqa: N818  # no error of anybody: what a rule needs is wrong itself
@@ -99,7 +99,7 @@ def _guarded(kind: type) -> type:
 
 @final
 class Faults:
-    """Collects faults: `with faults:` notes what is raised within, and goes on after it."""
+    """Collects faults: `with faults:` notes what is raised within, and continues after it."""
 
     def __init__(self) -> None:
         self._found: dict[Fault, None] = {}
@@ -238,7 +238,7 @@ class Unreadable:
     problem: str
 
     def __repr__(self) -> str:
-        """Return what stands for it in a list that is shown."""
+        """Return what represents it in a list that is shown."""
         return "..."
 
 

@@ -270,7 +270,7 @@ class Search(NamedTuple):
         owner: (features,) shape of each feature.
         feature: (features, 3) [m], shape frame.
         surface: of the film.
-        lists: that may serve.
+        lists: that may be valid.
         near: filled from the beginning.
         held: (f,) the triangle that has held each listed feature back until now, -1 for none.
         places: (p, 3) [m], of the film's points; those that no shape is near may be anywhere.

@@ -5,7 +5,7 @@ planes; the soft step solves with them; what its contact points press with acts 
 next step, at the same points, with the opposite sign. Each contact keeps where its stick spring is tied on
 the obstacle, and its normal force, which bounds the friction of the next tick. Kernels do all of this, for
 ticks that they take by themselves as well; here is what they act on, and the lists of what is near, made
-anew where they serve no longer.
+again where they are no longer valid.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from cosim.soft.solve.state import SoftState
 BEHIND_M: Final = 5e-3
 """How far behind the film a corner still counts as one that came through it."""
 FEATURE_AREA_M2: Final = 5e-5
-"""What each stands for: a corner must hold back the film around it by itself."""
+"""What each represents: a corner must hold back the film around it by itself."""
 RENEW_ABOVE: Final = 1.2
 """Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
@@ -195,7 +195,7 @@ class ContactExchange:
         self.arrays = self.arrays._replace(numbers=self.arrays.numbers._replace(renewed_after=ticks))
 
     def forget(self) -> None:
-        """Read anew what kernels have filled meanwhile."""
+        """Read again what kernels have filled meanwhile."""
         for name in ("planes", "sticking", "report"):
             self.__dict__.pop(name, None)
 

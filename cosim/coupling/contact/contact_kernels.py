@@ -1,6 +1,6 @@
 """The kernels of a tick's contacts: what is near, what may be touched, and what was at the tick's end.
 
-What is near is found through lists that serve until the film has moved.
+What is near is found through lists that are valid until the film has moved.
 A shape does not move in its own frame. So while no node of the film has gone further there than m since the
 lists were made, what is nearer than r now was nearer than r + m then: points of the film to the shape, the
 shape's sharp features to triangles of the film.
@@ -296,7 +296,7 @@ def _read_poses(bounds: Any, body: Indices, leads: Any, centers: Matrix) -> None
 
 @device_function
 def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
-    """Find what is near; return how many points of the film and features, -1 for lists that do not serve."""
+    """Find what is near; return how many points of the film and features, -1 for lists that are not valid."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
     body, listed, held, met = contact.shapes.body, search.lists.features, search.held, 0
     fill_leads(bodies.leads, ahead / AHEAD_TICKS)
@@ -328,7 +328,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
 
 @kernel
 def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
-    """Fill what the film may touch in a step; return how much, -1 for lists that do not serve.
+    """Fill what the film may touch in a step; return how much, -1 for lists that are not valid.
 
     Args:
         at: address of the `ContactArrays`, which are filled.

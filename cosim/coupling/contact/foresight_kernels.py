@@ -2,7 +2,7 @@
 
 A tick of one step: the accelerations under the loads that act, with all that touches and holds bodies now. A
 tick of several: these steps themselves, in a second state of the scene, so contacts that come about within
-the tick count, and servos go on at the speed that they were asked for last.
+the tick count, and servos continue at the speed that they were asked for last.
 """
 
 from __future__ import annotations

@@ -472,7 +472,7 @@ class LightBodies:
         self.restore_state(self._first)
 
     def weigh(self) -> None:
-        """Find anew which bodies are heavy, where the last tick asks for it."""
+        """Find again which bodies are heavy, where the last tick asks for it."""
         exchange = self._exchange
         if not exchange.asks_for_weighing:
             return

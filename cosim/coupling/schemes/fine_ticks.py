@@ -5,7 +5,7 @@ tick, a step of that length has the body fly past what it would meet. Such a tic
 as MuJoCo takes steps in it, each an exchange with one step of either side. The film's first step of another
 length is one of implicit Euler; after the last piece it looks back over a whole tick again.
 
-Servos and loads go on within the tick. What is shown of it belongs to its end, but for sums of work and
+Servos and loads continue within the tick. What is shown of it belongs to its end, but for sums of work and
 iterations, and the force on bodies: its product with the tick is the impulse that they get. What is left at
 the end of a piece acts through the next one, or the next whole tick.
 """

@@ -3,7 +3,7 @@
 Action and reaction are checked in every tick: what the rigid side has received is what was handed over.
 Transferred: the soft side's wrench on the flange, and the contact forces on its film with the opposite sign,
 summed node by node. Received: what MuJoCo holds applied to the flange and to the touched bodies in the step,
-read back from it. Both are taken about the world's origin, so forces stand for momentum and torques for
+read back from it. Both are taken about the world's origin, so forces represent momentum and torques for
 angular momentum, each times the tick. In the staggered exchange a tick receives what the tick before has
 handed over; in the iterated one, what the same tick hands over, and what the last one left over.
 """
@@ -162,7 +162,7 @@ class Interface:
 
     @property
     def to_be_weighed(self) -> bool:
-        """Whether the stability ratio is due to be found anew."""
+        """Whether the stability ratio is due to be found again."""
         return self.ticks % self._weighed_every == 0
 
     @property

@@ -348,7 +348,7 @@ class IteratedCoupling(Coupling):
         self._history, self._left_over, self._inverse = state.history, state.left_over, state.inverse
 
     def _expected(self, vector: FlangeLoad, last: Array) -> Array:
-        """Return a load (6,) that goes on as it has come."""
+        """Return a load (6,) that continues as it has come."""
         if len(self._history) < 2:
             return last
         now, before = (vector.from_world(loads) for loads in self._history)

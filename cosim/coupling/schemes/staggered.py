@@ -8,8 +8,8 @@ back as torque. So only a change of the answer meets A: a rigid load moves as on
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
-is more than they know: lists of what is near serve no longer, a tangent is indefinite, gas is sealed. That
-half is left to Python, and the row goes on.
+is more than they know: lists of what is near are not valid, a tangent is indefinite, gas is sealed. That
+half is left to Python, and the row continues.
 
 What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
 film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
@@ -121,7 +121,7 @@ class SoftHalves:
 
     @final
     def end(self, taken: TicksTaken) -> None:
-        """Show the shapes of ticks that kernels have taken: what follows begins anew."""
+        """Show the shapes of ticks that kernels have taken: what follows begins again."""
         if self._motion is not None:
             done = taken.done - self._first
             if done:

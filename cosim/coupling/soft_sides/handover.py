@@ -27,7 +27,7 @@ _SOON_S, _SOON_INCREMENTS = 1.0, 20
 @final
 @dataclass(frozen=True)
 class Handover:
-    """One change of the model that stands for the soft robot.
+    """One change of the model that represents the soft robot.
 
     Both models take the last tick before it from the same state, with the forces that bridge them; jumps and
     gaps are what they differ by at its end. Gaps up to `MOST_BRIDGED` are bridged as well: the flange feels

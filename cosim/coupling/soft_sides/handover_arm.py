@@ -1,6 +1,6 @@
 """The soft side of a run that changes between a section model and its film: two models behind one interface.
 
-The chain stands for the soft robot while it can. A tick that it cannot take, as it is at the end of its range
+The chain represents the soft robot while it can. A tick that it cannot take, as it is at the end of its range
 or loses its equilibrium, is taken by the film; the chain takes back when the film has been well within its
 range for a while. How one begins where the other is: `taking_over`.
 """
@@ -92,7 +92,7 @@ class HandoverState:
     """What the next step depends on.
 
     Args:
-        model: that stands for the soft robot.
+        model: that represents the soft robot.
         chain: of both.
         film: of both.
         bridge: forces that fade; None for none.
@@ -132,7 +132,7 @@ class _Pending:
 
 @final
 class HandoverArm(SoftSide):
-    """A chain of frames and its film, one of which stands for the soft robot.
+    """A chain of frames and its film, one of which represents the soft robot.
 
     Args:
         chain: section model.
@@ -155,7 +155,7 @@ class HandoverArm(SoftSide):
 
     @property
     def acting(self) -> SectionArm | SoftArm:
-        """The model that stands for the soft robot."""
+        """The model that represents the soft robot."""
         return self.film if self._film_acts else self.chain
 
     @property
@@ -276,7 +276,7 @@ class HandoverArm(SoftSide):
         return LoadsLeft(whole, own)
 
     def _hand_over(self, error: ConvergenceError) -> None:
-        """Let the film take over where the chain could not go on.
+        """Let the film take over where the chain could not continue.
 
         Raises:
             ConvergenceError: it cannot.
@@ -575,5 +575,5 @@ class HandoverArm(SoftSide):
 
 
 def _reason(error: ConvergenceError) -> str:
-    """Return why a chain could not go on: where it leaves its range, or what its solver says."""
+    """Return why a chain could not continue: where it leaves its range, or what its solver says."""
     return error.place if isinstance(error, OutOfRangeError) else str(error)

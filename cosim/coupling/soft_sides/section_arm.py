@@ -137,7 +137,7 @@ class ChainShapes(Sequence[ChainShape]):
     @overload
     def __getitem__(self, row: slice) -> ChainShapes: ...
     def __getitem__(self, row: int | slice) -> ChainShape | ChainShapes:
-        """Return a shape, in arrays of its own, or some."""
+        """Return a shape, in its own arrays, or some."""
         if isinstance(row, slice):
             return ChainShapes(self.frames[row], self.pressure_Pa[row])
         return ChainShape(self.frames[row].copy(), float(self.pressure_Pa[row]))

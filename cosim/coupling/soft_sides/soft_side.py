@@ -312,7 +312,7 @@ class SoftSide(ABC):
 
     @property
     def acting(self) -> SoftSide:
-        """The model that stands for the soft robot at present: itself, unless it holds several."""
+        """The model that represents the soft robot at present: itself, unless it holds several."""
         return self
 
     @property
@@ -360,7 +360,7 @@ class SoftSide(ABC):
             gravity: (3,) [m/s^2], world.
 
         Raises:
-            ConvergenceError: there is none near the drawn shape.
+            ConvergenceError: none was found near the drawn shape.
         """
         return None
 
@@ -374,7 +374,7 @@ class SoftSide(ABC):
             hung: what `hang` returns, where it is known and the present state is what that has left.
 
         Raises:
-            ConvergenceError: there is none near the drawn shape.
+            ConvergenceError: none was found near the drawn shape.
         """
 
     @abstractmethod
@@ -567,7 +567,7 @@ class SoftSide(ABC):
 
     @property
     def reach_m(self) -> float | None:
-        """A distance from the flange's origin that no node exceeds; None where only the film's size tells."""
+        """A distance from the flange's origin that no node exceeds; None where it is not known."""
         return None
 
     @property

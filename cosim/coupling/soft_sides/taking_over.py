@@ -209,7 +209,7 @@ class TakingOver:
         flanges: tuple[Pose, Pose],
         acting: LoadsLeft,
     ) -> None:
-        """Put the film where the chain is, without a step of its own."""
+        """Put the film where the chain is, without its own step."""
         before = now.frames if now.earlier is None else now.earlier[0]
         x = self._layout.carried(begin.positions, before, now.frames)
         start = replace(begin, positions=x, earlier=None)

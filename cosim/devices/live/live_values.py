@@ -90,7 +90,7 @@ class LiveValues:
         return LiveValues(pressure, gas, tension, length, pump)
 
     def beginning(self, end: LiveValues, present: LiveValues) -> LiveValues:
-        """Return where these values go on from to those of `end`: what is there, if not commanded yet."""
+        """Return where these values continue from to those of `end`: what is there, if not commanded yet."""
         triples = zip(self._columns, end._columns, present._columns, strict=True)
         return LiveValues(*[
             tuple([

@@ -1,1 +1,1 @@
-"""Section models made from the film that they stand for."""
+"""Section models made from the film that they represent."""

@@ -61,7 +61,7 @@ class PressureSpline(NamedTuple):
     def basis(self, pressure_Pa: float) -> Array:
         """Return (2, size): values and slopes d/dp [1/Pa] of all functions.
 
-        Beyond the range the functions go on as straight lines in p.
+        Beyond the range the functions continue as straight lines in p.
         """
         found: Array = self.bases(np.array((pressure_Pa,)))[0]
         return found
@@ -84,7 +84,7 @@ class PressureSpline(NamedTuple):
 def active_terms(pressure: float, spline: PressureSpline, out: Matrix) -> int:
     """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
 
-    Returns the first of them. Beyond 0 to the largest pressure they go on as straight lines in p.
+    Returns the first of them. Beyond 0 to the largest pressure they continue as straight lines in p.
     """
     # a pressure that is not a number gives such weights, and a place that exists
     largest, intervals = spline.largest_Pa, spline.intervals

@@ -8,7 +8,7 @@ frame moves r by dr and turns its axes by exp(S(phi)); all derivatives are exact
     second order of f . exp(S(phi)) v:   phi^T [(f v^T + v f^T) / 2 - (f . v) 1] phi / 2.
 Beyond the limits of its samples a section's energy is infinite: Newton's method then takes a shorter step.
 
-Kernels get whole arrays and an index, not rows: a row is an object of its own, which costs more than what
+Kernels get whole arrays and an index, not rows: a row is its own object, which costs more than what
 is done with it.
 
 What acts on the frames of a chain one by one, and cables between neighbours.
@@ -264,7 +264,7 @@ def _add_geometric(s: int, d: Vector, lean: Matrix, turn: Matrix, diagonal: Bloc
 def add_sections(
     frames: Blocks, chain: LoadedChain, gradient: Matrix, work: ChainWork, hessian: bool
 ) -> float:
-    """Add all sections; the blocks between frames are filled anew. Returns their energy."""
+    """Add all sections; the blocks between frames are filled again. Returns their energy."""
     c, inverse_length = chain.coefficients, chain.inverse_length
     d, x, g = small_vector(3), small_vector(6), small_vector(6)
     h = small_matrix(6, 6) if hessian else small_matrix(0, 6)

@@ -366,7 +366,7 @@ def solve_chain(
         kept: whether the factor of an earlier tangent is there to begin with.
 
     Returns:
-        Outcome, iterations, residual [N], whether the factor that is left may serve the next solution,
+        Outcome, iterations, residual [N], whether the factor that is left may be used for the next solution,
         potential [J], iterations that met an indefinite tangent.
     """
     here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]

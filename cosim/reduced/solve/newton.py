@@ -85,7 +85,7 @@ def _fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: I
 
 
 def nothing_touched() -> tuple[IntArray, Array, Array]:
-    """Return what stands for no contact in a `LoadedChain`."""
+    """Return what represents no contact in a `LoadedChain`."""
     return np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2)
 
 

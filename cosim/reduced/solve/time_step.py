@@ -4,7 +4,7 @@ Steps follow the schemes of `cosim.soft.solve.time_step` on the frames' points.
 
 Cables of commanded length on a chain: the tensions that the route's length at the solution gives them.
 
-A solution takes tensions. Those of commanded cables are unknowns of their own, T_c = k_c f(L_c - L_0c) as
+A solution takes tensions. Those of commanded cables are separate unknowns, T_c = k_c f(L_c - L_0c) as
 in `cosim.soft.elements.cable`, found by Newton's method around it: with g_c the gradient of
 sum_i c_i L_i, m_c that sum over L_c, and H the tangent, a unit of tension d shortens cable c by
 g_c^T H^-1 g_d / m_c.

@@ -117,7 +117,7 @@ def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
         found.append(CellJoint(name, bool(model.jnt_type[joint] == _DRIVEN[0]), limits))
     twice = [name for name, count in Counter(joint.name for joint in found).items() if count > 1]
     if twice:
-        raise InputError(f"cell file {path}: two joints are called {twice[0]!r}; give each a name of its own")
+        raise InputError(f"cell file {path}: two joints are called {twice[0]!r}; give each its own name")
     return tuple(found)
 
 

@@ -135,7 +135,7 @@ def _turn(a: Array, b: Array) -> Array:
 
 
 CELL: Final = "cell"
-"""Body that carries the world of the cell; names of its own are behind it and a slash."""
+"""Body that carries the world of the cell; its own names are behind it and a slash."""
 
 
 @final

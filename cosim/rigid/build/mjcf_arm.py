@@ -196,7 +196,7 @@ def _joint_of(model: mujoco.MjModel, body: int, path: Path) -> int | None:
     joint = _name(model, _Object.mjOBJ_JOINT, first)
     if count > 1:
         where = f"arm file {path}: body {_name(model, _Object.mjOBJ_BODY, body)!r}"
-        raise InputError(f"{where} has {count} joints; give each a body of its own")
+        raise InputError(f"{where} has {count} joints; give each its own body")
     kind, where = mujoco.mjtJoint(model.jnt_type[first]), f"arm file {path}: joint {joint!r}"
     if kind not in _KINDS:
         what = kind.name.removeprefix("mjJNT_").lower()
@@ -288,5 +288,5 @@ def _home(model: mujoco.MjModel, joints: list[int]) -> Array | None:
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
-    """Return the name of something, or what stands for one."""
+    """Return the name of something, or what represents one."""
     return mujoco.mj_id2name(model, kind, index) or f"{kind.name.removeprefix('mjOBJ_').lower()}_{index}"

@@ -1,7 +1,7 @@
 """The coefficient of sliding that holds between two surfaces, by one rule for rigid bodies and the film.
 
 MuJoCo lets the larger of two coefficients count, or the one of the geom with priority. Where the rule says
-otherwise, the two geoms get a contact of their own, which is as MuJoCo would have it besides.
+otherwise, the two geoms get their own contact, which is as MuJoCo would have it besides.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class PairFriction:
         return found
 
     def add_contacts(self, spec: mujoco.MjSpec, mounted: Sequence[str], wires: Sequence[str]) -> None:
-        """Give geoms contacts of their own where MuJoCo would take another coefficient.
+        """Give geoms their own contacts where MuJoCo would take another coefficient.
 
         Priority of what is mounted decides on how hard its contacts are, not on friction. Where the file of
         a cell gives a geom priority, its coefficient stays the one that counts.

@@ -101,7 +101,7 @@ class ArmDynamics:
         scratch: a state of it that is overwritten.
         layout: of the arm.
         driven: (d,) places of the cell's joints in the state.
-        servo_inertia: (joints,) [kg m^2], of the model's armature what stands for the servos' damping.
+        servo_inertia: (joints,) [kg m^2], part of the model's armature that represents the servos' damping.
     """
 
     def __init__(
@@ -335,7 +335,7 @@ class CellDrives:
         self.goal = np.zeros((2, len(joints)))
 
     def aim(self, position: Array, velocity: Array) -> None:
-        """Set where joints are at the end of the step to come, and how fast they go on from there.
+        """Set where joints are at the end of the step to come, and how fast they continue from there.
 
         Args:
             position: (joints,) [m] or [rad], from where the cell's file has them.

@@ -1,4 +1,4 @@
-"""Where links of the arm stand in one another, in an object or in the floor.
+"""Where links of the arm are in one another, in an object or in the floor.
 
 The solids of a compiled scene: of the arm's links, and of what they may meet.
 

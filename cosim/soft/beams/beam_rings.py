@@ -155,7 +155,7 @@ class BeamRings(DirectElement):
         return np.tile(np.append(np.tile([1.0, 0.0, 0.0, 0.0], nodes), np.zeros(3 * BAND * nodes)), count)
 
     def fresh(self, memory: Array) -> Array:
-        """Return memory (m,) without factors: the turns' tangents are looked at anew."""
+        """Return memory (m,) without factors: the turns' tangents are looked at again."""
         rows = memory.reshape(len(self.rings), -1).copy()
         rows[:, 4 * self.rings.shape[1] :] = 0.0
         return rows.ravel()

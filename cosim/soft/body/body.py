@@ -178,7 +178,7 @@ class SoftBody:
         rings: names of node groups.
         center_rings: names of those that the centre line runs through before the tip; none: base to tip.
         frame_rings: names of those that are frames of a section model, base to tip; none: it has none.
-        chambers: which parts enclose a gas of their own; none: all of it encloses one.
+        chambers: which parts enclose their own gas; none: all of it encloses one.
         copies: flange_from_copy of the copies that it is made of, node after node; none: it is one body.
     """
 

@@ -52,7 +52,7 @@ class Touching(NamedTuple):
 
 @cache
 def nothing_touching() -> Touching:
-    """Return what stands for nothing that may touch."""
+    """Return what represents nothing that may touch."""
     nothing: Touching = nothing_of(Touching)
     return nothing
 
@@ -217,7 +217,7 @@ def _besides(kind: Any) -> tuple[tuple[str, Any], ...]:
 
 
 def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -> tuple[Value, ...]:
-    """Return a value for each of so many chambers: the given ones, or what stands for none given."""
+    """Return a value for each of so many chambers: the given ones, or what represents none given."""
     if not values:
         return (missing,) * count
     if len(values) != count:
@@ -226,7 +226,7 @@ def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -
 
 
 def force_between(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
-    """Return nodal forces (n, 3) [N] at a load factor, 0 to 1; None stands for zero."""
+    """Return nodal forces (n, 3) [N] at a load factor, 0 to 1; None means zero."""
     if begin is None:
         return None if end is None else load_factor * end
     if end is None:

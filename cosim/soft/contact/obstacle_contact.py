@@ -2,7 +2,7 @@
 
 A contact point y = sum_a w_a x_a is a fixed combination of the nodes of one triangle. For one time step the
 obstacle's surface near it is its tangent plane, d = n . y - c (the nearest surface point of a curved obstacle
-is found anew at every step; the error within a step is (tangential displacement)^2 / (2 radius)). Its
+is found again at every step; the error within a step is (tangential displacement)^2 / (2 radius)). Its
 stiffness is k = (stiffness per area) x (tributary area). The anchor of its stick spring rides on the obstacle
 and is dragged along once |u| exceeds `stick`, so a load below the limit is held without creep.
 """

@@ -1,4 +1,4 @@
-"""Which points of a film may come over which triangles: lists that serve until units have moved too far.
+"""Which points of a film may come over which triangles: lists that are valid until units have moved too far.
 
 A point over a triangle by `self_contact_search` is the distance of its foot from it, room at most, and the
 foot is no further from the triangle's bounding box than 2 b e, with e the longest edge and b the weight by
@@ -508,7 +508,7 @@ def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None
     motion m is at most m s (1.36 + 2.6 s |d|) as long as m s is no more than 1/10.
 
     Args:
-        x: (n, 3) [m], for which the lists serve.
+        x: (n, 3) [m], for which the lists are valid.
         lists: filled.
         reach: largest distance in front of a triangle [m].
         behind: the same behind it [m].

@@ -118,7 +118,7 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
 
     Args:
         x: (n, 3) [m].
-        lists: that may serve.
+        lists: that may be valid.
         reach: largest distance in front of a triangle [m].
         behind: the same behind it [m].
         out: (k, 2), filled.

@@ -20,7 +20,7 @@ Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so t
     gradient = T_i t_i on its far node and -T_i t_i on its near node, t_i the unit direction,
     hessian = T_i / L_i (1 - t_i t_i^T).
 Eyelets that meet would have no direction left, a tip of the energy's cone on which nothing is in balance. So
-below e = 0.1 mm, a film's thickness, L_i stands for the rounded length
+below e = 0.1 mm, a film's thickness, L_i means the rounded length
     l = e (3/8 + 3/4 s^2 - 1/8 s^4),   s = L_i / e,
 which joins L_i with its first two derivatives.
 Equal and opposite pairs: a cable adds no net force or moment. c_i = c^(i+1) with a loss factor c per
@@ -152,7 +152,7 @@ def add_segments(
 
 
 UNSLID_m: Final = 1.0
-"""By how far an anchor is ahead where the cable is pulled taut anew, see `eyelets`: beyond every limit."""
+"""By how far an anchor is ahead where the cable is pulled taut again, see `eyelets`: beyond every limit."""
 
 
 class EyeletLaws(NamedTuple):

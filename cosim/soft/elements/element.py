@@ -117,7 +117,7 @@ class Sums:
         diagonal: (n,), where the pair of each node with itself is in `blocks`.
         slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
         widened: nodes (parts, k) that touch -> blocks of a wider pattern, which hold all that was added to
-            `blocks` and stand for the tangent from now on, and that pattern, a `BlockPattern`.
+            `blocks` and represent the tangent from now on, and that pattern, a `BlockPattern`.
     """
 
     gradient: Array

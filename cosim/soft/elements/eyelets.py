@@ -24,7 +24,7 @@ For one solution limits are frozen where it begins. Then all d_j have one potent
 Those that slip as a solution begins follow T_0 as far as f says (share r_i = T_i / T_0 of factors alone), so
 that a tension or a length that is commanded at the base is felt beyond. A solution that moves away from
 there is repeated in statics, and wherever lengths are commanded, until it moves no more; in motion limits
-follow a step later. A cable that hangs slack is pulled taut anew: its eyelets begin as ones that slide to
+follow a step later. A cable that hangs slack is pulled taut again: its eyelets begin as ones that slide to
 the base.
 Sources: Simo and Hughes, Computational Inelasticity, 1998, chapter 1; Wriggers, Computational Contact
 Mechanics, 2nd ed., section 5.2 (frozen limits).

@@ -6,7 +6,7 @@ w = x_k - x_l, m = u x e, n = e x w the angle is
     energy = k (theta - theta0)^2 / 2  between theta1 and theta2 = 2 pi - theta1.
 Beyond them the moment grows as k (theta1 - theta0) - (2 k theta1 / pi) tan(pi (theta1 - theta) / (2 theta1)).
 There it would be infinite where the two films touch (theta = 0 or 2 pi), and nothing could be followed from a
-shape with crossed films. So from x_c theta1 on, a closed fold, the moment goes on along its tangent, also
+shape with crossed films. So from x_c theta1 on, a closed fold, the moment continues along its tangent, also
 beyond theta = 0; the energy is finite and twice differentiable but for a kink of the tangent at x_c theta1.
 Angles are unwrapped: of those that fit the shape, the one within pi of the last accepted state's is taken.
 A fold that has closed by 0.003 rad too far reads -0.003, not 2 pi - 0.003; one that turns by more than pi at
@@ -25,7 +25,7 @@ Stiffness of hinges with which they bend like a shell of flexural rigidity D = E
 Bend a flat triangulated sheet to a cylinder of small curvature kappa along the unit direction n in its plane.
 At the hinge of two triangles, with p and q from the edge's nodes to a triangle's far corner,
     theta - pi = kappa (b_i + b_l),   b = (n . p) (n . q) / (2 h),   h the height over the edge.
-A hinge stands for the area a around its edge: a third of each triangle, more where a triangle has edges
+A hinge represents the area a around its edge: a third of each triangle, more where a triangle has edges
 without hinge. The rule asks that, averaged over all n, it stores that area's energy:
     k <(b_i + b_l)^2> / 2 = D a / 2,   <(n . M n)^2> = ((tr M)^2 + 2 tr M^2) / 8 for symmetric M.
 For equilateral triangles this is k = D L^2 / (A_i + A_l) = 2 D / sqrt(3), and exact in every direction.
@@ -392,7 +392,7 @@ def mean_square_angle(positions: Array, hinges: IntArray) -> Array:
 
 
 def hinge_areas(positions: Array, triangles: IntArray, hinges: IntArray) -> Array:
-    """Return the area (h,) [m^2] that each hinge stands for; each triangle is shared out among its hinges.
+    """Return the area (h,) [m^2] that each hinge represents; each triangle is shared out among its hinges.
 
     Args:
         positions: (n, 3) [m], drawn shape.

@@ -318,7 +318,7 @@ class StepMotion(NamedTuple):
 
 
 class StepPlace(NamedTuple):
-    """Where a call goes on.
+    """Where a call continues.
 
     Args:
         begins: BEGINS_STEP, BEGINS, or GOES_ON where the end of the motion, the gradient and `StepWork.parts`

@@ -3,7 +3,7 @@
 A hinge of spring constant k between films of times tau resists the rate of its angle with the mean tau,
     dissipation potential = (tau k / s) (theta - theta')^2 / 2,
 theta' of the same difference formula as E'. It is that of its spring alone: the barrier of closed folds
-stands for films that touch.
+represents films that touch.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class NamedMesh:
         seam_rings: names of the rings along which two films are welded.
         center_rings: names of the rings that the centre line runs through before the tip; none: the base.
         lines: nodes by name that a cable may lead through, base to tip.
-        face_groups: places of triangles by name, such as of a material of their own.
+        face_groups: places of triangles by name, such as of their own material.
         face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
         sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds
             within a sheet and turns freely between two. None: the film is one surface.

@@ -130,7 +130,7 @@ def _parts(corners: IntArray, new: IntArray, diagonals: Array) -> _Parts:
 
 
 def _turned(table: IntArray, first: IntArray) -> list[IntArray]:
-    """Return the columns of a table (m, 3), each row begun at a column of its own."""
+    """Return the columns of a table (m, 3), each row begun at its own column."""
     row = np.arange(len(table))
     return [table[row, (first + k) % 3] for k in range(3)]
 

@@ -1,6 +1,6 @@
-"""A factorisation that serves later solutions as well, and what Newton's method saves of itself.
+"""A factorisation that is used for later solutions as well, and what Newton's method saves of itself.
 
-A factorisation by its envelope as kernels keep it: solved with, turned with the flange, and made anew.
+A factorisation by its envelope as kernels keep it: solved with, turned with the flange, and rebuilt.
 
 Nodes begin to end of a body are one or more of its parts that nothing couples.
 """
@@ -51,7 +51,7 @@ KeptParts = tuple[KeptFactor | None, ...]
 
 
 def nothing_kept(apart: IntArray) -> KeptParts:
-    """Return what stands for no part kept of those whose nodes begin at `apart` (k + 1,)."""
+    """Return what represents no part kept of those whose nodes begin at `apart` (k + 1,)."""
     return (None,) * (len(apart) - 1)
 
 
@@ -150,7 +150,7 @@ class KeptEnvelope(NamedTuple):
     Args:
         calls: (4,), see `envelope_calls`.
         there: (parts,), 1 where there is one, 0 for none, OUTSIDE for one of another kind.
-        made: (parts,), how often a kernel has made each anew, or failed to.
+        made: (parts,), how often a kernel has rebuilt each, or failed to.
         factor: see `EnvelopeArrays`.
         entries: see `EnvelopeEntries`.
         extra: (parts,), iterations with each beyond one a step; see `EXTRA_MAX`.
@@ -314,7 +314,7 @@ def solve_kept(
 
 @device_function
 def renew(kept: KeptEnvelope, blocks: Blocks, flange: Matrix, begin: int, end: int) -> bool:
-    """Factorise the tangent of nodes begin to end anew; return whether it is positive definite.
+    """Factorise the tangent of nodes begin to end again; return whether it is positive definite.
 
     Args:
         kept: filled.

@@ -1,7 +1,7 @@
 """Direct solvers for the tangent stiffness of the free components, behind one small interface.
 
 The envelope and the fronts are two such solvers for symmetric matrices, of which one is chosen by size
-(`multifrontal_cholesky.cholesky`); general LU serves where neither does. Dense terms of low rank,
+(`multifrontal_cholesky.cholesky`); general LU is used where neither works. Dense terms of low rank,
 A = S + W^T M W, go beside the sparse factor of S and never enter it. With G = W S^-1 W^T and
 N = (1 + M G)^-1 M the solution of A x = b is
 
@@ -299,7 +299,7 @@ def numbering(free: Mask, order: IntArray) -> IntArray:
 
 
 def equations(number: IntArray) -> IntArray:
-    """Return the component 3 node + axis (size,) that each equation stands for."""
+    """Return the component 3 node + axis (size,) that each equation represents."""
     components = np.flatnonzero(number.ravel() >= 0)
     return np.asarray(components[np.argsort(number.ravel()[components])])
 
@@ -338,7 +338,7 @@ class ShiftSearch:
         self._power = 0
 
     def factor(self, definite: Callable[[float], bool], start: float, most: float) -> int:
-        """Factorise with no shift or the first that serves; return the attempts, negative if none did.
+        """Factorise with no shift or the first that works; return the attempts, negative if none did.
 
         Args:
             definite: factorises with a shift; whether the matrix is positive definite. Its last call counts.

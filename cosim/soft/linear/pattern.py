@@ -194,7 +194,7 @@ class CoupledPattern:
 
 @final
 class PatternWidening:
-    """Widens a body's own pattern by elements; a pattern that serves still is kept.
+    """Widens a body's own pattern by elements; a pattern that still fits is kept.
 
     Args:
         body: its own pattern.

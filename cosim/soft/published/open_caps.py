@@ -189,7 +189,7 @@ class OpenCapSolver(LinearSolver):
 
     @property
     def rims(self) -> RimArrays | None:
-        """What kernels take to make the factorisation anew; None where they cannot."""
+        """What kernels take to make the factorisation again; None where they cannot."""
         closed, correction, known = self._closed, self._correction, self._known
         if self._in_use is not closed or correction is None or known is None or len(closed.apart) > 2:
             return None

@@ -55,7 +55,7 @@ class SoftSystem:
     elements as they track it, `volume` and `pressure_Pa` of the gas, `low_rank` (dense parts of the Hessian,
     such as of sealed gas). `tangent_pattern` and `tangent_blocks` are the sparse Hessian: the body's
     own, or a wider one where films touch one another. They are overwritten by the next call. `serving` is the
-    pattern to go on from where films touch, which a solver sets to that of its last factorisation.
+    pattern to continue from where films touch, which a solver sets to that of its last factorisation.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -209,7 +209,7 @@ class SoftSystem:
 
     @property
     def freshens(self) -> bool:
-        """Whether some element looks at something anew as a static solution begins."""
+        """Whether some element looks at something again as a static solution begins."""
         return bool(self._freshened)
 
     def fresh(self, memory: Array) -> Array:

@@ -21,7 +21,7 @@ IN_TIME: Final = UNDECIDED, LEFT
 @final
 @dataclass(frozen=True)
 class Branching:
-    """Where a branch of stable equilibria ends in an unstable one, and how it was gone on.
+    """Where a branch of stable equilibria ends in an unstable one, and how it was continued.
 
     Args:
         load_factor: share of the way to the loads that were asked for, at which it lies; bisected to 1 %.
@@ -72,8 +72,8 @@ class Footing:
         disturbed_tip_m: how far the tip moves if the load on each node is off by a millionth of its size, all
             of them in the one direction that moves it most; infinite where it is unstable.
         load_margin: by what share all loads may grow, or fall (below 0), until it is no longer stable, if its
-            lowest stiffness (where it snaps, the square of that) goes on to change as it does; infinite where
-            that is not within 1.
+            lowest stiffness (where it snaps, the square of that) continues to change as it does; infinite
+            where that is not within 1.
         snaps: whether it is the loads that move it there: it snaps. Else it branches.
         losses_held: whether loads have no potential, so that this is of the symmetric part of its tangent,
             with the losses along cables held.

@@ -367,7 +367,7 @@ class EquilibriumSolver:
     ) -> tuple[NewtonResult, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
-        What elements look at anew as a solution begins is seen again at its end by that as well.
+        What elements look at again as a solution begins is seen again at its end by that as well.
 
         Returns:
             The solution, and the loads with the contacts it was found with.
@@ -441,7 +441,7 @@ def end_of(trail: list[Array]) -> Array:
     """Return where a sequence of shapes goes, whose steps shrink by one factor r: x + d r / (1 - r) (Aitken).
 
     On a curved obstacle, whose tangent planes move with the film, the rounds converge like that. A sequence
-    that was extrapolated starts anew.
+    that was extrapolated starts again.
 
     Args:
         trail: the shapes (n, 3) [m] so far; emptied when it is extrapolated.

@@ -3,13 +3,13 @@
 Each iteration solves (K + mu 1) d = -gradient. A new tangent is made at the point before; mu is zero while K
 is positive definite, and found by who calls otherwise (inertia correction). The step along it is halved
 until the potential falls, or, for loads without one, the work of the out-of-balance force along the step. The
-factor of an earlier iteration may serve for a while, turned with the flange and corrected by what its steps
+factor of an earlier iteration may be used for a while, turned with the flange and corrected by what its steps
 have shown (`secant_pairs`): an iteration with it costs a tenth, undone when the residual does not fall. Once
 those beyond one a solution have cost as much as a new one, it is made.
 
 Bodies side by side that nothing couples are solved one by one, each by its own iterations with its own part
-of the factorisation. What the kernel cannot do by itself it asks for (`step_arrays`), and goes on from there.
-Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
+of the factorisation. What the kernel cannot do by itself it asks for (`step_arrays`), and continues from
+there. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class FilmSide(NamedTuple):
 
     Args:
         film: its terms.
-        bed: that inertia is; its target is filled anew by every step.
+        bed: that inertia is; its target is filled again by every step.
         kept: factorisation.
         tangents: where new ones are assembled.
         held: by the flange.
@@ -423,7 +423,7 @@ def _evaluate(side: FilmSide, acting: FilmActing, motion: Any, part: int) -> boo
 
 @device_function
 def _solve_part(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place: Any, part: int) -> None:
-    """Iterate a part until it has converged, asks for something or cannot go on."""
+    """Iterate a part until it has converged, asks for something or cannot continue."""
     state, work = side.work.parts[part], side.work
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
     following = _TRY
@@ -497,7 +497,7 @@ def _prepare(side: FilmSide, tension: Vector, motion: Any, place: Any) -> None:
 def film_step(
     at: int, loads: PlainLoads, touching: Touching, motion: StepMotion, place: StepPlace
 ) -> tuple[bool, int, int, float, float]:
-    """Solve, or go on, with the `FilmSide` at an address; see `RecordStore`.
+    """Solve, or continue, with the `FilmSide` at an address; see `RecordStore`.
 
     It returns whether it has converged, iterations, tangents, residual and potential.
 

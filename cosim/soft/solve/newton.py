@@ -90,7 +90,7 @@ class NewtonTask:
         loads: that act.
         share: (segments, COLUMNS), see `SoftSystem.segment_share`.
         inertia: of an implicit step; None in statics.
-        kind: tells apart tangents that cannot stand for each other: statics, or the step's inertia.
+        kind: tells apart tangents that cannot replace each other: statics, or the step's inertia.
         numbers: of the iteration.
         held: by the flange.
         apart: whether parts that nothing couples are solved one by one.
@@ -182,7 +182,7 @@ class NewtonSolver:
     ) -> NewtonResult:
         """Find the stationary point of the potential near `start`.
 
-        In statics what elements find by themselves is looked at anew: a ring of beams on a saddle would stay
+        In statics what elements find by themselves is looked at again: a ring of beams on a saddle would stay
         there otherwise; in motion it is left by itself.
 
         Args:
@@ -263,11 +263,11 @@ class NewtonSolver:
         )  # fmt: skip
 
     def go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
-        """Iterate until a solution has converged or cannot go on.
+        """Iterate until a solution has converged or cannot continue.
 
         Args:
             solution: is moved.
-            place: where it goes on.
+            place: where it continues.
         """
         loads = solution.task.loads
         plain, touching = loads.arrays(self.system.gas.count), loads.touching
@@ -454,7 +454,7 @@ class NewtonSolver:
         self.system.gradient[:], self._definite = state.gradient, state.definite
 
     def take_over(self, kept: KeptEnvelope, kind: float) -> None:
-        """Take in which parts of the factorisation the kernel has made anew, or lost, and how others served.
+        """Take in which parts of the factorisation the kernel has rebuilt, or lost, and how others served.
 
         Args:
             kept: as the kernel has left it.
@@ -506,7 +506,7 @@ class NewtonSolver:
 
     @cached_property
     def _nothing_kept(self) -> KeptEnvelope:
-        """What stands for no factorisation."""
+        """What represents no factorisation."""
         nothing: KeptEnvelope = nothing_of(KeptEnvelope)
         table = np.zeros((2, 4), np.int64)
         table[1, NODE] = len(self.free)

@@ -162,7 +162,7 @@ class SearchEffort:
 
     @contextmanager
     def search_apart(self, what: str) -> Iterator[None]:
-        """Begin a search with a bound of its own, also within one whose result is there already.
+        """Begin a search with its own bound, also within one whose result is there already.
 
         Args:
             what: is looked for.

@@ -75,7 +75,7 @@ class FilmContacts(NamedTuple):
     """Films that may touch: what is searched, pairs that were found, what presses; filled from the beginning.
 
     Args:
-        lists: that may serve.
+        lists: that may be valid.
         stiffness: (p,) [N/m], of each point.
         friction: coefficient of sliding.
         units: how many.
@@ -139,7 +139,7 @@ def _describe(x: Matrix, films: Any, e: int, y: Vector, slope: Matrix) -> None:
 
 @kernel
 def find_pairs(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> int:
-    """Fill what films may touch in a step; return how many pairs, -1 where lists or room do not serve.
+    """Fill what films may touch in a step; return how many pairs, -1 where lists or room do not suffice.
 
     Those that are remembered rub.
 

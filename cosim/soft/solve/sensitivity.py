@@ -1,6 +1,7 @@
 """How an equilibrium moves with its loads, and with all that its model is made of: implicit function theorem.
 
-At equilibrium g(x, p) = 0, so K dx/dp = -dg/dp. One factorisation of the tangent K serves all parameters.
+At equilibrium g(x, p) = 0, so
+K dx/dp = -dg/dp. One factorisation of the tangent K is enough for all parameters.
 
 `Sensitivity`: how the tip moves with cable tensions, gravity and the flange, in closed form.
 

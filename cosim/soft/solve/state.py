@@ -101,7 +101,7 @@ def place_held(held: HeldNodes, flange: Matrix, x: Matrix) -> None:
 def place_flight(held: HeldNodes, flange: Matrix, x: Matrix) -> bool:
     """Put the held components where the flange has them; where that is a jump, all nodes go along.
 
-    Free flight does not know what a flange is commanded anew. Held nodes alone would stretch the film beside
+    Free flight does not know a new command of the flange. Held nodes alone would stretch the film beside
     them, with a force beyond all else that acts; where all are moved, they meet their inertia only.
 
     Args:
@@ -488,7 +488,7 @@ class StepOptions:
         integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
         tolerance_N: a step whose residual is below this is done.
         iterations: new tangents of an ordinary step, besides iterations with a kept one.
-        residual_bound_N: a step whose residual is above this after them goes on iterating.
+        residual_bound_N: a step whose residual is above this after them continues iterating.
         newton: bounds of the iteration.
         damping_per_s: alpha [1/s], of motion relative to the flange.
         air_drag_per_s: beta [1/s], of motion in the world.

@@ -16,7 +16,7 @@ from cosim.soft.geometry.surface import TURN
 # enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
 _LEAST_EVEN_m, _MOST_EVEN_m = 1e-7, 1e-4
 FOLD_SWEEPS: Final = 3
-"""How often the folds that a start closes are looked for anew."""
+"""How often the folds that a start closes are looked for again."""
 _LEAST_OPEN = 0.3  # of a fold's angle that free flight may leave
 _STAYS = 0.9  # of its angle: a fold that is left so much is not being closed
 _CLOSED = 1e-3  # of theta1: a fold may be closed further than this

@@ -180,7 +180,7 @@ class QuickStepper:
         self._solver, self._clamp, self._options = solver, clamp, options
         self.sides = FilmSides(solver, clamp, options, apart=apart)
         self.begun: BegunStep | None = None
-        """A step that was begun elsewhere: the next one, if it is from the same state, goes on with it."""
+        """A step that was begun elsewhere: the next one, if it is from the same state, continues with it."""
 
     def begins(self, *, lenient: bool) -> StepPlace:
         """Return what the kernel takes for the beginning of a step.
@@ -199,7 +199,7 @@ class QuickStepper:
         return frictionless and not losses_follow(cables, loads.cable_length_m)
 
     def has_begun(self, state: SoftState) -> bool:
-        """Return whether a step from a state goes on with one that was begun elsewhere."""
+        """Return whether a step from a state continues with one that was begun elsewhere."""
         return self.begun is not None and self.begun.state is state
 
     def take(
