@@ -23,6 +23,7 @@ from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.writing import to_table
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import device_names, device_report
+from cosim.devices.sensor import sensor_names
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
@@ -354,6 +355,7 @@ def stage_of(
         mounted=carrier.mounted,
         sliding=carrier.sliding,
         stored_m=None if robot is None else robot.stored_m,
+        sensors=sensor_names(scenario, carrier.joint_names),
     )
 
 

@@ -532,6 +532,7 @@ def _devices_have_time(scenario: Scenario) -> Told:
     names = [f"pump.{entry.name}" for entry in scenario.pumps]
     names += [f"winch.{entry.name}" for entry in scenario.winches]
     names += [f"controller.{entry.name}" for entry in scenario.controllers]
+    names += [f"sensor.{entry.name}" for entry in scenario.sensors]
     for key in names[:1]:
         yield key, f"acts in time: needs mode = 'dynamic'; the mode is '{scenario.mode}'"
 

@@ -41,7 +41,8 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     them a rate or velocity as the task's `actions` say. `info` holds "is_success"; "limits", what did not go
     as commanded, in words; and in a step whose physics could not be solved "failure", the error's name and
     text: the episode is then truncated where it was before that step, and rewarded as if it stayed there.
-    Nothing else but the task's `horizon` ends an episode: goals that are reached do not.
+    Nothing else but the task's `horizon` ends an episode: goals that are reached do not. Of a scenario with
+    sensors, observations and rewards are those of their readings, and "is_success" is that of the truth.
 
     Args:
         task: what is to be learned.
@@ -68,6 +69,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         self._ticks = ticks_of_step(self._made)
         self._seen = self._simulation.measure()
         self._began_s, self._steps = self._seen.time_s, 0
+        self._sensors = tuple(sensor.name for sensor in self._made.sensors)
         self._drawn = task.draw(np.random.default_rng(0), self._seen)
         sizes = {"observation": len(task.observation(self._seen)), "achieved_goal": 3, "desired_goal": 3}
         boxes: dict[str, spaces.Space[Any]] = {
@@ -97,6 +99,8 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         start: SavedState | str | Path | None = given.get("start")
         self._simulation.reset(start, changes)
         super().reset(seed=seed)
+        if self._sensors:
+            self._simulation.seed_sensors(int(self.np_random.integers(2**31)))
         self._ticks, self._seen = ticks, self._simulation.measure()
         self._began_s, self._steps = self._seen.time_s, 0
         drawn = self.task.draw(self.np_random, self._seen)
@@ -143,7 +147,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         return self._simulation.measure()
 
     def _observation(self) -> Observation:
-        seen = self._seen
+        seen = self._simulation.measure(self._sensors) if self._sensors else self._seen
         return {
             "observation": self.task.observation(seen),
             "achieved_goal": np.array(self.task.achieved(seen)),
@@ -151,7 +155,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         }
 
     def _info(self, observation: Observation) -> dict[str, Any]:
-        reached = self.task.success(observation["achieved_goal"], observation["desired_goal"])
+        reached = self.task.success(self.task.achieved(self._seen), observation["desired_goal"])
         return {"is_success": reached, "limits": self._seen.limits}
 
 

@@ -28,7 +28,7 @@ from cosim._version import __version__
 from cosim.base.files import whole_file
 from cosim.base.frames import Array
 from cosim.base.resources import writing
-from cosim.devices.device_report import DeviceNames
+from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, ArrayText, RunResult, array_texts, frame_rows
@@ -183,6 +183,9 @@ def stage_of(stored: Mapping[str, Any]) -> RunInfo:
     made["cables"] = tuple(np.array(nodes, np.int64) for nodes in stored["cables"])
     made["gravity"] = np.array(stored["gravity"], np.float64)
     made["modelled"] = tuple(Decision(**entry) for entry in stored["modelled"])
+    made["sensors"] = tuple(
+        SensorNames(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["sensors"]
+    )
     if stored["devices"] is not None:
         made["devices"] = DeviceNames(**{key: _tuples(value) for key, value in stored["devices"].items()})
     return RunInfo(**made, shapes=(), membrane_stress=_no_stress)

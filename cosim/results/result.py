@@ -23,6 +23,7 @@ from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.base.names import texts_of
 from cosim.config.toml.keys import unit_of, unit_text
+from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError
 from cosim.telemetry.energy_terms import TERMS
 from cosim.telemetry.figures import branching_lines, overlap_lines
@@ -88,7 +89,9 @@ def _text(name: str, axes: str, unit: str | None, meaning: str) -> ArrayText:
 
 def _names(axis: str, size: int, stage: RunInfo) -> Iterator[str]:
     """Yield the names of the entries along an axis; their places where they have none."""
+    readings = [".".join(filter(None, (each.name, value))) for each in stage.sensors for value in each.values]
     known = {
+        "readings": readings,
         "joints": stage.joint_names, "bodies": stage.body_names, "chambers": stage.chamber_names,
         "cables": stage.cable_names, "3": _XYZ, "4": _WXYZ,
         "energies": [term.removesuffix("_J") for term in TERMS],
@@ -128,15 +131,20 @@ def panels(result: RunResult, names: Sequence[str] = ()) -> Iterator[Panel]:
 
     Args:
         result: of a run.
-        names: of arrays with a row per tick.
+        names: of arrays with a row per tick, or of sensors.
 
     Raises:
         InputError: there is no such array.
     """
     texts = {name: text for name, text in array_texts(RunResult).items() if text.axes[0] == "rows"}
-    for name in names or USUAL:
+    sensors = {each.name: each for each in result.stage.sensors}
+    for name in names or (*USUAL, *sensors):
+        if name in sensors:
+            yield _sensor_panel(result, sensors[name])
+            continue
         if name not in texts:
-            raise InputError(f"there is no array '{name}' over the ticks; there are {', '.join(texts)}")
+            there = ", ".join([*texts, *sensors])
+            raise InputError(f"there is no array '{name}' over the ticks; there are {there}")
         array = getattr(result, name)
         if not array.size or not (names or np.nan_to_num(array).any()):
             continue
@@ -144,6 +152,12 @@ def panels(result: RunResult, names: Sequence[str] = ()) -> Iterator[Panel]:
         labels = texts[name].components(result.stage, array.shape[1:])
         title = name.removesuffix(f"_{texts[name].unit}").replace("_", " ")
         yield Panel(title, unit, scale * array.reshape(len(array), -1), labels if len(labels) > 1 else [])
+
+
+def _sensor_panel(result: RunResult, sensor: SensorNames) -> Panel:
+    scale, unit = _PREFIXES.get(sensor.unit, (1.0, sensor.unit))
+    labels = [" ".join(filter(None, pair)) for pair in product(("sensor", "truth"), sensor.values)]
+    return Panel(sensor.name, unit, scale * np.hstack(result.sensor(sensor.name)), labels)
 
 
 def drawn(result: RunResult, names: Sequence[str] = ()) -> Any:
@@ -255,6 +269,8 @@ class RunResult(RigidColumns):
         cable_tension_N: (rows, cables), at the base end.
         cable_length_m: (rows, cables), of the routes; (rows, 0) without devices or commanded lengths.
         cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
+        sensor_reading: (rows, readings) [1], of all sensors, each in its unit; see `sensor`.
+        sensor_truth: (rows, readings) [1], what they measure, at the same instants.
         bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
         residual_N: (rows,), largest force component that the soft step was left with.
         newton_iterations: (rows,), of the soft step.
@@ -294,6 +310,8 @@ class RunResult(RigidColumns):
     cable_tension_N: Array
     cable_length_m: Array
     cable_unstretched_m: Array
+    sensor_reading: Array
+    sensor_truth: Array
     bending_angle_rad: Array
     residual_N: Array
     newton_iterations: IntArray
@@ -330,11 +348,29 @@ class RunResult(RigidColumns):
             raise InputError(f"there is no body '{name}'; there are {', '.join(names) or 'none'}")
         return names.index(name)
 
+    def sensor(self, name: str) -> tuple[Array, Array]:
+        """Return readings and truth of a sensor, (rows, values) each, in its unit.
+
+        Args:
+            name: of a sensor of the scenario.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        begin = 0
+        for each in self.stage.sensors:
+            end = begin + len(each.values)
+            if each.name == name:
+                return self.sensor_reading[:, begin:end], self.sensor_truth[:, begin:end]
+            begin = end
+        names = ", ".join(each.name for each in self.stage.sensors)
+        raise InputError(f"there is no sensor '{name}'; there are {names or 'none'}")
+
     def plot(self, *names: str) -> Any:
         """Return a matplotlib figure of curves over time; `figure.savefig(path)` writes it.
 
         Args:
-            names: of arrays with a row per tick; none: the usual ones.
+            names: of arrays with a row per tick, or of sensors; none: the usual ones.
 
         Raises:
             InputError: there is no such array, nothing to draw, or no matplotlib.

@@ -196,9 +196,21 @@ class SteppedRun(ABC):
         self._parts.commands.command(command, ticks)
         self._forget_ahead()
 
-    def measured(self, last: Snapshot) -> Measurement:
-        """Return what is measured of the run after its last step, which a snapshot shows."""
-        return self._parts.measured(last)
+    def measured(self, last: Snapshot, sensors: Sequence[str] = ()) -> Measurement:
+        """Return what is measured of the run after its last step, which a snapshot shows.
+
+        Args:
+            last: that snapshot.
+            sensors: names of those whose readings take the place of the truth.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        return self._parts.measured(last, sensors)
+
+    def seeded(self, last: Snapshot, seed: int) -> Snapshot:
+        """Let the sensors begin with a seed after the last step, and return its snapshot with them."""
+        return self._parts.seeded(last, seed)
 
     def _some(self, most: int) -> TickBatch | None:
         """Find the state at rest, or take up to so many steps, at least one; None at the end of the plan."""

@@ -18,7 +18,7 @@ from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
-from cosim.devices.device_report import ActuationReport, DeviceNames
+from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 
 if TYPE_CHECKING:
@@ -225,6 +225,7 @@ class RunInfo(Shown):
             inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
         sliding: (joints,), whether a joint slides.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
+        sensors: names, units and values of the sensors.
     """
 
     scenario: str
@@ -260,6 +261,7 @@ class RunInfo(Shown):
     mounted: tuple[float, ...] = ()
     sliding: tuple[bool, ...] = ()
     stored_m: float | None = None
+    sensors: tuple[SensorNames, ...] = ()
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
@@ -323,6 +325,8 @@ class Snapshot(Shown):
         overlaps: of its films, at ticks at which it is looked for.
         footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
         handovers: changes of the model that stands for the soft robot, before the tick, and ends of bridges.
+        sensor_reading: (readings,), of `RunInfo.sensors` one after the other.
+        sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
     """
 
     tick: int
@@ -351,6 +355,8 @@ class Snapshot(Shown):
     overlaps: tuple[FilmOverlap, ...] = ()
     footing: Footing | None = None
     handovers: tuple[Handover | BridgeEnd, ...] = ()
+    sensor_reading: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
+    sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def node_position(self) -> Array:

@@ -35,6 +35,7 @@ _NOWHERE: Final = np.full(3, np.nan)
 _STACKED: Final = (
     "joint_position", "joint_velocity", "joint_torque", "joint_target", "body_position", "body_quaternion",
     "body_contact_force", "soft_center", "soft_inertia", "chamber_pressure_Pa", "cable_tension_N",
+    "sensor_reading", "sensor_truth",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
 _BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers")
@@ -84,6 +85,8 @@ class TickBatch(RigidColumns):
         soft_inertia: (n, 3, 3) [kg m^2], about that, world axes.
         chamber_pressure_Pa: (n, chambers), gauge.
         cable_tension_N: (n, cables), at the base end.
+        sensor_reading: (n, readings), of all sensors one after the other.
+        sensor_truth: (n, readings), what they measure.
         tip_target: (n, 3) [m], world; what is free, or not given at all, is not a number.
         has_tip_target: (n,).
         wrench: (n, 6), force [N] and torque [N m] on the flange, at its origin, world axes.
@@ -107,6 +110,8 @@ class TickBatch(RigidColumns):
     soft_inertia: Array
     chamber_pressure_Pa: Array
     cable_tension_N: Array
+    sensor_reading: Array
+    sensor_truth: Array
     tip_target: Array
     has_tip_target: Mask
     wrench: Array

@@ -21,6 +21,7 @@ from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.schema.objects import ObjectTable, SceneTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
+from cosim.config.schema.sensor import SensorTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import (
     Count,
@@ -282,6 +283,8 @@ _NEEDED: Final = {
     "bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s"), "python": ()
 }  # fmt: skip
 _PERIOD_ROUNDING: Final = 1e-6
+_READ_BY: Final = {"bending_angle_rad": "bending_angle", "tip_height_m": "tip_position"}
+"""By what a controller measures: the kind of sensor that reads it."""
 
 
 def unknown_cables(named: Iterable[str], scenario: Scenario, key: str) -> Told:
@@ -424,6 +427,7 @@ class ControllerTable:
         measures: what it keeps at its setpoint.
         commands: its output.
         cables: that it moves, all alike.
+        sensors: names of those whose readings it sees in place of the truth.
         increment: bang_bang: change of the output per period, in the output's unit.
         band: bang_bang: width about the setpoint in which the output stays, in the measured unit.
         proportional_gain: pi: output per error.
@@ -438,6 +442,7 @@ class ControllerTable:
     measures: Literal["bending_angle_rad", "tip_height_m"] = "bending_angle_rad"
     commands: Literal["cable_tension_N", "cable_shortening_m"] = "cable_tension_N"
     cables: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
     increment: Positive | None = None
     band: NonNegative = 0.0
     proportional_gain: NonNegative | None = None
@@ -457,6 +462,16 @@ class ControllerTable:
         yield from unknown_cables(self.cables, scenario, "cables")
         if not self.cables and self.kind != "python":
             yield "cables", f"is missing; there are: {listing(scenario.soft_robot.cable_names())}"
+
+    @rule
+    def _looks_through_sensors(self, scenario: Scenario) -> Told:
+        kinds = {sensor.name: sensor.kind for sensor in scenario.sensors}
+        for name in [name for name in self.sensors if name not in kinds][:1]:
+            yield "sensors", unknown_name_message("sensor", name, tuple(kinds))
+            return
+        needed = _READ_BY.get(self.measures)
+        if self.kind != "python" and self.sensors and needed not in {kinds[name] for name in self.sensors}:
+            yield "sensors", f"measures = '{self.measures}' is read by a sensor of kind '{needed}'; name one"
 
     @rule
     def _has_what_its_kind_needs(self) -> Told:
@@ -567,7 +582,8 @@ class Scenario:
         wires: `[[wire]]` in the file.
         phases: `[[phase]]` in the file; without any, it holds its start for as long as it is stepped, and
             is moved by the commands of `cosim.Simulation.step` alone.
-        pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
+        pumps, winches, controllers, sensors: `[[pump]]`, `[[winch]]`, `[[controller]]`, `[[sensor]]` in the
+            file.
         commands: `[[command]]` in the file, each of which changes what those before it ask for; kinds are
             registered from Python.
     """
@@ -599,6 +615,7 @@ class Scenario:
     pumps: tuple[PumpTable, ...] = field(default=(), metadata={"alias": "pump"})
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
     controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})
+    sensors: tuple[SensorTable, ...] = field(default=(), metadata={"alias": "sensor"})
     commands: tuple[CommandTable, ...] = field(default=(), metadata={"alias": "command"})
 
     @property
