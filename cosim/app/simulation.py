@@ -23,7 +23,7 @@ from cosim.errors import InputError
 from cosim.plan.decision import Choices
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
@@ -221,6 +221,15 @@ class Simulation:
                 check_shown(found.snapshot, self.stage)
                 self._run.restore_state(found._run)
         self._snapshot = found.snapshot
+
+    def image(self, camera: str) -> CameraImage:
+        """Return what a camera of the scenario sees now, by its name.
+
+        Raises:
+            InputError: there is no such camera.
+            OutputError: nothing can draw here.
+        """
+        return self._run.image(camera, self._snapshot)
 
     def seed_sensors(self, seed: int) -> Snapshot:
         """Let the sensors begin anew with other noise, and return what is there with their readings.

@@ -36,7 +36,7 @@ from cosim.soft.solve.assembly import FilmEnergies
 from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
-from cosim.telemetry.snapshot import Decay, RunInfo
+from cosim.telemetry.snapshot import CameraInfo, Decay, RunInfo
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -356,6 +356,7 @@ def stage_of(
         sliding=carrier.sliding,
         stored_m=None if robot is None else robot.stored_m,
         sensors=sensor_names(scenario, carrier.joint_names),
+        cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),
     )
 
 

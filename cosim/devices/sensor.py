@@ -42,11 +42,17 @@ _ROUNDING: Final = 1e-6  # of a sample's instant, in samples
 
 def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[SensorNames, ...]:
     """Return the sensors of a scenario, for whoever shows them; `joints` are the names of the arm's."""
-    named = ((entry, entry.values(scenario)) for entry in scenario.sensors)
+    named = zip(scenario.sensors, _values(scenario), strict=True)
     return tuple(
         SensorNames(entry.name, _FIELDS[entry.kind][1], joints if names is None else names)
         for entry, names in named
     )
+
+
+def _values(scenario: Scenario) -> list[tuple[str, ...] | None]:
+    """Return the names of what each sensor reads; None: of the arm's joints."""
+    robot = scenario.soft_robot
+    return [entry.values(robot.chamber_names(), robot.cable_names()) for entry in scenario.sensors]
 
 
 def sensor_report(scenario: Scenario) -> str:
@@ -195,19 +201,12 @@ class Sensors:
     """
 
     def __init__(self, scenario: Scenario, joints: int) -> None:
-        robot = scenario.soft_robot
-        names = {
-            "pressure": robot.chamber_names(),
-            "cable_length": robot.cable_names(),
-            "cable_tension": robot.cable_names(),
-        }
-        places = ([names[entry.kind].index(name) for name in entry.of] for entry in scenario.sensors)
-        self._sensors = [
-            Sensor(entry, scenario.clock.tick_s, read or None)
-            for entry, read in zip(scenario.sensors, places, strict=True)
-        ]
-        values = [entry.values(scenario) for entry in scenario.sensors]
-        self._sizes = [joints if names is None else len(names) for names in values]
+        robot, tick_s = scenario.soft_robot, scenario.clock.tick_s
+        names = robot.chamber_names(), robot.cable_names()
+        places = ([entry.named(*names).index(name) for name in entry.of] for entry in scenario.sensors)
+        pairs = zip(scenario.sensors, places, strict=True)
+        self._sensors = [Sensor(entry, tick_s, read or None) for entry, read in pairs]
+        self._sizes = [joints if values is None else len(values) for values in _values(scenario)]
         self.state = SensorsState()
         """What the next readings depend on."""
 

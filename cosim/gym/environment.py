@@ -43,6 +43,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     text: the episode is then truncated where it was before that step, and rewarded as if it stayed there.
     Nothing else but the task's `horizon` ends an episode: goals that are reached do not. Of a scenario with
     sensors, observations and rewards are those of their readings, and "is_success" is that of the truth.
+    Observations hold the colours of every camera of the scenario, by its name.
 
     Args:
         task: what is to be learned.
@@ -70,11 +71,14 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         self._seen = self._simulation.measure()
         self._began_s, self._steps = self._seen.time_s, 0
         self._sensors = tuple(sensor.name for sensor in self._made.sensors)
+        self._cameras = tuple(camera.name for camera in self._made.cameras)
         self._drawn = task.draw(np.random.default_rng(0), self._seen)
         sizes = {"observation": len(task.observation(self._seen)), "achieved_goal": 3, "desired_goal": 3}
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(-_BOUND, _BOUND, (size,), np.float64) for name, size in sizes.items()
         }
+        for camera in self._made.cameras:
+            boxes[camera.name] = spaces.Box(0, 255, (*reversed(camera.size), 3), np.uint8)
         self.observation_space: spaces.Space[Any] = spaces.Dict(boxes)
         self.action_space = spaces.Box(-1.0, 1.0, (len(task.actions),), np.float32)
 
@@ -152,6 +156,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
             "observation": self.task.observation(seen),
             "achieved_goal": np.array(self.task.achieved(seen)),
             "desired_goal": np.array(self.task.goal(self._drawn, seen.time_s - self._began_s)),
+            **{name: np.array(self._simulation.image(name).rgb) for name in self._cameras},
         }
 
     def _info(self, observation: Observation) -> dict[str, Any]:

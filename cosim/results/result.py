@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from html import escape
 from itertools import product
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
@@ -232,6 +233,37 @@ def _row(kind: str, cells: Sequence[str]) -> str:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
+class CameraImages:
+    """What one camera saw, a row for each picture.
+
+    Args:
+        tick: (pictures,), after which it was taken.
+        time_s: (pictures,), simulated time.
+        rgb: (pictures, height, width, 3), colours from 0 to 255, from the upper left corner.
+        depth_m: (pictures, height, width), along the camera's line of sight; infinite where nothing is.
+        segments: (pictures, height, width), 0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.
+        position: (pictures, 3) [m], of the camera, world.
+        rotation: (pictures, 3, 3), world from camera: x to the right, y up, z against the line of sight.
+    """
+
+    tick: IntArray
+    time_s: Array
+    rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    segments: NDArray[np.int16]
+    position: Array
+    rotation: Array
+
+    def __repr__(self) -> str:
+        """Return one line: how many there are, and how large."""
+        return f"{len(self.tick)} pictures of {self.rgb.shape[2]} x {self.rgb.shape[1]} pixels"
+
+
+IMAGE_COLUMNS: Final = tuple(entry.name for entry in fields(CameraImages))
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
 class RunResult(RigidColumns):
     """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
 
@@ -289,6 +321,7 @@ class RunResult(RigidColumns):
         frame_tick: (frames,), tick at which the film's nodes were kept.
         frame_time_s: (frames,), when the film's nodes were kept.
         node_position: (frames, nodes, 3) [m], of the film, world.
+        images: what each camera of the scenario saw, by its name.
     """
 
     stage: RunInfo
@@ -328,6 +361,8 @@ class RunResult(RigidColumns):
     frame_tick: IntArray
     frame_time_s: Array
     node_position: Array
+
+    images: Mapping[str, CameraImages] = field(default_factory=dict)
 
     @property
     def status(self) -> str:
@@ -403,7 +438,7 @@ FRAME_COLUMNS: Final = ("frame_tick", "frame_time_s", "node_position")
 COLUMNS: Final = tuple(
     field.name
     for field in fields(RunResult)
-    if field.name not in ("stage", "summary", "directory", *FRAME_COLUMNS)
+    if field.name not in ("stage", "summary", "directory", "images", *FRAME_COLUMNS)
 )
 """Of a batch, one row per tick."""
 
@@ -425,6 +460,7 @@ class ResultBuilder:
         self._frames_per_s = frames_per_s
         self._frame = -1 if after_s is None else int(_frames(np.array([after_s]), frames_per_s)[0])
         self._gathered: dict[str, list[Any]] = {name: [] for name in (*COLUMNS, *FRAME_COLUMNS)}
+        self._images: dict[str, list[tuple[Any, ...]]] = {}
 
     def open(self, stage: RunInfo) -> None:
         """Take in what does not change during the run."""
@@ -440,15 +476,26 @@ class ResultBuilder:
             self._gathered["frame_tick"].append(batch.tick[rows])
             self._gathered["frame_time_s"].append(batch.time_s[rows])
             self._gathered["node_position"].append(batch.film.some(rows).node_position())
+        for row, seen in batch.images.items():
+            for one in seen:
+                found = (one.rgb, one.depth_m, one.segments, one.position, one.rotation)
+                taken = (batch.tick[row], batch.time_s[row], *found)
+                self._images.setdefault(one.camera, []).append(taken)
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of all ticks that were gathered, by name."""
         found = self._gathered.items()
         return {name: _joined(parts) if parts else np.zeros(0) for name, parts in found}
 
+    def images(self) -> dict[str, CameraImages]:
+        """Return the pictures that were gathered, by camera."""
+        return {
+            name: CameraImages(*map(np.array, zip(*rows, strict=True))) for name, rows in self._images.items()
+        }
+
     def forget(self) -> None:
         """Gather anew; frames go on as they would."""
-        self._gathered = {name: [] for name in self._gathered}
+        self._gathered, self._images = {name: [] for name in self._gathered}, {}
 
     def close(self) -> None:
         """Nothing to do."""
@@ -461,7 +508,8 @@ class ResultBuilder:
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
-        return RunResult(stage=self._stage, summary=summary, directory=directory, **self.arrays())
+        found = {"images": self.images(), **self.arrays()}
+        return RunResult(stage=self._stage, summary=summary, directory=directory, **found)
 
 
 def frame_rows(time_s: Array, frames_per_s: float, before: int = -1) -> IntArray:

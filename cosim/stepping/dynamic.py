@@ -309,6 +309,7 @@ class DynamicSimulation(SteppedRun):
             overlaps=self._overlaps(taken, to),
             footing=self._rests(ends, taken, asked),
             handovers=self._handovers(to),
+            images={},
         )
 
     def _handovers(self, to: Cursor) -> dict[int, tuple[Handover | BridgeEnd, ...]]:

@@ -5,6 +5,7 @@ The film's shape is read when somebody asks for it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
 from cosim.base.solid import BodyShape
@@ -29,6 +31,51 @@ if TYPE_CHECKING:
     from cosim.soft.beams.beam_rings import StiffenerStrain
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
     from cosim.telemetry.energy import EnergyParts
+
+
+@final
+@dataclass(frozen=True)
+class CameraInfo:
+    """A camera, for whoever shows its pictures.
+
+    Args:
+        name: of it.
+        size: (2,) width and height in pixels.
+        fov_rad: from the lower to the upper edge.
+        rate_Hz: pictures per second.
+    """
+
+    name: str
+    size: tuple[int, int]
+    fov_rad: float
+    rate_Hz: float
+
+    @property
+    def focal_length(self) -> float:
+        """In pixels."""
+        return 0.5 * self.size[1] / math.tan(0.5 * self.fov_rad)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CameraImage(Shown):
+    """What a camera sees.
+
+    Args:
+        camera: its name.
+        rgb: (height, width, 3), from the upper left corner.
+        depth_m: (height, width), along the camera's line of sight; infinite where nothing is.
+        segments: (height, width), 0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.
+        position: (3,) [m] of the camera, world.
+        rotation: (3, 3), world from camera: x to the right, y up, z against the line of sight.
+    """
+
+    camera: str
+    rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    segments: NDArray[np.int16]
+    position: Annotated[Array, (3,)]
+    rotation: Annotated[Array, (3, 3)]
 
 
 @final
@@ -226,6 +273,7 @@ class RunInfo(Shown):
         sliding: (joints,), whether a joint slides.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
         sensors: names, units and values of the sensors.
+        cameras: their names, sizes and rates.
     """
 
     scenario: str
@@ -262,6 +310,7 @@ class RunInfo(Shown):
     sliding: tuple[bool, ...] = ()
     stored_m: float | None = None
     sensors: tuple[SensorNames, ...] = ()
+    cameras: tuple[CameraInfo, ...] = ()
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
@@ -327,6 +376,7 @@ class Snapshot(Shown):
         handovers: changes of the model that stands for the soft robot, before the tick, and ends of bridges.
         sensor_reading: (readings,), of `RunInfo.sensors` one after the other.
         sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
+        images: of the cameras whose next picture is due at this tick.
     """
 
     tick: int
@@ -357,6 +407,7 @@ class Snapshot(Shown):
     handovers: tuple[Handover | BridgeEnd, ...] = ()
     sensor_reading: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
     sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
+    images: tuple[CameraImage, ...] = ()
 
     @property
     def node_position(self) -> Array:
@@ -399,8 +450,8 @@ class Snapshot(Shown):
         return float(np.sqrt((away * away).sum()))
 
     def kept(self) -> Snapshot:
-        """Return the same with all that is shown of the film read: what is saved."""
-        return replace(self, film=self.film.read())
+        """Return the same with all that is shown of the film read, without pictures: what is saved."""
+        return replace(self, film=self.film.read(), images=())
 
     def __repr__(self) -> str:
         """Return two lines: when, and what is there then."""

@@ -22,7 +22,7 @@ from cosim.base.frames import (
 )
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport
-from cosim.telemetry.snapshot import FilmShapes, Snapshot
+from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
@@ -38,7 +38,7 @@ _STACKED: Final = (
     "sensor_reading", "sensor_truth",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
-_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers")
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images")
 """What few ticks have: by the rows of those."""
 _KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
 _OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
@@ -100,6 +100,7 @@ class TickBatch(RigidColumns):
         overlaps: of its films, by row; rows left out have none, or were not looked at.
         footing: of the soft robot, by row, at ends of phases.
         handovers: changes of its model before a tick, and ends of bridges, by row.
+        images: of cameras, by row; rows left out have none.
     """
 
     film: FilmShapes
@@ -145,6 +146,7 @@ class TickBatch(RigidColumns):
     overlaps: Mapping[int, tuple[FilmOverlap, ...]]
     footing: Mapping[int, Footing]
     handovers: Mapping[int, tuple[Handover | BridgeEnd, ...]]
+    images: Mapping[int, tuple[CameraImage, ...]]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:

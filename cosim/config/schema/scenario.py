@@ -21,7 +21,7 @@ from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.schema.objects import ObjectTable, SceneTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
-from cosim.config.schema.sensor import SensorTable
+from cosim.config.schema.sensor import CameraTable, SensorTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import (
     Count,
@@ -283,8 +283,6 @@ _NEEDED: Final = {
     "bang_bang": ("increment",), "pi": ("proportional_gain", "integral_gain_per_s"), "python": ()
 }  # fmt: skip
 _PERIOD_ROUNDING: Final = 1e-6
-_READ_BY: Final = {"bending_angle_rad": "bending_angle", "tip_height_m": "tip_position"}
-"""By what a controller measures: the kind of sensor that reads it."""
 
 
 def unknown_cables(named: Iterable[str], scenario: Scenario, key: str) -> Told:
@@ -464,16 +462,6 @@ class ControllerTable:
             yield "cables", f"is missing; there are: {listing(scenario.soft_robot.cable_names())}"
 
     @rule
-    def _looks_through_sensors(self, scenario: Scenario) -> Told:
-        kinds = {sensor.name: sensor.kind for sensor in scenario.sensors}
-        for name in [name for name in self.sensors if name not in kinds][:1]:
-            yield "sensors", unknown_name_message("sensor", name, tuple(kinds))
-            return
-        needed = _READ_BY.get(self.measures)
-        if self.kind != "python" and self.sensors and needed not in {kinds[name] for name in self.sensors}:
-            yield "sensors", f"measures = '{self.measures}' is read by a sensor of kind '{needed}'; name one"
-
-    @rule
     def _has_what_its_kind_needs(self) -> Told:
         for key in [key for key in _NEEDED[self.kind] if getattr(self, key) is None]:
             yield key, f"is missing; kind '{self.kind}' needs it"
@@ -582,8 +570,8 @@ class Scenario:
         wires: `[[wire]]` in the file.
         phases: `[[phase]]` in the file; without any, it holds its start for as long as it is stepped, and
             is moved by the commands of `cosim.Simulation.step` alone.
-        pumps, winches, controllers, sensors: `[[pump]]`, `[[winch]]`, `[[controller]]`, `[[sensor]]` in the
-            file.
+        pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
+        sensors, cameras: `[[sensor]]`, `[[camera]]` in the file.
         commands: `[[command]]` in the file, each of which changes what those before it ask for; kinds are
             registered from Python.
     """
@@ -616,6 +604,7 @@ class Scenario:
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
     controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})
     sensors: tuple[SensorTable, ...] = field(default=(), metadata={"alias": "sensor"})
+    cameras: tuple[CameraTable, ...] = field(default=(), metadata={"alias": "camera"})
     commands: tuple[CommandTable, ...] = field(default=(), metadata={"alias": "command"})
 
     @property

@@ -1,17 +1,14 @@
-"""Schema of what measures a run with the faults of real sensors: `[[sensor]]`."""
+"""Schema of what measures a run with the faults of real sensors, and of what looks at it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeAlias, TypeVar, final
+from typing import Annotated, Final, Literal, TypeAlias, TypeVar, final
 
 from annotated_types import Interval
 
-from cosim.config.toml.keys import Name, NonNegative, Positive, listing, unknown_name_message
+from cosim.config.toml.keys import Direction, Name, NonNegative, Positive, Vector3
 from cosim.config.toml.reading import Told, rule
-
-if TYPE_CHECKING:
-    from cosim.config.schema.scenario import Scenario
 
 SensorKind: TypeAlias = Literal[
     "pressure", "cable_length", "cable_tension", "flange_force", "flange_torque", "tip_position",
@@ -20,8 +17,10 @@ SensorKind: TypeAlias = Literal[
 Value = TypeVar("Value")
 PerValue: TypeAlias = Value | tuple[Value, ...]
 """One for all values of a sensor, or one for each."""
+JOINTS: Final = ("joint_position", "joint_torque")
+"""Kinds that read the joints of an arm."""
 _XYZ: Final = ("x", "y", "z")
-_RATE_ROUNDING: Final = 1e-9
+_PARALLEL: Final = 1e-6
 
 
 @final
@@ -53,46 +52,62 @@ class SensorTable:
     quantum: PerValue[NonNegative] = 0.0
     seed: Annotated[int, Interval(ge=0, le=2**31 - 1)] = 0
 
-    def values(self, scenario: Scenario) -> tuple[str, ...] | None:
-        """Return the names of what it reads; None: of the arm's joints, which the scenario does not name."""
-        if self.kind in ("joint_position", "joint_torque"):
+    def values(self, chambers: tuple[str, ...], cables: tuple[str, ...]) -> tuple[str, ...] | None:
+        """Return the names of what it reads; None: of the arm's joints, which a scenario does not name.
+
+        Args:
+            chambers: names of the soft robot's.
+            cables: the same.
+        """
+        if self.kind in JOINTS:
             return None
         if self.kind == "bending_angle":
             return ("",)
-        return self.of or self._named(scenario) or _XYZ
+        return self.of or self.named(chambers, cables) or _XYZ
 
-    def _named(self, scenario: Scenario) -> tuple[str, ...]:
-        robot = scenario.soft_robot
+    def named(self, chambers: tuple[str, ...], cables: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of chambers or cables that `of` may choose from; none for other kinds."""
         if self.kind == "pressure":
-            return robot.chamber_names()
-        return robot.cable_names() if self.kind in ("cable_length", "cable_tension") else ()
+            return chambers
+        return cables if self.kind in ("cable_length", "cable_tension") else ()
+
+
+@final
+@dataclass(frozen=True)
+class CameraTable:
+    """A camera that sees colours, depths, and what every pixel belongs to.
+
+    Args:
+        name: of the camera.
+        on: what carries it, and in whose axes it is placed. "flange": the flange's frame; "tip": at the tip,
+            z along the tip's direction; "palm": the frame of the soft robot's palm; "world".
+        position_m: of it.
+        direction: in which it looks.
+        up: that is up in its pictures; omitted: z, or x where it looks along z.
+        size: (2,) width and height in pixels.
+        fov_rad: field of view from the lower to the upper edge.
+        rate_Hz: pictures per second, at most one a tick; in statics there is one of every increment.
+    """
+
+    name: Name
+    on: Literal["world", "flange", "tip", "palm"] = "world"
+    position_m: Vector3 = (0.0, 0.0, 0.0)
+    direction: Direction = (0.0, 0.0, 1.0)
+    up: Direction | None = None
+    size: tuple[Annotated[int, Interval(ge=1, le=4096)], Annotated[int, Interval(ge=1, le=4096)]] = (320, 240)
+    fov_rad: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.8
+    rate_Hz: Positive = 10.0
+
+    @property
+    def upward(self) -> Vector3:
+        """What is up in its pictures."""
+        x, y, z = self.direction
+        along_z = x * x + y * y <= _PARALLEL * z * z
+        return self.up or ((1.0, 0.0, 0.0) if along_z else (0.0, 0.0, 1.0))
 
     @rule
-    def _measures_what_there_is(self, scenario: Scenario) -> Told:
-        names = self._named(scenario)
-        if self.of and not names:
-            yield "of", f"is for chambers and cables; kind '{self.kind}' has none of them: leave it out"
-        elif len(set(self.of)) < len(self.of):
-            yield "of", "names something twice"
-        for name in [name for name in self.of if names and name not in names][:1]:
-            what = "chamber" if self.kind == "pressure" else "cable"
-            yield "of", unknown_name_message(what, name, names)
-        if self.kind in ("joint_position", "joint_torque") and scenario.robot == "none":
-            yield "kind", f"'{self.kind}' needs an arm; robot = 'none' has no joints"
-        if self.kind in ("cable_length", "cable_tension") and not names:
-            yield "kind", f"'{self.kind}' needs cables; the soft robot has none"
-
-    @rule
-    def _has_a_number_for_each_value(self, scenario: Scenario) -> Told:
-        values = self.values(scenario)
-        for key in ("noise", "bias", "quantum"):
-            given = getattr(self, key)
-            if values is not None and isinstance(given, tuple) and len(given) != len(values):
-                names = f" ({listing(values)})" if values[0] else ""
-                yield key, f"has {len(given)} entries; the sensor reads {len(values)} values{names}"
-
-    @rule
-    def _samples_at_ticks(self, scenario: Scenario) -> Told:
-        tick_s = scenario.clock.tick_s
-        if self.rate_Hz is not None and self.rate_Hz * tick_s > 1.0 + _RATE_ROUNDING:
-            yield "rate_Hz", f"{self.rate_Hz:g} is more than one sample a tick; at most {1.0 / tick_s:g}"
+    def _knows_what_is_up(self) -> Told:
+        (a, b, c), (x, y, z) = self.direction, self.upward
+        across = (b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2
+        if across <= _PARALLEL * (a * a + b * b + c * c) * (x * x + y * y + z * z):
+            yield "up", f"{[x, y, z]} is the direction in which it looks; give another one"

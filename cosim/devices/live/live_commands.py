@@ -310,6 +310,8 @@ class LiveCommands(SteeredCommands):
     def measured(self, robot: RobotState, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
         cables = self._actuation.measured_cables(self._soft, tension_N.tolist())
         truth = measured(self._soft, robot, self._gas, cables, limits=self._limits(robot.joint_torque))
+        if not self._sensors and not sensors:
+            return truth
         return replace(self._sensors.through(truth, sensors), sensors=self._sensors.readings)
 
     def sensed(
