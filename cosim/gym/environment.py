@@ -152,15 +152,18 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
 
     def _observation(self) -> Observation:
         seen = self._simulation.measure(self._sensors) if self._sensors else self._seen
-        return {
+        found = {
             "observation": self.task.observation(seen),
             "achieved_goal": np.array(self.task.achieved(seen)),
             "desired_goal": np.array(self.task.goal(self._drawn, seen.time_s - self._began_s)),
-            **{name: np.array(self._simulation.image(name).rgb) for name in self._cameras},
         }
+        for name in self._cameras:
+            found[name] = np.array(self._simulation.image(name).rgb)
+        return found
 
     def _info(self, observation: Observation) -> dict[str, Any]:
-        reached = self.task.success(self.task.achieved(self._seen), observation["desired_goal"])
+        here = self.task.achieved(self._seen) if self._sensors else observation["achieved_goal"]
+        reached = self.task.success(here, observation["desired_goal"])
         return {"is_success": reached, "limits": self._seen.limits}
 
 

@@ -289,7 +289,9 @@ class DynamicSimulation(SteppedRun):
         if not asked.ahead:
             report = parts.commands.report(parts.carrier.flange_pose)
             tension = tension if report is None else report.cable_tension_N[None]
-        reading, truth = parts.sensed(time_s.item(-1), tension[-1])  # of a single tick, if there are any
+        reading, truth = np.zeros((2, n, 0))
+        if self.stage.sensors:  # a single tick
+            reading, truth = (row[None] for row in parts.sensed(time_s.item(-1), tension[-1]))
         return TickBatch.of_ticks(
             taken,
             tick=tick,
@@ -298,8 +300,8 @@ class DynamicSimulation(SteppedRun):
             joint_target=asked.servos.position[:n],
             film=film,
             cable_tension_N=tension,
-            sensor_reading=np.tile(reading, (n, 1)),
-            sensor_truth=np.tile(truth, (n, 1)),
+            sensor_reading=reading,
+            sensor_truth=truth,
             tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
             has_tip_target=np.full(n, wanted is not None),
             tick_wall_s=np.full(n, (time.perf_counter() - began) / n),

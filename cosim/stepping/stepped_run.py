@@ -223,16 +223,13 @@ class SteppedRun(ABC):
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
             self._cursor, self._fitting = Cursor(), 1  # until it is known how long steps take
-            return self._filmed(TickBatch.of([first]))
+            return self._cameras.filmed(TickBatch.of([first]))
         to = self._cursor.following(self._counts)
         if to is None:
             return None
         taken = self._located(to, min(most, self._fitting, self._counts[to.phase] - to.done + 1))
         self._cursor = to.later(len(taken) - 1)
         self._fitting = max(1, int(_SHOWN_S / max(float(taken.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
-        return self._filmed(taken)
-
-    def _filmed(self, taken: TickBatch) -> TickBatch:
         return self._cameras.filmed(taken) if self.stage.cameras else taken
 
     def image(self, camera: str, last: Snapshot) -> CameraImage:

@@ -40,6 +40,8 @@ class Cameras:
         Raises:
             OutputError: nothing can draw here.
         """
+        if not self._tables:
+            return batch
         images: dict[int, tuple[CameraImage, ...]] = {}
         for row in np.flatnonzero(
             np.any([self._due(table, batch) for table in self._tables], axis=0)

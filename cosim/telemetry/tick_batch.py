@@ -265,7 +265,8 @@ class TickBatch(RigidColumns):
         """Return one tick, in arrays of its own."""
         row = range(len(self))[row]
         wrench, twist = self.wrench[row], self.flange_twist[row]
-        of_ledger = {name: getattr(self, name).item(row) for name in _OF_LEDGER}
+        held = vars(self)
+        of_ledger = {name: held[name].item(row) for name in _OF_LEDGER}
         return Snapshot(
             tick=self.tick.item(row),
             time_s=self.time_s.item(row),
@@ -277,8 +278,8 @@ class TickBatch(RigidColumns):
             ledger=LedgerEntry(Wrench.owning(wrench[:3].copy(), wrench[3:].copy()), **of_ledger),
             tick_wall_s=self.tick_wall_s.item(row),
             devices=self.devices[row],
-            **{name: getattr(self, name)[row] for name in _BY_ROW if row in getattr(self, name)},
-            **{name: getattr(self, name)[row].copy() for name in _STACKED},
+            **{name: held[name][row] for name in _BY_ROW if row in held[name]},
+            **{name: held[name][row].copy() for name in _STACKED},
         )
 
     @property
