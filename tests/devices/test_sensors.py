@@ -17,7 +17,6 @@ from cosim.config.schema.sensor import SensorTable
 from cosim.devices.sensor import Sensor
 from cosim.errors import InputError, ScenarioError
 from tests.devices import device_parts
-from tests.devices.test_control import seen
 
 TICK_s, SAMPLES = 0.002, 10_000
 STILL = """
@@ -30,13 +29,12 @@ cable_tension_N = [0.3, 0.0]
 
 
 def read(table: SensorTable, truths: Array, seed: int = 0) -> Array:
-    """Return what a sensor of the tip reads at ticks in which it is at `truths` (ticks, 3)."""
-    sensor, found, state = Sensor(table, TICK_s, None), [], None
-    for place in truths:
-        measured = seen(tip_position=place)
-        state = (
-            sensor.begin(place, seed) if state is None else sensor.next(state, sensor.truth(measured), seed)
-        )
+    """Return what a sensor reads at ticks at whose ends the truth is (ticks, 3)."""
+    sensor = Sensor(table, TICK_s, None)
+    state = sensor.begin(truths[0], seed)
+    found = [state.reading]
+    for truth in truths[1:]:
+        state = sensor.next(state, truth, seed)
         found.append(state.reading)
     return np.array(found)
 
