@@ -223,7 +223,10 @@ class Simulation:
         self._snapshot = found.snapshot
 
     def image(self, camera: str) -> CameraImage:
-        """Return what a camera of the scenario sees now, by its name.
+        """Return what a camera sees now.
+
+        Args:
+            camera: its name in the scenario.
 
         Raises:
             InputError: there is no such camera.
