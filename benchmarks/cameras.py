@@ -28,8 +28,10 @@ def main() -> None:
         (plain_s, _), (seen_s, result) = run([]), run([_CAMERA])
         count, simulated_s = len(result.images["view"].tick), result.time_s[-1]
         print(
-            f"{simulated_s:g} s simulated: {plain_s:.2f} s of processor time without, {seen_s:.2f} s with "
-            f"{count} pictures: {count / seen_s:.0f} pictures a second, {simulated_s / seen_s:.2f} x real time"
+            f"{simulated_s:g} s simulated: {plain_s:.2f} s of processor time without a camera, {seen_s:.2f} s"
+        )
+        print(
+            f"  with {count} pictures: {count / seen_s:.0f} a second, {simulated_s / seen_s:.2f} x real time"
         )
     here = cosim.Simulation(_SCENARIO, overrides={"camera": [_CAMERA]})
     here.image("view")
