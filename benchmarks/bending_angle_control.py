@@ -1,6 +1,6 @@
 """Three controllers bend the same arm to the same angle: overshoot, settling time, limit cycle.
 
-python benchmarks/bending_angle_control.py [--json] [--plot FILE.png]
+python benchmarks/bending_angle_control.py [--sensor] [--json] [--plot FILE.png]
 """
 
 from __future__ import annotations
@@ -22,13 +22,24 @@ _LABELS: Final = {
 }
 
 
+_SENSOR: Final = {
+    "name": "bend", "kind": "bending_angle", "noise": math.radians(0.5), "delay_s": 0.04, "rate_Hz": 50.0,
+    "quantum": math.radians(0.1),
+}  # fmt: skip
+
+
 def main() -> None:
     """Run the scenario, print its table, and draw it if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--sensor", action="store_true", help="let the controllers see a sensor of the angle")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument("--plot", type=Path, help="file of a picture to write")
     arguments = parser.parse_args()
-    result = cosim.run("bending_angle_control", overrides={"model.published": True})
+    changes: dict[str, Any] = {"model.published": True}
+    if arguments.sensor:
+        changes["sensor"] = [_SENSOR]
+        changes |= {f"controller.{name}.sensors": ["bend"] for name in ("paper", "tension", "length")}
+    result = cosim.run("bending_angle_control", overrides=changes)
     figures = controlled_phases(result)
     print(json.dumps(figures, indent=2) if arguments.json else table(figures))
     if arguments.plot is not None:

@@ -38,6 +38,7 @@ def sizes_of(stage: RunInfo) -> dict[str, int]:
         "bodies": len(stage.body_names),
         "cables": len(stage.cables),
         "chambers": len(stage.chamber_names),
+        "readings": sum(len(sensor.values) for sensor in stage.sensors),
     }
 
 

@@ -26,14 +26,14 @@ from uuid import uuid4
 
 from cosim._version import __version__
 from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
-from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, RunFiles
+from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, RunFiles, images_file
 from cosim.base.files import cache_directory, files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
-from cosim.results.array_files import write_arrays
+from cosim.results.array_files import write_arrays, write_images
 from cosim.results.result import ResultBuilder
 from cosim.telemetry.snapshot import RunErrors, RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
@@ -108,6 +108,8 @@ class ArrayRecorder(Recorder):
             write_arrays(
                 self._next_part(ARRAYS), self._next_part(FRAMES), self._stage, self._frames_per_s, arrays
             )
+            for camera, images in self._gathered.images().items():
+                write_images(self._next_part(images_file(camera)), camera, images)
             self._gathered.forget()
             self._written = True
 

@@ -8,10 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final, get_args
 
-from cosim.app.run_files import ARRAYS, CHECKPOINT, FRAMES, RECORDING, SCENARIO, SUMMARY, parts, recordings
+from cosim.app.run_files import (
+    ARRAYS,
+    CHECKPOINT,
+    FRAMES,
+    RECORDING,
+    SCENARIO,
+    SUMMARY,
+    images_file,
+    parts,
+    recordings,
+)
 from cosim.base.resources import is_file
 from cosim.errors import InputError
-from cosim.results.array_files import check_rows, read_parts, read_stage
+from cosim.results.array_files import check_rows, read_images, read_parts, read_stage
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, as_html
 from cosim.telemetry.summary import Status, phase_cells
 
@@ -38,7 +48,9 @@ def load_run(directory: str | Path) -> RunResult:
     stage = read_stage(ticks[-1])
     arrays = read_parts(ticks, COLUMNS, "tick") | read_parts(frames, FRAME_COLUMNS, "frame_tick")
     check_rows(arrays, ticks, frames, summary["ticks"], _again(where))
-    return RunResult(stage=stage, summary=summary, directory=where, **arrays)
+    images = {one.name: read_images(parts(where, images_file(one.name)), one.name) for one in stage.cameras}
+    seen = {name: found for name, found in images.items() if found is not None}
+    return RunResult(stage=stage, summary=summary, directory=where, images=seen, **arrays)
 
 
 def _summary(where: Path) -> dict[str, Any]:

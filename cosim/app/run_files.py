@@ -6,7 +6,7 @@ The marker names the files that were written here; only these are ever replaced 
 lock on it, which the system takes back when the process ends, however it does.
 
 The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `arrays.parquet`,
-`frames.parquet`, `checkpoint.npz`.
+`frames.parquet`, `checkpoint.npz`, and `camera_NAME.parquet` of each camera.
 
 A run that resumed after an interruption has a recording for each part: `recording-2.rrd` and so on; they
 belong together and open as one. So do the files of arrays, which end a part at every checkpoint as well. The
@@ -222,6 +222,11 @@ SUMMARY = "summary.json"
 CHECKPOINT = "checkpoint.npz"
 ARRAYS = "arrays.parquet"
 FRAMES = "frames.parquet"
+
+
+def images_file(camera: str) -> str:
+    """Return the name of the first part of a camera's pictures."""
+    return f"camera_{camera}.parquet"
 
 
 def default_directory(scenario_name: str) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,13 +17,13 @@ from cosim.base.state_archive import read_archive, write_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.controller import checked_step
+from cosim.devices.controller import checked_step, whole
 from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError
 from cosim.plan.decision import Choices
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
@@ -178,9 +178,16 @@ class Simulation:
             raise
         return self._snapshot
 
-    def measure(self) -> Measurement:
-        """Return what is measured of the present state, without noise."""
-        return self._run.measured(self._snapshot)
+    def measure(self, sensors: Sequence[str] = ()) -> Measurement:
+        """Return what is measured of the present state, without noise but for the readings of sensors.
+
+        Args:
+            sensors: names of those whose readings take the place of the truth.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        return self._run.measured(self._snapshot, sensors)
 
     def _command(self, command: Command | None, ticks: int) -> None:
         if command is not None:
@@ -215,13 +222,39 @@ class Simulation:
                 self._run.restore_state(found._run)
         self._snapshot = found.snapshot
 
+    def image(self, camera: str) -> CameraImage:
+        """Return what a camera sees now.
+
+        Args:
+            camera: its name in the scenario.
+
+        Raises:
+            InputError: there is no such camera.
+            OutputError: nothing can draw here.
+        """
+        return self._run.image(camera, self._snapshot)
+
+    def seed_sensors(self, seed: int) -> Snapshot:
+        """Let the sensors begin anew with other noise, and return what is there with their readings.
+
+        Args:
+            seed: from 0 to 2^31 - 1, which joins those of the scenario's sensors; 0 is that of a new run.
+
+        Raises:
+            InputError: it is none.
+        """
+        if (number := whole(seed)) is None or not 0 <= number < 2**31:
+            raise InputError(f"seed is {seed!r}; must be a whole number from 0 to {2**31 - 1}")
+        self._snapshot = self._run.seeded(self._snapshot, number)
+        return self._snapshot
+
     def reset(
         self, start: SavedState | str | Path | None = None, changes: Mapping[str, Any] | None = None
     ) -> Snapshot:
         """Begin again, with the scenario that the simulation was made with, and return what is there then.
 
         The ticks to come are those of a new simulation of that scenario and start, bit for bit. Nothing in a
-        scenario is random: who wants a random one draws `changes`.
+        scenario is random but the noise of sensors, see `seed_sensors`; for random scenarios, draw `changes`.
 
         Args:
             start: what to continue from; None: from where this simulation began.

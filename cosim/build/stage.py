@@ -23,6 +23,7 @@ from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.writing import to_table
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import device_names, device_report
+from cosim.devices.sensor import sensor_names
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
@@ -35,7 +36,7 @@ from cosim.soft.solve.assembly import FilmEnergies
 from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
-from cosim.telemetry.snapshot import Decay, RunInfo
+from cosim.telemetry.snapshot import CameraInfo, Decay, RunInfo
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -354,6 +355,8 @@ def stage_of(
         mounted=carrier.mounted,
         sliding=carrier.sliding,
         stored_m=None if robot is None else robot.stored_m,
+        sensors=sensor_names(scenario, carrier.joint_names),
+        cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),
     )
 
 

@@ -23,6 +23,7 @@ from cosim.config.schema.phase import (
 from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario, unknown_cables
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.stack import FIRST_RING
+from cosim.config.sensor_rules import SENSOR_RULES
 from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.reading import Fault, Faults, Told, check, rule, rules_of
 from cosim.errors import ScenarioError
@@ -532,6 +533,7 @@ def _devices_have_time(scenario: Scenario) -> Told:
     names = [f"pump.{entry.name}" for entry in scenario.pumps]
     names += [f"winch.{entry.name}" for entry in scenario.winches]
     names += [f"controller.{entry.name}" for entry in scenario.controllers]
+    names += [f"sensor.{entry.name}" for entry in scenario.sensors]
     for key in names[:1]:
         yield key, f"acts in time: needs mode = 'dynamic'; the mode is '{scenario.mode}'"
 
@@ -640,4 +642,4 @@ def _one_thing_moves_a_cable(phase: PhaseTable, scenario: Scenario) -> Told:
             moved |= dict.fromkeys(cables, f"controller '{name}'")
 
 
-_RULES: Final = rules_of(globals())
+_RULES: Final = (*rules_of(globals()), *SENSOR_RULES)

@@ -184,12 +184,31 @@ class SteeredCommands(CommandSource):
         """
 
     @abstractmethod
-    def measured(self, robot: RobotState, tension_N: Array) -> Measurement:
+    def measured(self, robot: RobotState, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
         """Return what is measured of the run between two ticks.
 
         Args:
             robot: besides the soft side.
             tension_N: (cables,) of the last tick.
+            sensors: names of those whose readings take the place of the truth.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+
+    @abstractmethod
+    def sensed(
+        self, see: Callable[[], RobotState], tension_N: Array, seed: int | None = None
+    ) -> tuple[Array, Array]:
+        """Let the sensors read the run, once after every tick.
+
+        Returns:
+            Readings and truth, both (readings,); empty where there are no sensors.
+
+        Args:
+            see: looks at the robot as it is.
+            tension_N: (cables,) of the last tick.
+            seed: of the run, with which the sensors begin; None: they continue.
         """
 
 
@@ -273,6 +292,7 @@ def measured(
         contact_force_N=robot.contact_force,
         body_pose=robot.body_pose,
         limits=limits,
+        sensors={},
         **cables,
     )
 

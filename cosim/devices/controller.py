@@ -60,6 +60,7 @@ class Measurement(Shown):
         limits: what does not go as commanded, in words: joints and speeds that a command asked for beyond
             their bounds, torques that servos cannot exceed, gas whose command a phase has ended; empty where
             all follow.
+        sensors: readings (n,) of the scenario's sensors, by name; see `Simulation.measure`.
     """
 
     time_s: float
@@ -83,6 +84,7 @@ class Measurement(Shown):
     contact_force_N: Mapping[str, Array]
     body_pose: Mapping[str, Pose]
     limits: tuple[str, ...] = ()
+    sensors: Mapping[str, Array] = field(default_factory=dict)
 
 
 @final

@@ -45,6 +45,7 @@ from cosim.devices.controller import (
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral
 from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpDriveState, PumpState
+from cosim.devices.sensor import Sensors, SensorsState, sensor_report
 from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, drums_of, orders_of
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
@@ -126,8 +127,9 @@ def device_names(scenario: Scenario) -> DeviceNames | None:
 
 
 def device_report(scenario: Scenario) -> dict[str, str]:
-    """Return in words what is modelled of pumps, winches and controllers, by heading; empty without any."""
+    """Return in words what is modelled of devices and sensors, by heading; empty without any."""
     lines = {"Pumps": _pumps(scenario), "Cables": _cables(scenario), "Controllers": _controllers(scenario)}
+    lines["Sensors"] = sensor_report(scenario)
     return {heading: text for heading, text in lines.items() if text}
 
 
@@ -226,6 +228,9 @@ class Actuation:
         self._orders: list[Order | None] = []
         self._setpoints: dict[str, float | None] = {}
         self._modelled, self._held = device_names(scenario) is not None, False
+        self._looks_through = {entry.name: entry.sensors for entry in scenario.controllers}
+        self.sensors: Sensors | None = None
+        """What controllers look through; whoever plans the run makes it."""
         self.live: LiveOrders | None = None
         """What is commanded from outside, in place of phases and controllers; whoever does sets it again."""
 
@@ -281,8 +286,8 @@ class Actuation:
         commanded: list[Order | None] = [None] * len(self.cables)
         given = planned.phase.pump_pressure_Pa or {}
         pressures = [given.get(pump.name) for pump in self.pumps]
-        for name, setpoint in self._setpoints.items():
-            held = self._ask(name, partial(self._measure, gas, soft, see, setpoint))
+        for name in self._setpoints:
+            held = self._ask(name, partial(self._measure, gas, soft, see, name))
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
                 order: Order | None = None if tension is None else ("tension", tension)
                 commanded[k] = order or (commanded[k] if length is None else ("length", length))
@@ -390,9 +395,13 @@ class Actuation:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
     def _measure(
-        self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], setpoint: float | None
+        self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], name: str
     ) -> Measurement:
-        return measured(soft, see(), gas, self.measured_cables(soft), setpoint=setpoint)
+        truth = measured(soft, see(), gas, self.measured_cables(soft), setpoint=self._setpoints[name])
+        if not self.sensors:
+            return truth
+        through = self.sensors.through(truth, self._looks_through[name])
+        return replace(through, sensors=self.sensors.readings)
 
     def measured_cables(
         self, soft: SoftSide, tension_N: Sequence[float] | None = None
@@ -416,11 +425,13 @@ class PlannedCommandsState:
         gas: in the chambers.
         devices: of pumps, winches and controllers.
         offset: (joints,) [rad], by which controllers have moved the joints' reference.
+        sensors: of the sensors.
     """
 
     gas: ChamberGasState
     devices: ActuationState
     offset: Array
+    sensors: SensorsState
 
 
 @final
@@ -444,6 +455,7 @@ class PlannedCommands(CommandSource):
         self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
         self.gas = ChamberGas(scenario.gas)
         self._offset = FlangeOffset(len(plan.joints))
+        self.sensors = actuation.sensors = Sensors(scenario, len(plan.joints))
         self._references: TickReferences | IncrementReferences | None = None
 
     def begin_phase(self, phase: int) -> None:
@@ -462,8 +474,8 @@ class PlannedCommands(CommandSource):
         return RobotCommand(joints, self.actuation.driven(asked))
 
     def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
-        references = self._of(phase)
-        if self.actuation.active or self.gas.holds_gas or isinstance(references, IncrementReferences):
+        references, by_tick = self._of(phase), self.actuation.active or self.sensors or self.gas.holds_gas
+        if by_tick or isinstance(references, IncrementReferences):
             return None
         planned, (joints, shares) = references.planned, references.from_on(done, most)
         begin, end, between = planned.begin, planned.end, self.gas.between
@@ -479,12 +491,13 @@ class PlannedCommands(CommandSource):
 
     def save_state(self) -> PlannedCommandsState:
         gas, devices = self.gas.save_state(), self.actuation.save_state()
-        return PlannedCommandsState(gas, devices, self._offset.offset)
+        return PlannedCommandsState(gas, devices, self._offset.offset, self.sensors.state)
 
     def restore_state(self, state: PlannedCommandsState) -> None:
         self.gas.restore_state(state.gas)
         self.actuation.restore_state(state.devices)
         self._offset.offset = state.offset
+        self.sensors.restore_state(state.sensors)
 
     def _of(self, phase: int) -> TickReferences | IncrementReferences:
         """Return what a phase asks for, step by step."""

@@ -28,6 +28,22 @@ class DeviceNames:
 
 @final
 @dataclass(frozen=True)
+class SensorNames:
+    """A sensor, for whoever shows it.
+
+    Args:
+        name: of it.
+        unit: of its readings; "1" without one.
+        values: names of what it reads; one empty name where it reads a single number.
+    """
+
+    name: str
+    unit: str
+    values: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True)
 class PumpReport:
     """A pump at the end of a tick.
 

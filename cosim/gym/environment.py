@@ -41,7 +41,9 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     them a rate or velocity as the task's `actions` say. `info` holds "is_success"; "limits", what did not go
     as commanded, in words; and in a step whose physics could not be solved "failure", the error's name and
     text: the episode is then truncated where it was before that step, and rewarded as if it stayed there.
-    Nothing else but the task's `horizon` ends an episode: goals that are reached do not.
+    Nothing else but the task's `horizon` ends an episode: goals that are reached do not. Of a scenario with
+    sensors, observations and rewards are those of their readings, and "is_success" is that of the truth.
+    Observations hold the colours of every camera of the scenario, by its name.
 
     Args:
         task: what is to be learned.
@@ -68,11 +70,15 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         self._ticks = ticks_of_step(self._made)
         self._seen = self._simulation.measure()
         self._began_s, self._steps = self._seen.time_s, 0
+        self._sensors = tuple(sensor.name for sensor in self._made.sensors)
+        self._cameras = tuple(camera.name for camera in self._made.cameras)
         self._drawn = task.draw(np.random.default_rng(0), self._seen)
         sizes = {"observation": len(task.observation(self._seen)), "achieved_goal": 3, "desired_goal": 3}
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(-_BOUND, _BOUND, (size,), np.float64) for name, size in sizes.items()
         }
+        for camera in self._made.cameras:
+            boxes[camera.name] = spaces.Box(0, 255, (*reversed(camera.size), 3), np.uint8)
         self.observation_space: spaces.Space[Any] = spaces.Dict(boxes)
         self.action_space = spaces.Box(-1.0, 1.0, (len(task.actions),), np.float32)
 
@@ -97,6 +103,8 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         start: SavedState | str | Path | None = given.get("start")
         self._simulation.reset(start, changes)
         super().reset(seed=seed)
+        if self._sensors:
+            self._simulation.seed_sensors(int(self.np_random.integers(2**31)))
         self._ticks, self._seen = ticks, self._simulation.measure()
         self._began_s, self._steps = self._seen.time_s, 0
         drawn = self.task.draw(self.np_random, self._seen)
@@ -143,15 +151,19 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         return self._simulation.measure()
 
     def _observation(self) -> Observation:
-        seen = self._seen
-        return {
+        seen = self._simulation.measure(self._sensors) if self._sensors else self._seen
+        found = {
             "observation": self.task.observation(seen),
             "achieved_goal": np.array(self.task.achieved(seen)),
             "desired_goal": np.array(self.task.goal(self._drawn, seen.time_s - self._began_s)),
         }
+        for name in self._cameras:
+            found[name] = np.array(self._simulation.image(name).rgb)
+        return found
 
     def _info(self, observation: Observation) -> dict[str, Any]:
-        reached = self.task.success(observation["achieved_goal"], observation["desired_goal"])
+        here = self.task.achieved(self._seen) if self._sensors else observation["achieved_goal"]
+        reached = self.task.success(here, observation["desired_goal"])
         return {"is_success": reached, "limits": self._seen.limits}
 
 

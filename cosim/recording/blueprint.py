@@ -141,14 +141,22 @@ FOLLOW: Final = "/world/follow"
 TIP_PATH: Final = "/world/soft/tip_path"
 
 
-def blueprint(plots: Sequence[Plot], scene: Eye, close: Eye, *, live: bool = False) -> rrb.Blueprint:
+def blueprint(
+    plots: Sequence[Plot],
+    scene: Eye,
+    close: Eye,
+    *,
+    cameras: Sequence[tuple[str, ...]] = (),
+    live: bool = False,
+) -> rrb.Blueprint:
     """Return the layout: the scene at the left; soft robot, stress scale and plots at the right.
 
     Args:
         plots: in the order in which they are shown.
         scene: camera of the scene.
         close: camera of the soft robot, in the frame that follows it.
-        live: whether time continues with the run.
+        cameras: entities of each camera's pictures.
+        live: whether time goes on with the run.
     """
     left = rrb.Vertical(
         _space("Scene", "/world", scene),
@@ -163,7 +171,12 @@ def blueprint(plots: Sequence[Plot], scene: Eye, close: Eye, *, live: bool = Fal
             background=list(BACKGROUND),
             visual_bounds=rrb.VisualBounds2D(x_range=LEGEND_X, y_range=LEGEND_Y),
         ),
-        rrb.Tabs(*_tabs(plots), rrb.TextDocumentView(origin="/summary", name="Summary"), active_tab=0),
+        rrb.Tabs(
+            *_camera_tabs(cameras),
+            *_tabs(plots),
+            rrb.TextDocumentView(origin="/summary", name="Summary"),
+            active_tab=0,
+        ),
         row_shares=[20, 5, 20],
     )
     return rrb.Blueprint(
@@ -197,6 +210,15 @@ def _space(name: str, origin: str, eye: Eye) -> rrb.Spatial3DView:
         ),
         overrides={TIP_PATH: rrb.VisibleTimeRanges([until_now])},
     )
+
+
+def _camera_tabs(cameras: Sequence[tuple[str, ...]]) -> list[rrb.Vertical]:
+    """Return a tab with a row of pictures for each camera; none without cameras."""
+    rows = [
+        rrb.Horizontal(*(rrb.Spatial2DView(origin=path, name=path.strip("/")) for path in paths))
+        for paths in cameras
+    ]
+    return [rrb.Vertical(*rows, name="Cameras")] if rows else []
 
 
 def _tabs(plots: Sequence[Plot]) -> list[rrb.Vertical]:

@@ -64,6 +64,28 @@ def device_plots(stage: RunInfo) -> list[Plot]:
     return [*_control_plots(names), *_cable_plots(stage, names), *_pump_plots(names)]
 
 
+_PREFIXES: Final = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "rad": (math.degrees(1.0), "deg")}
+
+
+def sensor_plots(stage: RunInfo) -> list[Plot]:
+    """Return a plot for each sensor: readings and truth."""
+    plots, begin = [], 0
+    for sensor in stage.sensors:
+        scale, unit = _PREFIXES.get(sensor.unit, (1.0, sensor.unit))
+        rows = slice(begin, begin := begin + len(sensor.values))
+        for of in ("reading", "truth"):
+            series = tuple(" ".join(filter(None, (of, value))) for value in sensor.values)
+            entity, title = f"sensors/{sensor.name}", f"Sensor {sensor.name} [{unit}]"
+            if of == "truth":
+                entity, title = f"{entity}/truth", ""
+            plots.append(Plot(entity, title, series, partial(_sensed, f"sensor_{of}", rows, scale)))
+    return plots
+
+
+def _sensed(array: str, columns: slice, scale: float, batch: TickBatch) -> Array:
+    return np.asarray(scale * getattr(batch, array)[:, columns])
+
+
 def _plot(
     entity: str,
     title: str,
@@ -172,6 +194,7 @@ def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
     tabs = {
         "Robot": _robot_plots(stage),
         "Devices": device_plots(stage),
+        "Sensors": sensor_plots(stage),
         "Interface": _interface_plots(),
         "Energy": [] if stage.energy is None else _energy_plots(),
         "Run": _run_plots(stage, joints),

@@ -17,6 +17,7 @@ from cosim.base.frames import IntArray
 from cosim.coupling.soft_sides.handover import Handover
 from cosim.errors import InputError, OutputError
 from cosim.recording.blueprint import blueprint, close_eye, log_stress_legend, scene_eye
+from cosim.recording.camera_views import CameraViews, camera_paths
 from cosim.recording.colours import series_colours
 from cosim.recording.columns import PlotBuffer, time_columns
 from cosim.recording.plots import ERROR_BARS, plots_of
@@ -165,6 +166,7 @@ class _Run:
         self._tick_ns = round(stage.tick_s * _SECOND_NS)
         self._curves: PlotBuffer | None = None
         self._scene: Scene | None = None
+        self._cameras = CameraViews(stream, stage, self._tick_ns)
         self._frames: list[TickBatch] = []
         self._drawn = 0
         self._frame = -1
@@ -185,6 +187,9 @@ class _Run:
         if self._stage.hands_over:
             self._show_models(batch)
         curves.append(batch)
+        for row, images in batch.images.items():
+            for image in images:
+                self._cameras.send(int(batch.tick[row]), image)
         self._last = batch
         self._phase_ends[self._phase] = int(batch.tick[-1])
         frames = (batch.tick * self._tick_ns / self._frame_ns).astype(np.int64)
@@ -266,8 +271,9 @@ class _Run:
             return self._curves
         stage = self._stage
         plots = plots_of(stage, len(first.joint_position))
+        names = [camera_paths(camera.name) for camera in stage.cameras]
         eyes = scene_eye(stage, first), close_eye(stage, first)
-        self._stream.send_blueprint(blueprint(plots, *eyes, live=self._viewer is not None))
+        self._stream.send_blueprint(blueprint(plots, *eyes, cameras=names, live=self._viewer is not None))
         self._frames_most = max(1, _NODES_GATHERED // len(first.node_position))
         self._scene = Scene(self._stream, stage, first)
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)

@@ -28,11 +28,20 @@ from cosim._version import __version__
 from cosim.base.files import whole_file
 from cosim.base.frames import Array
 from cosim.base.resources import writing
-from cosim.devices.device_report import DeviceNames
+from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision
-from cosim.results.result import COLUMNS, FRAME_COLUMNS, ArrayText, RunResult, array_texts, frame_rows
-from cosim.telemetry.snapshot import RunInfo
+from cosim.results.result import (
+    COLUMNS,
+    FRAME_COLUMNS,
+    IMAGE_COLUMNS,
+    ArrayText,
+    CameraImages,
+    RunResult,
+    array_texts,
+    frame_rows,
+)
+from cosim.telemetry.snapshot import CameraInfo, RunInfo
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -183,6 +192,12 @@ def stage_of(stored: Mapping[str, Any]) -> RunInfo:
     made["cables"] = tuple(np.array(nodes, np.int64) for nodes in stored["cables"])
     made["gravity"] = np.array(stored["gravity"], np.float64)
     made["modelled"] = tuple(Decision(**entry) for entry in stored["modelled"])
+    made["sensors"] = tuple(
+        SensorNames(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["sensors"]
+    )
+    made["cameras"] = tuple(
+        CameraInfo(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["cameras"]
+    )
     if stored["devices"] is not None:
         made["devices"] = DeviceNames(**{key: _tuples(value) for key, value in stored["devices"].items()})
     return RunInfo(**made, shapes=(), membrane_stress=_no_stress)
@@ -236,6 +251,35 @@ def write_arrays(
     for path, names in ((frames, FRAME_COLUMNS), (ticks, COLUMNS)):
         texts = {name: _array_said(array_texts(RunResult)[name], stage, arrays[name]) for name in names}
         write_columns(path, {name: arrays[name] for name in names}, texts, header)
+
+
+def write_images(path: Path, camera: str, images: CameraImages) -> None:
+    """Write pictures of a camera.
+
+    Args:
+        path: of the file.
+        camera: its name.
+        images: at least one.
+
+    Raises:
+        OutputError: they cannot be written.
+    """
+    columns = {name: getattr(images, name) for name in IMAGE_COLUMNS}
+    texts = {
+        name: {"unit": text.unit, "meaning": text.meaning, "axes": text.axes}
+        for name, text in array_texts(CameraImages).items()
+    }
+    write_columns(path, columns, texts, {"schema": ARRAYS_SCHEMA, "camera": camera})
+
+
+def read_images(paths: Sequence[Path], camera: str) -> CameraImages | None:
+    """Return the pictures of a camera in some files; None where there are none.
+
+    Raises:
+        InputError: one cannot be read, or lacks an array.
+    """
+    own = [path for path in paths if read_header(path).get("camera") == camera]
+    return CameraImages(**read_parts(own, IMAGE_COLUMNS, "tick")) if own else None
 
 
 def read_stage(path: Path) -> RunInfo:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from html import escape
 from itertools import product
@@ -18,11 +18,13 @@ from pathlib import Path
 from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
 from cosim.base.names import texts_of
 from cosim.config.toml.keys import unit_of, unit_text
+from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError
 from cosim.telemetry.energy_terms import TERMS
 from cosim.telemetry.figures import branching_lines, overlap_lines
@@ -88,7 +90,9 @@ def _text(name: str, axes: str, unit: str | None, meaning: str) -> ArrayText:
 
 def _names(axis: str, size: int, stage: RunInfo) -> Iterator[str]:
     """Yield the names of the entries along an axis; their places where they have none."""
+    readings = [".".join(filter(None, (each.name, value))) for each in stage.sensors for value in each.values]
     known = {
+        "readings": readings,
         "joints": stage.joint_names, "bodies": stage.body_names, "chambers": stage.chamber_names,
         "cables": stage.cable_names, "3": _XYZ, "4": _WXYZ,
         "energies": [term.removesuffix("_J") for term in TERMS],
@@ -128,15 +132,20 @@ def panels(result: RunResult, names: Sequence[str] = ()) -> Iterator[Panel]:
 
     Args:
         result: of a run.
-        names: of arrays with a row per tick.
+        names: of arrays with a row per tick, or of sensors.
 
     Raises:
         InputError: there is no such array.
     """
     texts = {name: text for name, text in array_texts(RunResult).items() if text.axes[0] == "rows"}
-    for name in names or USUAL:
+    sensors = {each.name: each for each in result.stage.sensors}
+    for name in names or (*USUAL, *sensors):
+        if name in sensors:
+            yield _sensor_panel(result, sensors[name])
+            continue
         if name not in texts:
-            raise InputError(f"there is no array '{name}' over the ticks; there are {', '.join(texts)}")
+            there = ", ".join([*texts, *sensors])
+            raise InputError(f"there is no array '{name}' over the ticks; there are {there}")
         array = getattr(result, name)
         if not array.size or not (names or np.nan_to_num(array).any()):
             continue
@@ -144,6 +153,12 @@ def panels(result: RunResult, names: Sequence[str] = ()) -> Iterator[Panel]:
         labels = texts[name].components(result.stage, array.shape[1:])
         title = name.removesuffix(f"_{texts[name].unit}").replace("_", " ")
         yield Panel(title, unit, scale * array.reshape(len(array), -1), labels if len(labels) > 1 else [])
+
+
+def _sensor_panel(result: RunResult, sensor: SensorNames) -> Panel:
+    scale, unit = _PREFIXES.get(sensor.unit, (1.0, sensor.unit))
+    labels = [" ".join(filter(None, pair)) for pair in product(("sensor", "truth"), sensor.values)]
+    return Panel(sensor.name, unit, scale * np.hstack(result.sensor(sensor.name)), labels)
 
 
 def drawn(result: RunResult, names: Sequence[str] = ()) -> Any:
@@ -218,6 +233,37 @@ def _row(kind: str, cells: Sequence[str]) -> str:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
+class CameraImages:
+    """What one camera saw, a row for each picture.
+
+    Args:
+        tick: (pictures,), after which it was taken.
+        time_s: (pictures,), simulated time.
+        rgb: (pictures, height, width, 3), colours from 0 to 255, from the upper left corner.
+        depth_m: (pictures, height, width), along the camera's line of sight; infinite where nothing is.
+        segments: (pictures, height, width), 0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.
+        position: (pictures, 3) [m], of the camera, world.
+        rotation: (pictures, 3, 3), world from camera: x to the right, y up, z against the line of sight.
+    """
+
+    tick: IntArray
+    time_s: Array
+    rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    segments: NDArray[np.int16]
+    position: Array
+    rotation: Array
+
+    def __repr__(self) -> str:
+        """Return one line: how many there are, and how large."""
+        return f"{len(self.tick)} pictures of {self.rgb.shape[2]} x {self.rgb.shape[1]} pixels"
+
+
+IMAGE_COLUMNS: Final = tuple(entry.name for entry in fields(CameraImages))
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
 class RunResult(RigidColumns):
     """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
 
@@ -255,6 +301,8 @@ class RunResult(RigidColumns):
         cable_tension_N: (rows, cables), at the base end.
         cable_length_m: (rows, cables), of the routes; (rows, 0) without devices or commanded lengths.
         cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
+        sensor_reading: (rows, readings) [1], of all sensors, each in its unit; see `sensor`.
+        sensor_truth: (rows, readings) [1], what they measure, at the same instants.
         bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
         residual_N: (rows,), largest force component that the soft step was left with.
         newton_iterations: (rows,), of the soft step.
@@ -273,6 +321,7 @@ class RunResult(RigidColumns):
         frame_tick: (frames,), tick at which the film's nodes were kept.
         frame_time_s: (frames,), when the film's nodes were kept.
         node_position: (frames, nodes, 3) [m], of the film, world.
+        images: what each camera of the scenario saw, by its name.
     """
 
     stage: RunInfo
@@ -294,6 +343,8 @@ class RunResult(RigidColumns):
     cable_tension_N: Array
     cable_length_m: Array
     cable_unstretched_m: Array
+    sensor_reading: Array
+    sensor_truth: Array
     bending_angle_rad: Array
     residual_N: Array
     newton_iterations: IntArray
@@ -310,6 +361,8 @@ class RunResult(RigidColumns):
     frame_tick: IntArray
     frame_time_s: Array
     node_position: Array
+
+    images: Mapping[str, CameraImages] = field(default_factory=dict)
 
     @property
     def status(self) -> str:
@@ -330,11 +383,29 @@ class RunResult(RigidColumns):
             raise InputError(f"there is no body '{name}'; there are {', '.join(names) or 'none'}")
         return names.index(name)
 
+    def sensor(self, name: str) -> tuple[Array, Array]:
+        """Return readings and truth of a sensor, (rows, values) each, in its unit.
+
+        Args:
+            name: of a sensor of the scenario.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        begin = 0
+        for each in self.stage.sensors:
+            end = begin + len(each.values)
+            if each.name == name:
+                return self.sensor_reading[:, begin:end], self.sensor_truth[:, begin:end]
+            begin = end
+        names = ", ".join(each.name for each in self.stage.sensors)
+        raise InputError(f"there is no sensor '{name}'; there are {names or 'none'}")
+
     def plot(self, *names: str) -> Any:
         """Return a matplotlib figure of curves over time; `figure.savefig(path)` writes it.
 
         Args:
-            names: of arrays with a row per tick; none: the usual ones.
+            names: of arrays with a row per tick, or of sensors; none: the usual ones.
 
         Raises:
             InputError: there is no such array, nothing to draw, or no matplotlib.
@@ -367,7 +438,7 @@ FRAME_COLUMNS: Final = ("frame_tick", "frame_time_s", "node_position")
 COLUMNS: Final = tuple(
     field.name
     for field in fields(RunResult)
-    if field.name not in ("stage", "summary", "directory", *FRAME_COLUMNS)
+    if field.name not in ("stage", "summary", "directory", "images", *FRAME_COLUMNS)
 )
 """Of a batch, one row per tick."""
 
@@ -389,6 +460,7 @@ class ResultBuilder:
         self._frames_per_s = frames_per_s
         self._frame = -1 if after_s is None else int(_frames(np.array([after_s]), frames_per_s)[0])
         self._gathered: dict[str, list[Any]] = {name: [] for name in (*COLUMNS, *FRAME_COLUMNS)}
+        self._images: dict[str, list[tuple[Any, ...]]] = {}
 
     def open(self, stage: RunInfo) -> None:
         """Take in what does not change during the run."""
@@ -404,15 +476,26 @@ class ResultBuilder:
             self._gathered["frame_tick"].append(batch.tick[rows])
             self._gathered["frame_time_s"].append(batch.time_s[rows])
             self._gathered["node_position"].append(batch.film.some(rows).node_position())
+        for row, seen in batch.images.items():
+            for one in seen:
+                found = (one.rgb, one.depth_m, one.segments, one.position, one.rotation)
+                taken = (batch.tick[row], batch.time_s[row], *found)
+                self._images.setdefault(one.camera, []).append(taken)
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of all ticks that were gathered, by name."""
         found = self._gathered.items()
         return {name: _joined(parts) if parts else np.zeros(0) for name, parts in found}
 
+    def images(self) -> dict[str, CameraImages]:
+        """Return the pictures that were gathered, by camera."""
+        return {
+            name: CameraImages(*map(np.array, zip(*rows, strict=True))) for name, rows in self._images.items()
+        }
+
     def forget(self) -> None:
-        """Gather again; frames continue as they would."""
-        self._gathered = {name: [] for name in self._gathered}
+        """Gather anew; frames go on as they would."""
+        self._gathered, self._images = {name: [] for name in self._gathered}, {}
 
     def close(self) -> None:
         """Nothing to do."""
@@ -425,7 +508,8 @@ class ResultBuilder:
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
-        return RunResult(stage=self._stage, summary=summary, directory=directory, **self.arrays())
+        found = {"images": self.images(), **self.arrays()}
+        return RunResult(stage=self._stage, summary=summary, directory=directory, **found)
 
 
 def frame_rows(time_s: Array, frames_per_s: float, before: int = -1) -> IntArray:

@@ -289,6 +289,9 @@ class DynamicSimulation(SteppedRun):
         if not asked.ahead:
             report = parts.commands.report(parts.carrier.flange_pose)
             tension = tension if report is None else report.cable_tension_N[None]
+        reading, truth = np.zeros((2, n, 0))
+        if self.stage.sensors:  # a single tick
+            reading, truth = (row[None] for row in parts.sensed(time_s.item(-1), tension[-1]))
         return TickBatch.of_ticks(
             taken,
             tick=tick,
@@ -297,6 +300,8 @@ class DynamicSimulation(SteppedRun):
             joint_target=asked.servos.position[:n],
             film=film,
             cable_tension_N=tension,
+            sensor_reading=reading,
+            sensor_truth=truth,
             tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
             has_tip_target=np.full(n, wanted is not None),
             tick_wall_s=np.full(n, (time.perf_counter() - began) / n),
@@ -306,6 +311,7 @@ class DynamicSimulation(SteppedRun):
             overlaps=self._overlaps(taken, to),
             footing=self._rests(ends, taken, asked),
             handovers=self._handovers(to),
+            images={},
         )
 
     def _handovers(self, to: Cursor) -> dict[int, tuple[Handover | BridgeEnd, ...]]:

@@ -258,9 +258,18 @@ class Parts:
             BodyPoses(names, *carrier.body_poses()),
         )
 
-    def measured(self, last: Snapshot) -> Measurement:
-        """Return what is measured of the run after the tick of a snapshot."""
-        return self.commands.measured(self._robot(last.time_s), last.cable_tension_N)
+    def measured(self, last: Snapshot, sensors: Sequence[str] = ()) -> Measurement:
+        """Return what is measured of the run after the tick of a snapshot; see `SteeredCommands`."""
+        return self.commands.measured(self._robot(last.time_s), last.cable_tension_N, sensors)
+
+    def sensed(self, time_s: float, tension_N: Array) -> tuple[Array, Array]:
+        """Let the sensors read the run after a tick; see `SteeredCommands`."""
+        return self.commands.sensed(lambda: self._robot(time_s), tension_N)
+
+    def seeded(self, last: Snapshot, seed: int) -> Snapshot:
+        """Let the sensors begin with a seed at a snapshot, and return that with their readings."""
+        found = self.commands.sensed(lambda: self._robot(last.time_s), last.cable_tension_N, seed)
+        return replace(last, sensor_reading=found[0], sensor_truth=found[1])
 
     def loads(self, command: SoftCommand) -> Loads:
         """Return what acts on the soft body that is asked for something; the same object for the same."""
@@ -275,6 +284,8 @@ class Parts:
         devices = self.commands.report(moment.flange)
         wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
         footing = soft.footing(soft.shape_now(), moment.flange, loads) if moment.ends_phase else None
+        tension = np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N
+        reading, truth = self.sensed(moment.time_s, tension)
         return Snapshot(
             tick=moment.tick,
             time_s=moment.time_s,
@@ -292,7 +303,9 @@ class Parts:
             soft_center=mass.center,
             soft_inertia=mass.inertia,
             chamber_pressure_Pa=np.array(soft.pressures_Pa),
-            cable_tension_N=np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N,
+            cable_tension_N=tension,
+            sensor_reading=reading,
+            sensor_truth=truth,
             tip_target=None if wanted is None else wanted[0],
             ledger=with_film_contacts(ledger, soft.touching),
             tick_wall_s=wall_s,

@@ -16,7 +16,8 @@ from cosim.errors import InputError, SolverError
 from cosim.plan.decision import CONTACT, Choices
 from cosim.plan.plan import Plan
 from cosim.stepping.parts import Parts
-from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
+from cosim.telemetry.cameras import Cameras
+from cosim.telemetry.snapshot import CameraImage, RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 _LOOKS: Final = 8
@@ -113,6 +114,7 @@ class SteppedRun(ABC):
         self._fitting = TOGETHER  # steps that take no longer than is to pass until they are shown
         self._failed = False  # in a step after the last one shown
         self._known = KnownStates()
+        self._cameras = Cameras(parts.scenario.cameras, stage)
 
     @property
     def plan(self) -> Plan:
@@ -196,9 +198,21 @@ class SteppedRun(ABC):
         self._parts.commands.command(command, ticks)
         self._forget_ahead()
 
-    def measured(self, last: Snapshot) -> Measurement:
-        """Return what is measured of the run after its last step, which a snapshot shows."""
-        return self._parts.measured(last)
+    def measured(self, last: Snapshot, sensors: Sequence[str] = ()) -> Measurement:
+        """Return what is measured of the run after its last step, which a snapshot shows.
+
+        Args:
+            last: that snapshot.
+            sensors: names of those whose readings take the place of the truth.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        return self._parts.measured(last, sensors)
+
+    def seeded(self, last: Snapshot, seed: int) -> Snapshot:
+        """Let the sensors begin with a seed after the last step, and return its snapshot with them."""
+        return self._parts.seeded(last, seed)
 
     def _some(self, most: int) -> TickBatch | None:
         """Find the state at rest, or take up to so many steps, at least one; None at the end of the plan."""
@@ -209,14 +223,23 @@ class SteppedRun(ABC):
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
             self._cursor, self._fitting = Cursor(), 1  # until it is known how long steps take
-            return TickBatch.of([first])
+            return self._cameras.filmed(TickBatch.of([first]))
         to = self._cursor.following(self._counts)
         if to is None:
             return None
         taken = self._located(to, min(most, self._fitting, self._counts[to.phase] - to.done + 1))
         self._cursor = to.later(len(taken) - 1)
         self._fitting = max(1, int(_SHOWN_S / max(float(taken.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
-        return taken
+        return self._cameras.filmed(taken) if self.stage.cameras else taken
+
+    def image(self, camera: str, last: Snapshot) -> CameraImage:
+        """Return what a camera sees, by its name, in a snapshot.
+
+        Raises:
+            InputError: there is no such camera.
+            OutputError: nothing can draw here.
+        """
+        return self._cameras.image(camera, last)
 
     @property
     def _at_edge(self) -> bool:

@@ -5,6 +5,7 @@ The film's shape is read when somebody asks for it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,13 +13,14 @@ from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
 from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
-from cosim.devices.device_report import ActuationReport, DeviceNames
+from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 
 if TYPE_CHECKING:
@@ -29,6 +31,51 @@ if TYPE_CHECKING:
     from cosim.soft.beams.beam_rings import StiffenerStrain
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
     from cosim.telemetry.energy import EnergyParts
+
+
+@final
+@dataclass(frozen=True)
+class CameraInfo:
+    """A camera, for whoever shows its pictures.
+
+    Args:
+        name: of it.
+        size: (2,) width and height in pixels.
+        fov_rad: from the lower to the upper edge.
+        rate_Hz: pictures per second.
+    """
+
+    name: str
+    size: tuple[int, int]
+    fov_rad: float
+    rate_Hz: float
+
+    @property
+    def focal_length(self) -> float:
+        """In pixels."""
+        return 0.5 * self.size[1] / math.tan(0.5 * self.fov_rad)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CameraImage(Shown):
+    """What a camera sees.
+
+    Args:
+        camera: its name.
+        rgb: (height, width, 3), from the upper left corner.
+        depth_m: (height, width), along the camera's line of sight; infinite where nothing is.
+        segments: (height, width), 0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.
+        position: (3,) [m] of the camera, world.
+        rotation: (3, 3), world from camera: x to the right, y up, z against the line of sight.
+    """
+
+    camera: str
+    rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    segments: NDArray[np.int16]
+    position: Annotated[Array, (3,)]
+    rotation: Annotated[Array, (3, 3)]
 
 
 @final
@@ -225,6 +272,8 @@ class RunInfo(Shown):
             inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
         sliding: (joints,), whether a joint slides.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
+        sensors: names, units and values of the sensors.
+        cameras: their names, sizes and rates.
     """
 
     scenario: str
@@ -260,6 +309,8 @@ class RunInfo(Shown):
     mounted: tuple[float, ...] = ()
     sliding: tuple[bool, ...] = ()
     stored_m: float | None = None
+    sensors: tuple[SensorNames, ...] = ()
+    cameras: tuple[CameraInfo, ...] = ()
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
@@ -322,7 +373,10 @@ class Snapshot(Shown):
         branchings: unstable states that the soft robot has met in the tick, or is in.
         overlaps: of its films, at ticks at which it is looked for.
         footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
-        handovers: changes of the model that represents the soft robot, before the tick, and ends of bridges.
+        handovers: changes of the model that stands for the soft robot, before the tick, and ends of bridges.
+        sensor_reading: (readings,), of `RunInfo.sensors` one after the other.
+        sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
+        images: of the cameras whose next picture is due at this tick.
     """
 
     tick: int
@@ -351,6 +405,9 @@ class Snapshot(Shown):
     overlaps: tuple[FilmOverlap, ...] = ()
     footing: Footing | None = None
     handovers: tuple[Handover | BridgeEnd, ...] = ()
+    sensor_reading: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
+    sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
+    images: tuple[CameraImage, ...] = ()
 
     @property
     def node_position(self) -> Array:
@@ -393,8 +450,8 @@ class Snapshot(Shown):
         return float(np.sqrt((away * away).sum()))
 
     def kept(self) -> Snapshot:
-        """Return the same with all that is shown of the film read: what is saved."""
-        return replace(self, film=self.film.read())
+        """Return the same with all that is shown of the film read, without pictures: what is saved."""
+        return replace(self, film=self.film.read(), images=())
 
     def __repr__(self) -> str:
         """Return two lines: when, and what is there then."""

@@ -22,7 +22,7 @@ from cosim.base.frames import (
 )
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.device_report import ActuationReport
-from cosim.telemetry.snapshot import FilmShapes, Snapshot
+from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
@@ -35,9 +35,10 @@ _NOWHERE: Final = np.full(3, np.nan)
 _STACKED: Final = (
     "joint_position", "joint_velocity", "joint_torque", "joint_target", "body_position", "body_quaternion",
     "body_contact_force", "soft_center", "soft_inertia", "chamber_pressure_Pa", "cable_tension_N",
+    "sensor_reading", "sensor_truth",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
-_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers")
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images")
 """What few ticks have: by the rows of those."""
 _KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
 _OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
@@ -84,6 +85,8 @@ class TickBatch(RigidColumns):
         soft_inertia: (n, 3, 3) [kg m^2], about that, world axes.
         chamber_pressure_Pa: (n, chambers), gauge.
         cable_tension_N: (n, cables), at the base end.
+        sensor_reading: (n, readings), of all sensors one after the other.
+        sensor_truth: (n, readings), what they measure.
         tip_target: (n, 3) [m], world; what is free, or not given at all, is not a number.
         has_tip_target: (n,).
         wrench: (n, 6), force [N] and torque [N m] on the flange, at its origin, world axes.
@@ -97,6 +100,7 @@ class TickBatch(RigidColumns):
         overlaps: of its films, by row; rows left out have none, or were not looked at.
         footing: of the soft robot, by row, at ends of phases.
         handovers: changes of its model before a tick, and ends of bridges, by row.
+        images: of cameras, by row; rows left out have none.
     """
 
     film: FilmShapes
@@ -107,6 +111,8 @@ class TickBatch(RigidColumns):
     soft_inertia: Array
     chamber_pressure_Pa: Array
     cable_tension_N: Array
+    sensor_reading: Array
+    sensor_truth: Array
     tip_target: Array
     has_tip_target: Mask
     wrench: Array
@@ -140,6 +146,7 @@ class TickBatch(RigidColumns):
     overlaps: Mapping[int, tuple[FilmOverlap, ...]]
     footing: Mapping[int, Footing]
     handovers: Mapping[int, tuple[Handover | BridgeEnd, ...]]
+    images: Mapping[int, tuple[CameraImage, ...]]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -258,7 +265,8 @@ class TickBatch(RigidColumns):
         """Return one tick, in its own arrays."""
         row = range(len(self))[row]
         wrench, twist = self.wrench[row], self.flange_twist[row]
-        of_ledger = {name: getattr(self, name).item(row) for name in _OF_LEDGER}
+        held = vars(self)
+        of_ledger = {name: held[name].item(row) for name in _OF_LEDGER}
         return Snapshot(
             tick=self.tick.item(row),
             time_s=self.time_s.item(row),
@@ -270,8 +278,8 @@ class TickBatch(RigidColumns):
             ledger=LedgerEntry(Wrench.owning(wrench[:3].copy(), wrench[3:].copy()), **of_ledger),
             tick_wall_s=self.tick_wall_s.item(row),
             devices=self.devices[row],
-            **{name: getattr(self, name)[row] for name in _BY_ROW if row in getattr(self, name)},
-            **{name: getattr(self, name)[row].copy() for name in _STACKED},
+            **{name: held[name][row] for name in _BY_ROW if row in held[name]},
+            **{name: held[name][row].copy() for name in _STACKED},
         )
 
     @property

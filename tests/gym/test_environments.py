@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Iterator
+from ctypes.util import find_library
 from pathlib import Path
 from typing import Any
 
@@ -241,6 +242,30 @@ def test_an_action_asks_for_the_rates_that_the_task_states() -> None:
     assert asked.pressure_Pa == {"chamber": pytest.approx(seen.pressure_Pa[0] + 200.0)}
     right, left = (seen.cable_tension_N[name] for name in ("right", "left"))
     assert asked.cable_tension_N == pytest.approx({"right": right + 0.08, "left": left - 0.04})
+
+
+def test_sensors_and_cameras_of_a_scenario_are_what_is_observed() -> None:
+    sensor = {"name": "tip", "kind": "tip_position", "noise": 0.05}
+    eye = {"name": "eye", "position_m": [1.5, 0.1, 0.4], "direction": [-1.0, 0.0, 0.0], "size": [32, 24]}
+    eyes = [eye] if find_library("EGL") or find_library("OSMesa") else []
+    given = {"overrides": {"sensor": [sensor], "camera": eyes}, **RIGID}
+    environment: Any = gymnasium.make(ARMS[0], **given).unwrapped
+    seen, _ = environment.reset(seed=3)
+    true, read = environment.measured.tip_position, environment.measured.sensors["tip"]
+    assert 0.01 < np.abs(read - true).max() < 0.3
+    assert np.array_equal(seen["observation"][:3], read)
+    assert np.array_equal(seen["achieved_goal"], read)
+    assert np.array_equal(environment.reset(seed=3)[0]["achieved_goal"], read)
+    assert not np.array_equal(environment.reset(seed=4)[0]["achieved_goal"], read)
+    # the reading is far off, and the success is of the truth
+    for off, reached in ((0.0, True), (0.0099, True), (0.0101, False)):
+        seen, info = environment.reset(options={"goal": np.add(true, [off, 0.0, 0.0])})
+        assert info["is_success"] == reached
+        assert np.abs(seen["achieved_goal"] - true).max() > 0.01
+    assert environment.observation_space.contains(seen)
+    for each in eyes:
+        assert seen[each["name"]].shape == (24, 32, 3)
+        assert np.ptp(seen[each["name"]]) > 50
 
 
 def test_a_step_takes_few_calls() -> None:

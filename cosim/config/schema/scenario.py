@@ -21,6 +21,7 @@ from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.schema.objects import ObjectTable, SceneTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
+from cosim.config.schema.sensor import CameraTable, SensorTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import (
     Count,
@@ -424,6 +425,7 @@ class ControllerTable:
         measures: what it keeps at its setpoint.
         commands: its output.
         cables: that it moves, all alike.
+        sensors: names of those whose readings it sees in place of the truth.
         increment: bang_bang: change of the output per period, in the output's unit.
         band: bang_bang: width about the setpoint in which the output stays, in the measured unit.
         proportional_gain: pi: output per error.
@@ -438,6 +440,7 @@ class ControllerTable:
     measures: Literal["bending_angle_rad", "tip_height_m"] = "bending_angle_rad"
     commands: Literal["cable_tension_N", "cable_shortening_m"] = "cable_tension_N"
     cables: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
     increment: Positive | None = None
     band: NonNegative = 0.0
     proportional_gain: NonNegative | None = None
@@ -568,6 +571,7 @@ class Scenario:
         phases: `[[phase]]` in the file; without any, it holds its start for as long as it is stepped, and
             is moved by the commands of `cosim.Simulation.step` alone.
         pumps, winches, controllers: `[[pump]]`, `[[winch]]`, `[[controller]]` in the file.
+        sensors, cameras: `[[sensor]]`, `[[camera]]` in the file.
         commands: `[[command]]` in the file, each of which changes what those before it ask for; kinds are
             registered from Python.
     """
@@ -599,6 +603,8 @@ class Scenario:
     pumps: tuple[PumpTable, ...] = field(default=(), metadata={"alias": "pump"})
     winches: tuple[WinchTable, ...] = field(default=(), metadata={"alias": "winch"})
     controllers: tuple[ControllerTable, ...] = field(default=(), metadata={"alias": "controller"})
+    sensors: tuple[SensorTable, ...] = field(default=(), metadata={"alias": "sensor"})
+    cameras: tuple[CameraTable, ...] = field(default=(), metadata={"alias": "camera"})
     commands: tuple[CommandTable, ...] = field(default=(), metadata={"alias": "command"})
 
     @property

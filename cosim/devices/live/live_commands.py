@@ -9,7 +9,7 @@ held then; what no command has named goes as planned.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, final
 
@@ -177,6 +177,7 @@ def _speeds(share: Array, limits: ArmLimits) -> list[str]:
 
 
 _AT_BOUND: Final = 1.0 - 1e-6
+_NONE: Final = np.zeros(0)
 _HELD_TICKS: Final = 256
 """That are asked for at once where nothing changes any more."""
 
@@ -242,7 +243,7 @@ class LiveCommands(SteeredCommands):
         bounds: LiveBounds,
     ) -> None:
         self._given, self._scenario, self._soft, self._bounds = given, scenario, soft, bounds
-        self._gas, self._actuation = planned.gas, planned.actuation
+        self._gas, self._actuation, self._sensors = planned.gas, planned.actuation, planned.sensors
         self._tick_s = scenario.clock.tick_s
         self._gas_orders = GasOrders.of(scenario)
         self._before = self._gas_orders.before
@@ -306,9 +307,20 @@ class LiveCommands(SteeredCommands):
     def report(self, flange: Pose) -> ActuationReport | None:
         return self._given.report(flange)
 
-    def measured(self, robot: RobotState, tension_N: Array) -> Measurement:
+    def measured(self, robot: RobotState, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
         cables = self._actuation.measured_cables(self._soft, tension_N.tolist())
-        return measured(self._soft, robot, self._gas, cables, limits=self._limits(robot.joint_torque))
+        truth = measured(self._soft, robot, self._gas, cables, limits=self._limits(robot.joint_torque))
+        if not self._sensors and not sensors:
+            return truth
+        return replace(self._sensors.through(truth, sensors), sensors=self._sensors.readings)
+
+    def sensed(
+        self, see: Callable[[], RobotState], tension_N: Array, seed: int | None = None
+    ) -> tuple[Array, Array]:
+        if not self._sensors:
+            return _NONE, _NONE
+        truth = self.measured(see(), tension_N)
+        return self._sensors.tick(truth) if seed is None else self._sensors.begin(truth, seed)
 
     def save_state(self) -> LiveCommandsState:
         return LiveCommandsState(self._given.save_state(), self._state)

@@ -1,0 +1,72 @@
+"""Rules that tie sensors and cameras to the rest of a scenario."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cosim.config.schema.scenario import NO_ARM, ControllerTable, Scenario
+from cosim.config.schema.sensor import JOINTS, CameraTable, SensorTable
+from cosim.config.toml.keys import listing, unknown_name_message
+from cosim.config.toml.reading import Told, rule, rules_of
+
+_RATE_ROUNDING: Final = 1e-9
+_READ_BY: Final = {"bending_angle_rad": "bending_angle", "tip_height_m": "tip_position"}
+"""By what a controller measures: the kind of sensor that reads it."""
+
+
+@rule
+def _a_sensor_measures_what_there_is(sensor: SensorTable, scenario: Scenario) -> Told:
+    robot = scenario.soft_robot
+    names = sensor.named(robot.chamber_names(), robot.cable_names())
+    if sensor.of and not names:
+        yield "of", f"is for chambers and cables; kind '{sensor.kind}' has none of them: leave it out"
+    elif len(set(sensor.of)) < len(sensor.of):
+        yield "of", "names something twice"
+    for name in [name for name in sensor.of if names and name not in names][:1]:
+        yield "of", unknown_name_message("chamber" if sensor.kind == "pressure" else "cable", name, names)
+    if sensor.kind in JOINTS and scenario.robot == NO_ARM:
+        yield "kind", f"'{sensor.kind}' needs an arm; robot = 'none' has no joints"
+    if sensor.kind in ("cable_length", "cable_tension") and not names:
+        yield "kind", f"'{sensor.kind}' needs cables; the soft robot has none"
+
+
+@rule
+def _a_sensor_has_a_number_for_each_value(sensor: SensorTable, scenario: Scenario) -> Told:
+    robot = scenario.soft_robot
+    values = sensor.values(robot.chamber_names(), robot.cable_names())
+    for key in ("noise", "bias", "quantum"):
+        given = getattr(sensor, key)
+        if values is not None and isinstance(given, tuple) and len(given) != len(values):
+            names = f" ({listing(values)})" if values[0] else ""
+            yield key, f"has {len(given)} entries; the sensor reads {len(values)} values{names}"
+
+
+@rule
+def _a_sensor_samples_at_ticks(sensor: SensorTable, scenario: Scenario) -> Told:
+    tick_s = scenario.clock.tick_s
+    if sensor.rate_Hz is not None and sensor.rate_Hz * tick_s > 1.0 + _RATE_ROUNDING:
+        yield "rate_Hz", f"{sensor.rate_Hz:g} is more than one sample a tick; at most {1.0 / tick_s:g}"
+
+
+@rule
+def _controllers_look_through_sensors(controller: ControllerTable, scenario: Scenario) -> Told:
+    kinds = {sensor.name: sensor.kind for sensor in scenario.sensors}
+    for name in [name for name in controller.sensors if name not in kinds][:1]:
+        yield "sensors", unknown_name_message("sensor", name, tuple(kinds))
+        return
+    needed = _READ_BY.get(controller.measures)
+    read = {kinds[name] for name in controller.sensors}
+    if controller.kind != "python" and read and needed not in read:
+        yield (
+            "sensors",
+            f"measures = '{controller.measures}' is read by a sensor of kind '{needed}'; name one",
+        )
+
+
+@rule
+def _a_camera_is_on_what_there_is(camera: CameraTable, scenario: Scenario) -> Told:
+    if camera.on == "palm" and (scenario.soft_robot.palm is None or scenario.robot == NO_ARM):
+        yield "on", "'palm': there is no palm on a flange; take 'flange', 'tip' or 'world'"
+
+
+SENSOR_RULES: Final = rules_of(globals())

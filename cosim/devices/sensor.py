@@ -1,0 +1,276 @@
+"""Sensors: readings of a run with noise, bias, delay, rate and quantisation, and measurements through them.
+
+A sensor samples the truth x every 1 / rate_Hz, at the first tick from then on:
+    y = q round((x + b + s n_k) / q),    n_k standard normal, new for every sample k.
+A sample is held until the next, and seen delay_s later. Before that much time has passed, the first sample is
+seen. n_k depends on the seeds, the sensor's name and k alone, so a run that is saved or repeated reads the
+same.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Wrench, read_only
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.sensor import SensorTable
+from cosim.devices.controller import Measurement
+from cosim.devices.device_report import SensorNames
+from cosim.errors import InputError, ScenarioError
+
+_FIELDS: Final = {
+    "pressure": ("pressure_Pa", "Pa"),
+    "cable_length": ("cable_length_m", "m"),
+    "cable_tension": ("cable_tension_N", "N"),
+    "flange_force": ("flange_wrench", "N"),
+    "flange_torque": ("flange_wrench", "N m"),
+    "tip_position": ("tip_position", "m"),
+    "tip_direction": ("tip_direction", "1"),
+    "bending_angle": ("bending_angle_rad", "rad"),
+    "joint_position": ("joint_position", "rad"),
+    "joint_torque": ("joint_torque", "N m"),
+}
+"""By the kind of a sensor: the field of a measurement that it reads, and its unit."""
+_ROUNDING: Final = 1e-6  # of a sample's instant, in samples
+
+
+def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[SensorNames, ...]:
+    """Return the sensors of a scenario, for whoever shows them; `joints` are the names of the arm's."""
+    named = zip(scenario.sensors, _values(scenario), strict=True)
+    return tuple(
+        SensorNames(entry.name, _FIELDS[entry.kind][1], joints if names is None else names)
+        for entry, names in named
+    )
+
+
+def _values(scenario: Scenario) -> list[tuple[str, ...] | None]:
+    """Return the names of what each sensor reads; None: of the arm's joints."""
+    robot = scenario.soft_robot
+    return [entry.values(robot.chamber_names(), robot.cable_names()) for entry in scenario.sensors]
+
+
+def sensor_report(scenario: Scenario) -> str:
+    """Return in words what the sensors of a scenario are; empty without any."""
+    return "; ".join(
+        f"{entry.name}, {entry.kind}, noise {_text(entry.noise)}, bias {_text(entry.bias)}, "
+        f"{1e3 * entry.delay_s:g} ms late, "
+        + ("every tick" if entry.rate_Hz is None else f"{entry.rate_Hz:g} Hz")
+        for entry in scenario.sensors
+    )
+
+
+def _text(value: float | Sequence[float]) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else ", ".join(f"{one:g}" for one in value)
+
+
+@final
+@dataclass(frozen=True)
+class SensorState:
+    """What the next readings of a sensor depend on.
+
+    Args:
+        ticks: since it began.
+        sample: (n,), the last one.
+        waiting: (delay, n), samples on their way, a row for each tick, the oldest first.
+        reading: (n,), what is seen.
+    """
+
+    ticks: int
+    sample: Annotated[Array, ("n",)]
+    waiting: Annotated[Array, ("d", "n")]
+    reading: Annotated[Array, ("n",)]
+
+
+@final
+@dataclass(frozen=True)
+class SensorsState:
+    """What the next readings depend on.
+
+    Args:
+        seed: of the run, on top of those of the sensors.
+        sensors: of each; none before the first tick.
+    """
+
+    seed: int = 0
+    sensors: tuple[SensorState, ...] = ()
+
+
+@final
+class Sensor:
+    """One sensor.
+
+    Args:
+        table: of the scenario.
+        tick_s: length of a tick.
+        places: of what it reads among the values of the field, None for all.
+    """
+
+    def __init__(self, table: SensorTable, tick_s: float, places: Sequence[int] | None) -> None:
+        self.name, self.kind = table.name, table.kind
+        self.delay_ticks = round(table.delay_s / tick_s)
+        self._table = table
+        self._places = slice(None) if places is None else np.array(places, dtype=int)
+        self._samples_per_tick = 1.0 if table.rate_Hz is None else table.rate_Hz * tick_s
+        self._named = zlib.crc32(table.name.encode())
+        self._noise, self._bias, self._quantum = map(np.array, (table.noise, table.bias, table.quantum))
+
+    def truth(self, seen: Measurement) -> Array:
+        """Return the true values (n,)."""
+        return self._all(seen)[self._places]
+
+    def through(self, seen: Measurement, reading: Array) -> Measurement:
+        """Return a measurement with a reading (n,) in place of the truth."""
+        values, (field, _) = self._all(seen), _FIELDS[self.kind]
+        values[self._places] = reading
+        given: Any = getattr(seen, field)
+        made: Any = values
+        if isinstance(given, Wrench):
+            made = replace(given, **{self.kind.removeprefix("flange_"): values})
+        elif isinstance(given, Mapping):
+            made = dict(zip(given, values.tolist(), strict=True))
+        elif isinstance(given, tuple):
+            made = tuple(values.tolist())
+        elif isinstance(given, float):
+            made = float(values[0])
+        return replace(seen, **{field: made})
+
+    def begin(self, truth: Array, seed: int) -> SensorState:
+        """Return the state of a sensor that begins, with a first sample that has been seen for long.
+
+        Raises:
+            ScenarioError: noise, bias or quantum have another number of entries than there are values.
+        """
+        for key in ("noise", "bias", "quantum"):
+            given = getattr(self._table, key)
+            if isinstance(given, tuple) and len(given) != len(truth):
+                problem = f"has {len(given)} entries; the sensor reads {len(truth)} values"
+                raise ScenarioError(f"sensor.{self.name}.{key}", problem)
+        sample = self._sample(truth, 0, seed)
+        return SensorState(0, sample, np.tile(sample, (self.delay_ticks, 1)), sample)
+
+    def next(self, state: SensorState, truth: Array, seed: int) -> SensorState:
+        """Return the state a tick later.
+
+        Args:
+            state: before.
+            truth: (n,) at the end of the tick.
+            seed: of the run.
+        """
+        ticks, sample = state.ticks + 1, state.sample
+        count = self._samples(ticks)
+        if count > self._samples(state.ticks):
+            sample = self._sample(truth, count, seed)
+        if not self.delay_ticks:
+            return SensorState(ticks, sample, state.waiting, sample)
+        return SensorState(ticks, sample, np.vstack([state.waiting[1:], sample]), state.waiting[0])
+
+    def _samples(self, ticks: int) -> int:
+        return math.floor(ticks * self._samples_per_tick + _ROUNDING)
+
+    def _sample(self, truth: Array, count: int, seed: int) -> Array:
+        found = truth + self._bias
+        if self._noise.any():
+            key = [self._table.seed + (seed << 32), self._named]
+            stream = np.random.Generator(np.random.Philox(key=key, counter=[0, count, 0, 0]))
+            found = found + self._noise * stream.standard_normal(len(truth))
+        if self._quantum.any():
+            step = np.where(self._quantum > 0.0, self._quantum, 1.0)
+            found = np.where(self._quantum > 0.0, step * np.round(found / step), found)
+        return np.asarray(found)
+
+    def _all(self, seen: Measurement) -> Array:
+        value: Any = getattr(seen, _FIELDS[self.kind][0])
+        if isinstance(value, Wrench):
+            value = getattr(value, self.kind.removeprefix("flange_"))
+        return np.array([*value.values()] if isinstance(value, Mapping) else value, dtype=float, ndmin=1)
+
+
+@final
+class Sensors:
+    """The sensors of a run, which read it after every tick.
+
+    Args:
+        scenario: checked.
+        joints: how many the arm has.
+    """
+
+    def __init__(self, scenario: Scenario, joints: int) -> None:
+        robot, tick_s = scenario.soft_robot, scenario.clock.tick_s
+        names = robot.chamber_names(), robot.cable_names()
+        places = ([entry.named(*names).index(name) for name in entry.of] for entry in scenario.sensors)
+        pairs = zip(scenario.sensors, places, strict=True)
+        self._sensors = [Sensor(entry, tick_s, read or None) for entry, read in pairs]
+        self._sizes = [joints if values is None else len(values) for values in _values(scenario)]
+        self.state = SensorsState()
+        """What the next readings depend on."""
+
+    def __bool__(self) -> bool:
+        """Return whether there are any."""
+        return bool(self._sensors)
+
+    def begin(self, seen: Measurement, seed: int) -> tuple[Array, Array]:
+        """Begin with what is measured now, and return readings and truth; `seed` is of the run."""
+        truths = [sensor.truth(seen) for sensor in self._sensors]
+        begun = (sensor.begin(truth, seed) for sensor, truth in zip(self._sensors, truths, strict=True))
+        self.state = SensorsState(seed, tuple(begun))
+        return self._shown(truths)
+
+    def tick(self, seen: Measurement) -> tuple[Array, Array]:
+        """Read what is measured at the end of a tick.
+
+        Returns:
+            Readings of all sensors, one after the other, and the truth at the same instant.
+        """
+        seed, states = self.state.seed, self.state.sensors
+        if not states:
+            return self.begin(seen, seed)
+        truths = [sensor.truth(seen) for sensor in self._sensors]
+        rows = zip(self._sensors, states, truths, strict=True)
+        self.state = SensorsState(seed, tuple(sensor.next(state, x, seed) for sensor, state, x in rows))
+        return self._shown(truths)
+
+    def _shown(self, truths: list[Array]) -> tuple[Array, Array]:
+        return np.concatenate([state.reading for state in self.state.sensors]), np.concatenate(truths)
+
+    @property
+    def readings(self) -> dict[str, Array]:
+        """What is seen at present, by the names of the sensors; nothing before the first tick."""
+        pairs = zip(self._sensors, self.state.sensors, strict=False)
+        return {sensor.name: read_only(state.reading) for sensor, state in pairs}
+
+    def through(self, seen: Measurement, names: Iterable[str]) -> Measurement:
+        """Return a measurement with readings in place of the truth.
+
+        Args:
+            seen: the truth.
+            names: of the sensors that are looked through, the last one first.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        known = {sensor.name: sensor for sensor in self._sensors}
+        for name in names:
+            if name not in known:
+                raise InputError(f"there is no sensor '{name}'; there are: {', '.join(known) or 'none'}")
+            seen = known[name].through(seen, self.readings[name])
+        return seen
+
+    def restore_state(self, state: SensorsState) -> None:
+        """Return to a state of a run with sensors of the same delays and numbers of values.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+        here = [(sensor.delay_ticks, size) for sensor, size in zip(self._sensors, self._sizes, strict=True)]
+        saved = [each.waiting.shape for each in state.sensors]
+        if saved != here:
+            raise InputError(
+                f"the saved state has sensors with (ticks of delay, values) {saved}; here they have {here}"
+            )
+        self.state = state
