@@ -241,6 +241,10 @@ class Parts:
         """Return what is asked for in a step that is then taken."""
         return self.commands.next(step, lambda: self._robot(step.begin_s))
 
+    def measured_now(self, time_s: float, tension_N: Array) -> Measurement:
+        """Return what is measured of the run at an instant, with tensions (cables,) of the last tick."""
+        return self.commands.measured(self._robot(time_s), tension_N)
+
     def _robot(self, time_s: float) -> RobotState:
         """Return what is seen of the robot now."""
         carrier = self.carrier
@@ -260,7 +264,7 @@ class Parts:
 
     def measured(self, last: Snapshot) -> Measurement:
         """Return what is measured of the run after the tick of a snapshot."""
-        return self.commands.measured(self._robot(last.time_s), last.cable_tension_N)
+        return self.measured_now(last.time_s, last.cable_tension_N)
 
     def loads(self, command: SoftCommand) -> Loads:
         """Return what acts on the soft body that is asked for something; the same object for the same."""
