@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from cosim.rigid.scene.host_scene import HostScene
     from cosim.soft.body.body import SoftBody
     from cosim.soft.body.loads import Loads
+    from cosim.stepping.host_carrier import HostCarrier
     from cosim.stepping.parts import Parts
-    from cosim.stepping.scene_carrier import HostCarrier
 
 Values: TypeAlias = "float | Sequence[float] | Mapping[str, float]"
 """One number for all, or one each in order, or some by name."""
@@ -74,7 +74,7 @@ class AttachedState:
 
 
 @dataclass
-class _Run:
+class _Hung:
     """A soft robot that hangs on a scene.
 
     Args:
@@ -118,7 +118,7 @@ class Attached:
         self.scenario, self._host = scenario, host
         self._model = SoftModel(scenario, KeptParts(cache_directory()), body, log)
         self._waiting: list[tuple[Command, int]] = []
-        self._hung: _Run | None = None
+        self._hung: _Hung | None = None
         self._known = KnownStates()
 
     @property
@@ -189,7 +189,7 @@ class Attached:
         self._hung.scene.step()
         self.after(model, data)
 
-    def reset(self, model: Model, data: Data) -> _Run:
+    def reset(self, model: Model, data: Data) -> _Hung:
         """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
 
         Args:
@@ -213,7 +213,7 @@ class Attached:
         carrier.couple(found.wrench)
         parts.plan.phases[0].holding.apply(parts.soft, carrier.flange_pose)
         parts.commands.begin_phase(0)
-        self._hung = run = _Run(scene, carrier, parts, loads, ledger)
+        self._hung = run = _Hung(scene, carrier, parts, loads, ledger)
         for command, ticks in self._waiting:
             parts.commands.command(command, ticks)
         self._waiting.clear()
@@ -305,7 +305,7 @@ class Attached:
             raise InputError("a tick is in progress; save after after(), at the end of the soft robot's tick")
         return self._state(run)
 
-    def _state(self, run: _Run) -> AttachedState:
+    def _state(self, run: _Hung) -> AttachedState:
         parts, carrier = run.parts, run.carrier.save_state()
         saved = AttachedState(
             run.tick, parts.soft.save_state(), carrier, parts.commands.save_state(), run.loads, self.ledger
@@ -336,7 +336,7 @@ class Attached:
         self._known.add(state)
 
     @property
-    def _run(self) -> _Run:
+    def _run(self) -> _Hung:
         if self._hung is None:
             raise InputError("the soft robot hangs on nothing yet; call before() or reset() with model, data")
         return self._hung
@@ -345,7 +345,7 @@ class Attached:
     def _parts(self) -> Parts:
         return self._run.parts
 
-    def _loads(self, run: _Run) -> Loads:
+    def _loads(self, run: _Hung) -> Loads:
         """Return what acts on the soft robot at the end of the tick that begins."""
         parts, done = run.parts, run.tick + 1
         ahead = parts.commands.ahead(0, done, 1)
@@ -424,7 +424,7 @@ def _compile(scenario: Scenario) -> None:
     compile_modules(log, (*exchange_modules(scenario), *touched))
 
 
-def _check(run: _Run, model: Model, data: Data) -> None:
+def _check(run: _Hung, model: Model, data: Data) -> None:
     if not run.scene.is_of(model, data):
         raise InputError("the soft robot hangs on another model and data; call reset(model, data) to move it")
 

@@ -45,7 +45,7 @@ from cosim.stepping.run_error import ErrorFinder
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
     from cosim.rigid.scene.host_scene import HostScene
-    from cosim.stepping.scene_carrier import HostCarrier
+    from cosim.stepping.host_carrier import HostCarrier
 
 
 _MOST: Final = 100  # files, of some hundred kilobytes each
@@ -135,7 +135,7 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
     Raises:
         InputError: a mesh is degenerate, a device is wrong.
     """
-    from cosim.stepping.scene_carrier import HostCarrier  # see above
+    from cosim.stepping.host_carrier import HostCarrier  # see below
 
     soft = model.side()
     plan = _plan(scenario, HeldBase.plan, model)

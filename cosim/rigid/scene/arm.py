@@ -43,9 +43,7 @@ class Mounting:
 
     def frame(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Return views of the frame's origin (3,) [m] and of its axes (3, 3), world from frame."""
-        places, axes = (
-            (data.site_xpos, data.site_xmat) if self.kind == SITE else (data.xpos, data.xmat)
-        )
+        places, axes = (data.site_xpos, data.site_xmat) if self.kind == SITE else (data.xpos, data.xmat)
         return places[self.index], axes[self.index].reshape(3, 3)
 
 

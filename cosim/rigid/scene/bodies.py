@@ -44,8 +44,8 @@ class AddedInertia:
         """Set what the arm's joints carry (joints, joints) [kg m^2] from the step in progress on."""
         if (self._entries < 0).any():
             raise InputError(
-                "the soft robot is heavy for the free body that it hangs on, of which MuJoCo has no whole mass "
-                "matrix; give the body a child before it is compiled, or attach to the MjSpec"
+                "the soft robot is heavy for the free body that it hangs on, whose whole mass matrix MuJoCo "
+                "does not keep; give the body a child before it is compiled, or attach to the MjSpec"
             )
         self.on_arm[:] = inertia
         self.renew()

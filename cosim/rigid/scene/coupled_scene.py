@@ -8,7 +8,7 @@ from typing import Any, final
 import mujoco
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose, Twist
+from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import MountedFrame
 from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
@@ -56,6 +56,14 @@ class CoupledScene(ABC):
     @abstractmethod
     def joint_acceleration(self) -> Array:
         """(dofs,) [rad/s^2], of the last finished step."""
+
+    def apply_flange_wrench(self, wrench: Wrench) -> None:
+        """Set the load on the flange from now on: at the flange origin, world axes."""
+        raise NotImplementedError("trials of a tick need a scene that steps itself")
+
+    def received_wrench(self) -> SixNumbers:
+        """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
+        raise NotImplementedError("trials of a tick need a scene that steps itself")
 
     @abstractmethod
     def apply_joint_torque(self, torque: Array) -> None:

@@ -130,9 +130,7 @@ class HostScene(CoupledScene):
 
     steps_itself = False
 
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, steps: int
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, steps: int) -> None:
         super().__init__(model, data, steps * float(model.opt.timestep))
         self._steps, self._mounting, self._began_s = steps, mounting, 0.0
         self.flange = MountedFrame(model, data, mounting)
@@ -275,9 +273,7 @@ class HostScene(CoupledScene):
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         on_arm = self.bodies.carried.on_arm.copy()
-        return HostState(
-            integration, self._data.qacc.copy(), self.load.copy(), self.bodies.loaded, on_arm
-        )
+        return HostState(integration, self._data.qacc.copy(), self.load.copy(), self.bodies.loaded, on_arm)
 
     def restore_state(self, state: HostState) -> None:
         """Return to a state of `save_state`, MuJoCo's included; everything readable follows.

@@ -76,6 +76,8 @@ class RigidScene(CoupledScene):
         InputError: MuJoCo refuses the arm's file or an object.
     """
 
+    flange: Flange
+
     def __init__(self, description: SceneDescription, compiled: CompiledScene | None = None) -> None:
         self.description = description
         self._compiled = compiled or CompiledScene(description)
