@@ -289,6 +289,11 @@ class Attached:
         """Nodes of each triangle of the film (m, 3)."""
         return self._model.body.triangles
 
+    @property
+    def node_mass_kg(self) -> Array:
+        """(n,), of the film's nodes."""
+        return self._model.body.node_mass.copy()
+
     def measure(self) -> Measurement:
         """Return what is measured of the present state, without noise; without joints of the scene."""
         run = self._run
