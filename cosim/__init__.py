@@ -14,6 +14,8 @@ from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cosim.app.api import run as run
+    from cosim.app.attach import Attached as Attached
+    from cosim.app.attach import attach as attach
     from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.ended_run import load_run as load_run
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "cosim.app.api": "run",
+    "cosim.app.attach": "Attached attach",
     "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",

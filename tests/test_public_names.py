@@ -14,6 +14,8 @@ import cosim
 from cosim import errors
 
 EXPECTED = {
+    "Attached",
+    "attach",
     "Batch",
     "Command",
     "Controller",

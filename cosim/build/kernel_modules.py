@@ -69,18 +69,22 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.reduced.solve import chain_step, newton
 
         modules += (assembly, section_energy, chain_step, newton)
-    if scenario.robot != NO_ARM:
-        from cosim.rigid.distance import shapes  # here: it brings MuJoCo
+    return modules if scenario.robot == NO_ARM else modules + exchange_modules(scenario)
 
-        modules += (shapes,)
-        if scenario.mode == "dynamic":
-            from cosim.coupling import film_ticks, half_ticks, section_ticks
-            from cosim.soft.elements import eyelets  # whose losses rows of ticks add up
 
-            of_film = (film_ticks, eyelets) if film else ()
-            of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
-            modules += (half_ticks, *of_film, *of_chain)
-    return modules
+def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
+    """Return the modules with kernels of the exchange with a scene, contact with it left out."""
+    from cosim.rigid.distance import shapes  # here: it brings MuJoCo
+
+    if scenario.mode != "dynamic":
+        return (shapes,)
+    from cosim.coupling import film_ticks, half_ticks, section_ticks
+    from cosim.soft.elements import eyelets  # whose losses rows of ticks add up
+
+    film = scenario.fidelity in ("lumped", "refined") or scenario.hands_over
+    of_film = (film_ticks, eyelets) if film else ()
+    of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
+    return (shapes, half_ticks, *of_film, *of_chain)
 
 
 def contact_modules() -> tuple[ModuleType, ...]:

@@ -44,6 +44,8 @@ from cosim.stepping.run_error import ErrorFinder
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
+    from cosim.rigid.scene.host_scene import HostScene
+    from cosim.stepping.host_carrier import HostCarrier
 
 
 _MOST: Final = 100  # files, of some hundred kilobytes each
@@ -114,16 +116,45 @@ def build(
         if scenario.robot == NO_ARM
         else _arm(scenario, model, soft, before, partial(compile_contact, tell))
     )
-    own = PlannedCommands(scenario, plan, soft, actuation)
-    commands: CommandSource = own
-    for entry in scenario.commands:
-        commands = entry.source(commands, scenario)
-    live = LiveCommands(commands, own, scenario, soft, _bounds(model, plan, modelled, arm))
-    parts = Parts(scenario, plan, carrier, soft, live, partial(brought_to_rest, kept, model.name, soft))
+    commands = _steered(scenario, plan, soft, actuation, _bounds(model, plan, modelled, arm))
+    parts = Parts(scenario, plan, carrier, soft, commands, partial(brought_to_rest, kept, model.name, soft))
     stage = stage_of(parts, modelled, planned, model.section)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
     run.errors = ErrorFinder(parts, model.finer)
     return run
+
+
+def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tuple[HostCarrier, Parts]:
+    """Return a soft robot in somebody's scene: what carries it, and all parts of it.
+
+    Args:
+        scenario: checked, without an arm and without phases.
+        model: of its soft robot.
+        scene: somebody's.
+
+    Raises:
+        InputError: a mesh is degenerate, a device is wrong.
+    """
+    from cosim.stepping.host_carrier import HostCarrier  # see below
+
+    soft = model.side()
+    plan = _plan(scenario, HeldBase.plan, model)
+    carrier = HostCarrier(scene, soft, contact_law(scenario) if scenario.contact.enabled else None)
+    actuation = Actuation(scenario, soft.body, None)
+    commands = _steered(scenario, plan, soft, actuation, LiveBounds(section_Pa=model.largest_pressure_Pa))
+    rest = partial(brought_to_rest, model.kept, model.name, soft)
+    return carrier, Parts(scenario, plan, carrier, soft, commands, rest)
+
+
+def _steered(
+    scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation, bounds: LiveBounds
+) -> LiveCommands:
+    """Return the commands of a plan, changed by those of the scenario and by those from outside."""
+    own = PlannedCommands(scenario, plan, soft, actuation)
+    commands: CommandSource = own
+    for entry in scenario.commands:
+        commands = entry.source(commands, scenario)
+    return LiveCommands(commands, own, scenario, soft, bounds)
 
 
 def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arranged:

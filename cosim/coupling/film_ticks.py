@@ -158,9 +158,10 @@ _find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pai
 _pair_work = caller(pair_work)
 
 
-def film_calls() -> IntArray:
-    """Return the addresses (7,) of the kernels that a row of ticks calls."""
-    return np.array([address_of(called) for called in _CALLED])
+def film_calls(rigid_half: Any) -> IntArray:
+    """Return the addresses (7,) of the kernels that a row of ticks calls, a rigid half among them."""
+    called = [rigid_half if each is take_rigid_half else each for each in _CALLED]
+    return np.array([address_of(each) for each in called])
 
 
 @device_function

@@ -1,5 +1,7 @@
 """The two halves of a tick in kernels: the rigid half, and what is handed over after the soft one.
 
+The rigid half is that of a scene which steps itself, or it is read where somebody else has stepped the scene.
+
 Per tick, servos and the wrench of the tick before act while MuJoCo steps; the soft side then takes one step
 with the flange's new pose, and its wrench is handed over for the next tick. The soft side is known by its
 figures alone: the wrench on the flange, centre and inertia of its mass.
@@ -89,6 +91,14 @@ def _give_back(scene: NativeScene, carried: CarriedInertia) -> None:
 
 
 @device_function
+def _load(scene: NativeScene, carried: CarriedInertia, ticks: Any, k: int) -> None:
+    """Let the wrench of row k act on the flange, and give back what is carried."""
+    for r in range(6):
+        scene.applied[r] = ticks.figures[k, WRENCH + r]
+    _give_back(scene, carried)
+
+
+@device_function
 def _carry(scene: NativeScene, inertia: Matrix) -> None:
     """Add what the joints carry to a mass matrix that MuJoCo has computed for new positions."""
     joints = inertia.shape[0]
@@ -171,9 +181,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         scene.control[j, 0], scene.control[j, 1] = servos.position[k, j], servos.velocity[k, j]
         scene.control[j, 2] = torque
         ticks.joint_speed[k, j] = scene.speed[j]  # until `_read_scene`
-    for r in range(6):
-        scene.applied[r] = ticks.figures[k, WRENCH + r]
-    _give_back(scene, carried)
+    _load(scene, carried, ticks, k)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
     for i in range(scene.pace[0]):
         if i > 0:
@@ -197,6 +205,20 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
 def take_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
     """Take the rigid half of a tick, see `rigid_half`."""
     return rigid_half(rigid, servos, ticks, k)
+
+
+@kernel
+def load_rigid_side(rigid: RigidSide, ticks: Ticks, k: int) -> None:
+    """Load the rigid side for a rigid half that somebody else takes; `read_rigid_half` follows it."""
+    _load(rigid.scene, rigid.carried, ticks, k)
+
+
+@kernel
+def read_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
+    """Read what the rigid half of a tick has led to that somebody else has taken, see `rigid_half`."""
+    ticks.momentum_error[k] = _momentum_error(rigid.scene, rigid.bodies, ticks.handed[k])
+    _read_scene(rigid.scene, ticks, k)
+    return True
 
 
 @device_function

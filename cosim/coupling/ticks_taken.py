@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.coupling.schemes.ledger import Scheme
+from cosim.coupling.schemes.ledger import LedgerEntry, Scheme
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.coupling.ticks import Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
@@ -88,6 +88,12 @@ class TicksTaken:
             ticks.self_contact[k] = films.count, films.normal_force_N, films.depth_m
         self.parts.append([soft.shape_now()])
         self.done += 1
+
+    def last_entry(self) -> LedgerEntry:
+        """Return what was exchanged in the last tick."""
+        columns = {name: column.item(self.done - 1) for name, column in self.ledger().items()}
+        figures = self.wrench[-1]
+        return LedgerEntry(Wrench(figures[:3].copy(), figures[3:].copy()), **columns)
 
     def ledger(self) -> dict[str, Any]:
         """Return the columns (done,) of `LedgerEntry`, without the wrench."""

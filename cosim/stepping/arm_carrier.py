@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist, Wrench
+from cosim.base.frames import Array, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
-from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos
-from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload, inertial_parameters
 from cosim.plan.motion import CellMotion, JointReference
 from cosim.rigid.scene.scene import RigidScene, RigidState
-from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.solve.state import Obstacles
-from cosim.stepping.carrier import Carrier
+from cosim.stepping.scene_carrier import SceneCarrier
 
 _SETTLED_RAD = 1e-9
 
@@ -49,7 +44,7 @@ class ArmCarrierState:
 
 
 @final
-class ArmCarrier(Carrier):
+class ArmCarrier(SceneCarrier):
     """Moves the flange by servos with inverse-dynamics feedforward.
 
     Args:
@@ -74,22 +69,12 @@ class ArmCarrier(Carrier):
         exchange: CouplingTable | None = None,
         cell: CellMotion | None = None,
     ) -> None:
-        self._arm, self._scene, self._soft, self._cell = arm, scene, soft, cell
-        self._compensation = payload_compensation
-        self._contact_law, self._mounted = contact, mounted
+        super().__init__(scene, soft, contact)
+        self._arm, self._scene, self._cell = arm, scene, cell
+        self._compensation, self._mounted = payload_compensation, mounted
         self._exchange = exchange or CouplingTable()
         self._reference = np.zeros(arm.joint_count)
-        self._coupling: Coupling | None = None
         self._touching: tuple[LinkContact, ...] = ()
-        self._known = KnownStates()
-
-    @property
-    def flange_pose(self) -> Pose:
-        return self._scene.flange_pose
-
-    @property
-    def flange_twist(self) -> Twist:
-        return self._scene.flange_twist
 
     @property
     def joint_position(self) -> Array:
@@ -107,20 +92,12 @@ class ArmCarrier(Carrier):
     def joint_torque(self) -> Array:
         return self._scene.servo_torque
 
-    @property
-    def wrench(self) -> Wrench:
-        return Wrench() if self._coupling is None else self._coupling.wrench
-
     def flange_jacobian(self) -> Array:
         return self._scene.flange.jacobian()
 
     def holding_torque(self, wrench: Wrench) -> Array:
         load = np.concatenate([wrench.force, wrench.torque])
         return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        return self._scene.body_names
 
     @property
     def sliding(self) -> tuple[bool, ...]:
@@ -144,13 +121,6 @@ class ArmCarrier(Carrier):
             "Exchange": exchange_report(self._exchange),
             "Payload compensation": "on" if self._compensation else "off",
         }
-
-    def body_poses(self) -> tuple[Array, Array]:
-        return self._scene.body_poses()
-
-    @property
-    def touched(self) -> ContactReport:
-        return NOTHING_TOUCHED if self._coupling is None else self._coupling.interface.touched
 
     def set_configuration(self, joints: Array) -> None:
         self._scene.set_joint_state(joints)
@@ -186,13 +156,6 @@ class ArmCarrier(Carrier):
         touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)
         return error.at(f"with {touching}") if touching else error
 
-    def obstacles(self) -> Obstacles | None:
-        scene, law = self._scene, self._contact_law
-        if law is None:
-            return None
-        query = scene.contact_query(fixed_only=True)
-        return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
-
     @property
     def drives_cell(self) -> bool:
         return self._cell is not None
@@ -201,15 +164,12 @@ class ArmCarrier(Carrier):
         if self._cell is not None:
             self._scene.cell.aim(*self._cell.at(phase, time_s))
 
-    def couple(self, wrench: Wrench) -> None:
-        scene, soft, law = self._scene, self._soft, self._contact_law
-        contact = None
-        if law is not None:
-            contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
+    def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> Coupling:
         load, mounted = self._mounted, None
         if load is not None:
             mounted = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        self._coupling = make_coupling(self._exchange, Interface(scene, soft, wrench, contact, mounted))
+        interface = Interface(self._scene, self._soft, wrench, contact, mounted)
+        return make_coupling(self._exchange, interface)
 
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()
@@ -220,19 +180,8 @@ class ArmCarrier(Carrier):
     def restore_state(self, state: object) -> None:
         if not isinstance(state, ArmCarrierState):
             raise InputError("the saved state is of a held base, this flange is carried")
-        check_indices(state.scene.loaded, len(self._scene.body_names), "bodies")
-        self._scene.restore_state(state.scene)
+        self._restore_exchange(state, state.coupling, state.scene.loaded)
         self._reference = state.reference
-        if state.coupling is None:
-            self._coupling = None
-            return
-        if self._coupling is None:
-            self.couple(Wrench())
-        assert self._coupling is not None, "couple() has just made it"
-        if state not in self._known:
-            check_state(state.coupling, self._coupling.save_state(), place="state.carrier.coupling")
-        self._coupling.restore_state(state.coupling)
-        self._known.add(state)
 
     def servos(self, references: JointReference) -> Servos:
         position, velocity = references.position, references.velocity
@@ -246,10 +195,6 @@ class ArmCarrier(Carrier):
         # MuJoCo's speeds are ways over a tick, those of its middle; position and force are of its begin
         speed = velocity + 0.5 * self._scene.tick_s * acceleration
         return Servos(position, speed, torque[row], by_payload[row])
-
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
-        assert self._coupling is not None, "couple() comes before advance()"
-        return self._coupling.advance(servos, loads)
 
     def _payload(self) -> Payload | None:
         """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""

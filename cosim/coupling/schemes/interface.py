@@ -22,13 +22,20 @@ from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
 from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
-from cosim.coupling.half_ticks import LEVER_M, SMALLEST_N, RigidSide, hand_over
+from cosim.coupling.half_ticks import (
+    LEVER_M,
+    SMALLEST_N,
+    RigidSide,
+    hand_over,
+    read_rigid_half,
+    take_rigid_half,
+)
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.rigid.scene.scene import RigidScene
+from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import StepAim
 
@@ -125,13 +132,15 @@ class Interface:
 
     def __init__(
         self,
-        scene: RigidScene,
+        scene: CoupledScene,
         soft: SoftSide,
         wrench: Wrench,
         contact: ContactExchange | None = None,
         mounted: Array | None = None,
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
+        self.rigid_half = take_rigid_half if scene.steps_itself else read_rigid_half
+        """The kernel of a rigid half."""
         self._mounted = np.zeros(10) if mounted is None else mounted
         self._native, bodies = scene.native(), scene.bodies
         self._bodies = BodyLoads(

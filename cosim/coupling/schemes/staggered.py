@@ -46,7 +46,7 @@ from cosim.coupling.half_ticks import (
     SOFT_STEP_BEGUN,
     RigidSide,
     hand_over,
-    take_rigid_half,
+    load_rigid_side,
 )
 from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
@@ -99,7 +99,8 @@ class SoftHalves:
         first = taken.done
         ticks = taken.ticks.from_on(first)
         if self._plain is None or not self._ready:
-            return 0, SOFT_HALF_LEFT if take_rigid_half(rigid, servos, ticks, 0) else RIGID_SIDE_WARNS
+            taken_well = self.interface.rigid_half(rigid, servos, ticks, 0)
+            return 0, SOFT_HALF_LEFT if taken_well else RIGID_SIDE_WARNS
         if self._motion is None:
             self._motion, self._first = self._room(len(taken.trials) - first), first
         commands = self._plain.some(first, first + len(loads))
@@ -153,7 +154,8 @@ class SoftHalves:
 def soft_halves(interface: Interface) -> SoftHalves:
     """Return what takes the ticks of an interface in a row."""
     soft = interface.soft.rowing
-    if isinstance(soft, SectionArm) and interface.contact is None and not soft.stepper.losses_follow_shape:
+    alone = interface.contact is None and interface.scene.steps_itself
+    if isinstance(soft, SectionArm) and alone and not soft.stepper.losses_follow_shape:
         return _SectionHalves(interface)
     if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
         return _FilmHalves(interface)
@@ -186,7 +188,7 @@ class _FilmHalves(SoftHalves):
 
     @cached_property
     def _calls(self) -> IntArray:
-        return film_calls()
+        return film_calls(self.interface.rigid_half)
 
     @cached_property
     def _nothing(self) -> ContactArrays:
@@ -400,7 +402,7 @@ class StaggeredCoupling(Coupling):
     def __init__(self, interface: Interface, ratio_bound: float = 0.5) -> None:
         super().__init__(interface)
         self._ratio_bound = ratio_bound
-        joints = len(interface.scene.joint_names)
+        joints = len(interface.scene.joint_acceleration)
         self._added = np.zeros((joints, joints))
         self._weights = expecting_no_change(interface.soft.answer_weights)
         self._past = np.zeros((len(self._weights), joints))
@@ -408,16 +410,18 @@ class StaggeredCoupling(Coupling):
         self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
         self._fine = FineTicks(interface)
         self._halves.fast_m_s = self._fine.fast_m_s
+        self._begun: tuple[TicksTaken, RigidSide] | None = None
+
+    def begin(self) -> None:
+        """Load the rigid side for a tick whose rigid half somebody else takes; then comes `advance`."""
+        taken = self._ready(1)
+        rigid = self._weighed(taken)
+        load_rigid_side(rigid, taken.ticks, 0)
+        self._begun = taken, rigid
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
-        interface = self.interface
-        interface.scene.check()
-        most = interface.begin_ticks()
-        if interface.soft.rowing is not self._rowing:  # another model steps from here on
-            self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
-            self._halves.fast_m_s = self._fine.fast_m_s
-        count = min(len(loads), self._halves.most, most)
-        taken = self.interface.begin(count)
+        taken = self._ready(len(loads)) if self._begun is None else self._begun[0]
+        count = len(taken.trials)
         self._halves.begin(loads[:count])
         try:
             goes_on = True
@@ -430,6 +434,26 @@ class StaggeredCoupling(Coupling):
         self._halves.end(taken)
         return taken
 
+    def _ready(self, count: int) -> TicksTaken:
+        """Get ready for up to so many ticks; return room for them."""
+        interface = self.interface
+        interface.scene.check()
+        most = interface.begin_ticks()
+        if interface.soft.rowing is not self._rowing:  # another model steps from here on
+            self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
+            self._halves.fast_m_s = self._fine.fast_m_s
+        return interface.begin(min(count, self._halves.most, most))
+
+    def _weighed(self, taken: TicksTaken) -> RigidSide:
+        """Weigh the flange where that is due; return the rigid side until it is due again."""
+        interface = self.interface
+        if interface.to_be_weighed:
+            self._update_stability_ratio()
+        taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
+        joints = len(self._added) if self._carries else 0
+        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
+        return interface.rigid(carried)
+
     def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
 
@@ -437,14 +461,9 @@ class StaggeredCoupling(Coupling):
             Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind,
             nor where another model steps.
         """
-        interface, first = self.interface, taken.done
-        if interface.to_be_weighed:
-            self._update_stability_ratio()
+        interface, (begun, self._begun) = self.interface, (self._begun, None)
+        rigid = self._weighed(taken) if begun is None else begun[1]
         most = interface.ticks_to_weighing
-        taken.algorithmic_mass[first : first + most] = self._carries
-        joints = len(self._added) if self._carries else 0
-        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
-        rigid = interface.rigid(carried)
         if self._fine.on:
             self._halves.end(taken)
             self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
@@ -472,6 +491,7 @@ class StaggeredCoupling(Coupling):
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.on)
 
     def restore_state(self, state: StaggeredState) -> None:
+        self._begun = None
         self._fine.restore(state.fine)
         self.interface.restore_state(state.interface)
         self._added, self._carries = state.added, bool(state.added.any())

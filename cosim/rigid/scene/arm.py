@@ -1,6 +1,6 @@
 """The arm of a compiled scene: where it sits, its dynamics, its flange, where its servos droop to.
 
-Where the arm sits in a compiled MuJoCo model.
+Where a soft robot is mounted, and where the arm sits in a compiled MuJoCo model.
 
 The flange of a compiled scene: where it is, how it moves, what acts on it and what it measures.
 
@@ -20,6 +20,31 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose, SixNumbers, Twist, Wrench
 from cosim.errors import ConvergenceError
 from cosim.rigid.build.description import CELL, FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR
+
+SITE, BODY = int(mujoco.mjtObj.mjOBJ_SITE), int(mujoco.mjtObj.mjOBJ_XBODY)
+
+
+@final
+@dataclass(frozen=True)
+class Mounting:
+    """Where a soft robot hangs in a compiled model: the frame that is its flange.
+
+    Args:
+        kind: SITE or BODY.
+        index: of the site, or of the body.
+        body: to which the frame is fixed.
+        dofs: degrees of freedom that move it, from the root on.
+    """
+
+    kind: int
+    index: int
+    body: int
+    dofs: slice | IntArray
+
+    def frame(self, data: mujoco.MjData) -> tuple[Array, Array]:
+        """Return views of the frame's origin (3,) [m] and of its axes (3, 3), world from frame."""
+        places, axes = (data.site_xpos, data.site_xmat) if self.kind == SITE else (data.xpos, data.xmat)
+        return places[self.index], axes[self.index].reshape(3, 3)
 
 
 @dataclass(frozen=True)
@@ -43,6 +68,11 @@ class ArmLayout:
     mount: int
     force: slice
     torque: slice
+
+    @property
+    def mounting(self) -> Mounting:
+        """Where the soft robot hangs."""
+        return Mounting(SITE, self.site, self.mount, self.dofs)
 
     @classmethod
     def of(cls, model: mujoco.MjModel, joint_names: tuple[str, ...]) -> ArmLayout:
@@ -150,12 +180,8 @@ class ArmDynamics:
         return ArmAtRest(flange, data.xanchor[layout.joints].copy(), mass, weight[v].copy())
 
 
-_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
-
-
-@final
-class Flange:
-    """A view into a scene's model and state.
+class MountedFrame:
+    """The frame on which a soft robot hangs; a view into a scene's model and state.
 
     Pose and twist are made once between two calls of `moved`; MuJoCo's arrays stay where they are in memory,
     so they are looked up once.
@@ -163,20 +189,14 @@ class Flange:
     Args:
         model: compiled scene.
         data: its state.
-        layout: where the arm sits in it.
+        mounting: where it is.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> None:
-        self._model, self._data, self._layout = model, data, layout
-        self._axes = data.site_xmat[layout.site].reshape(3, 3)
-        self._origin = data.site_xpos[layout.site]
-        self._applied: Array = data.xfrc_applied[layout.mount]
-        self._center: Array = data.xipos[layout.mount]
-        self._sensor = data.sensordata[layout.force], data.sensordata[layout.torque]
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting) -> None:
+        self._model, self._data, self._mounting = model, data, mounting
+        self._origin, self._axes = mounting.frame(data)
         self._pose: Pose | None = None
         self._twist: Twist | None = None
-        self._read_at = Pose()  # axes of what the sensor shows
-        self._restored: Array | None = np.zeros(6)  # in place of what it shows
 
     def moved(self) -> None:
         """Forget pose and twist; MuJoCo has computed new ones."""
@@ -193,16 +213,42 @@ class Flange:
     def twist(self) -> Twist:
         """Velocity of the flange, at its origin, world axes."""
         if self._twist is None:
-            twist = np.empty(6)
-            mujoco.mj_objectVelocity(self._model, self._data, _SITE, self._layout.site, twist, False)
+            twist, at = np.empty(6), self._mounting
+            mujoco.mj_objectVelocity(self._model, self._data, at.kind, at.index, twist, False)
             self._twist = Twist.owning(twist[3:], twist[:3])
         return self._twist
 
     def jacobian(self) -> Array:
-        """Return J (6, joints) with [linear; angular] = J qd, at the flange origin, world axes."""
+        """Return J (6, dofs) with [linear; angular] = J qd, at the flange origin, world axes.
+
+        Its columns are the degrees of freedom that move the flange.
+        """
+        return self.whole_jacobian()[:, self._mounting.dofs]
+
+    def whole_jacobian(self) -> Array:
+        """Return the same for all degrees of freedom of the scene, (6, nv)."""
         jacobian = np.empty((6, self._model.nv))
-        mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._layout.site)
-        return jacobian[:, self._layout.dofs]
+        mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], self._origin, self._mounting.body)
+        return jacobian
+
+
+@final
+class Flange(MountedFrame):
+    """The flange of an arm: a frame on a massless body, with a sensor.
+
+    Args:
+        model: compiled scene.
+        data: its state.
+        layout: where the arm sits in it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout) -> None:
+        super().__init__(model, data, layout.mounting)
+        self._applied: Array = data.xfrc_applied[layout.mount]
+        self._center: Array = data.xipos[layout.mount]
+        self._sensor = data.sensordata[layout.force], data.sensordata[layout.torque]
+        self._read_at = Pose()  # axes of what the sensor shows
+        self._restored: Array | None = np.zeros(6)  # in place of what it shows
 
     def apply(self, wrench: Wrench) -> None:
         """Set the load on the flange from now on: at its origin, world axes."""

@@ -15,36 +15,38 @@ import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
-from cosim.rigid.scene.arm import ArmLayout
-from cosim.rigid.scene.native import foresight
+from cosim.errors import InputError
+from cosim.rigid.scene.arm import Mounting
+from cosim.rigid.scene.native import foresight, mass_places
 
 
 @final
 class AddedInertia:
     """Keeps MuJoCo's mass matrix up to date with what is carried.
 
-    `on_arm` (joints, joints) is A.
+    `on_arm` (joints, joints) is A, at `square` of a matrix of all degrees of freedom.
 
     Args:
         model: compiled scene.
         data: its state.
-        arm: degrees of freedom of the arm's joints.
+        mounting: whose degrees of freedom carry it.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: slice) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting) -> None:
         self._model, self._data = model, data
-        # entries of the sparse matrix: each row holds the ancestors of its degree of freedom and itself
-        self._rows: IntArray = np.repeat(np.arange(model.nv), model.M_rownnz)
-        starts = np.repeat(model.M_rowadr, model.M_rownnz)
-        firsts = np.repeat(np.cumsum(model.M_rownnz) - model.M_rownnz, model.M_rownnz)
-        self._entries: IntArray = starts + np.arange(len(self._rows)) - firsts
-        self._columns: IntArray = model.M_colind[self._entries]
-        self._arm = arm
-        joints = arm.stop - arm.start
-        self.on_arm: Array = np.zeros((joints, joints))
+        places = mass_places(model, mounting)
+        self.square = np.ix_(*[np.arange(model.nv)[mounting.dofs]] * 2)
+        self._lower = np.tril_indices(len(places))
+        self._entries: IntArray = places[self._lower]
+        self.on_arm: Array = np.zeros(places.shape)
 
     def carry_on_arm(self, inertia: Array) -> None:
         """Set what the arm's joints carry (joints, joints) [kg m^2] from the step in progress on."""
+        if (self._entries < 0).any():
+            raise InputError(
+                "the soft robot is heavy for the free body that it hangs on, whose whole mass matrix MuJoCo "
+                "does not keep; give the body a child before it is compiled, or attach to the MjSpec"
+            )
         self.on_arm[:] = inertia
         self.renew()
 
@@ -66,27 +68,34 @@ class AddedInertia:
         return bool(np.count_nonzero(self.on_arm))
 
     def _add(self, on_arm: Array) -> None:
-        added = np.zeros((self._model.nv, self._model.nv))
-        added[self._arm, self._arm] = on_arm
-        self._data.M[self._entries] += added[self._rows, self._columns]
+        self._data.M[self._entries] += on_arm[self._lower]
 
 
-def mobility(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray, added: Array) -> Array:
-    """Return W = J (M + D)^-1 J^T (6 b, 6 b): velocity changes of bodies (b,) per impulse on them.
+def jacobian_of(model: mujoco.MjModel, data: mujoco.MjData, bodies: IntArray) -> Array:
+    """Return J (6 b, nv) of bodies (b,): each linear then angular, world axes, at the centre of mass.
 
-    Each linear then angular, world axes, at the centre of mass; what bodies press on within the scene is not
-    counted.
-
-    Args:
-        model: compiled scene.
-        data: its state, positions and inertia up to date.
-        bodies: (b,) indices; a massless one counts at its origin.
-        added: D (nv, nv) [kg m^2 or kg]: damping over a step, less what is not to be counted in M.
+    A massless body counts at its origin.
     """
     jacobian = np.zeros((6 * len(bodies), model.nv))
     for k, body in enumerate(bodies.tolist()):
         block = jacobian[6 * k : 6 * k + 6]
         mujoco.mj_jac(model, data, block[:3], block[3:], data.xipos[body], body)
+    return jacobian
+
+
+def mobility(model: mujoco.MjModel, data: mujoco.MjData, jacobian: Array, added: Array) -> Array:
+    """Return W = J (M + D)^-1 J^T (k, k): velocity changes per impulse.
+
+    What presses on something within the scene is not counted.
+
+    Args:
+        model: compiled scene.
+        data: its state, positions and inertia up to date.
+        jacobian: J (k, nv).
+        added: D (nv, nv) [kg m^2 or kg]: damping over a step, less what is not to be counted in M.
+    """
+    if not model.nv:
+        return np.zeros((len(jacobian), len(jacobian)))
     inertia = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
     inertia += added
@@ -109,15 +118,15 @@ class Bodies:
     Args:
         model: compiled scene.
         data: its state.
-        layout: of the arm in the model.
+        mounting: of the soft robot.
         driven: (bodies,), which no load moves though they have joints.
         pace: (2,), see `NativeScene`.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask, pace: IntArray
+        self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, driven: Mask, pace: IntArray
     ) -> None:
-        self._model, self._data, self.flange = model, data, layout.mount
+        self._model, self._data, self.flange = model, data, mounting.body
         self._movable: Mask = (model.body_weldid != 0) & ~driven
         self.applied: Array = data.xfrc_applied
         self.mass_centers: Array = data.xipos
@@ -125,8 +134,8 @@ class Bodies:
         self.spins: Array = data.cvel
         self.tree_centers: Array = data.subtree_com
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
-        self.carried = AddedInertia(model, data, layout.dofs)
-        self.foresight = foresight(model, data, layout, pace, self.carried.on_arm)
+        self.carried = AddedInertia(model, data, mounting)
+        self.foresight = foresight(model, data, mounting, pace, self.carried.on_arm)
 
     @property
     def loaded(self) -> IntArray:
@@ -209,7 +218,7 @@ class Bodies:
             mujoco.mj_fwdConstraint(model, data)
             data.qacc[:] = before
             resisting += active_constraints(model, data)
-        return mobility(model, data, bodies, resisting)
+        return mobility(model, data, jacobian_of(model, data, bodies), resisting)
 
 
 def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 from cosim.errors import SceneError
-from cosim.rigid.scene.arm import ArmLayout, CellDrives
+from cosim.rigid.scene.arm import ArmLayout, CellDrives, Mounting
 
 BEGIN, FINISH, FACTORISE = 0, 1, 2
 """Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
@@ -163,7 +163,7 @@ class Foresight(NamedTuple):
 
 
 def foresight(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
+    model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, pace: IntArray, carried: Array
 ) -> Foresight:
     """Return how a scene is going to move.
 
@@ -174,12 +174,12 @@ def foresight(
     return Foresight(
         np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel,
         data.qacc, np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
-        _steps_ahead(model, data, layout, pace, carried),
+        _steps_ahead(model, data, mounting, pace, carried),
     )  # fmt: skip
 
 
 def _steps_ahead(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, pace: IntArray, carried: Array
+    model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, pace: IntArray, carried: Array
 ) -> StepsAhead:
     """Return a second state of a scene; the scene's own where a tick is one step, which needs none."""
     other = mujoco.MjData(model) if pace[0] > 1 else data
@@ -192,7 +192,7 @@ def _steps_ahead(
     )  # fmt: skip
     return StepsAhead(
         pace, float(model.opt.timestep), np.array((model._address, other._address)), here, there, other.cvel,
-        other.subtree_com, other.M, _mass_places(model, layout), carried,
+        other.subtree_com, other.M, mass_places(model, mounting), carried,
     )  # fmt: skip
 
 
@@ -213,18 +213,22 @@ def native_scene(
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
         data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
         data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
-        data.M, _mass_places(model, layout), data.qpos, data.qvel, np.array(cell.places, np.int64),
+        data.M, mass_places(model, layout.mounting), data.qpos, data.qvel, np.array(cell.places, np.int64),
         np.array(cell.dofs, np.int64), cell.goal,
     )  # fmt: skip
 
 
-def _mass_places(model: mujoco.MjModel, layout: ArmLayout) -> IntArray:
-    """Return where MuJoCo keeps M_ij, j <= i, of the arm's joints: each is moved by all before it."""
-    joints = range(layout.dofs.start, layout.dofs.stop)
+def mass_places(model: mujoco.MjModel, mounting: Mounting) -> IntArray:
+    """Return where MuJoCo keeps M_ij, j <= i, of what moves a mount: each is moved by all before it.
+
+    -1 where it keeps the diagonal alone, of a free body without children.
+    """
+    joints = np.arange(model.nv)[mounting.dofs]
     places = np.full((len(joints), len(joints)), -1, dtype=np.int64)
     for i, dof in enumerate(joints):
         last = int(model.M_rowadr[dof] + model.M_rownnz[dof])
-        places[i, : i + 1] = np.arange(last - i - 1, last)
+        if model.M_rownnz[dof] > i:
+            places[i, : i + 1] = np.arange(last - i - 1, last)
     return places
 
 

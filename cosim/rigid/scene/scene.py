@@ -19,7 +19,7 @@ from typing import Annotated, final
 import mujoco
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Wrench
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
 from cosim.rigid.build.compiled_scene import CompiledScene
@@ -28,7 +28,8 @@ from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.build.pair_friction import body_names
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, droop, effort_limit
-from cosim.rigid.scene.bodies import Bodies, mobility, touchable_geoms
+from cosim.rigid.scene.bodies import Bodies, touchable_geoms
+from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.link_contacts import LinkContacts
 from cosim.rigid.scene.native import NativeScene, native_scene
 
@@ -61,7 +62,7 @@ _STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be
 
 
 @final
-class RigidScene:
+class RigidScene(CoupledScene):
     """An arm on its base with servos, a flange sensor, and objects around it.
 
     Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first. `armature`
@@ -75,20 +76,20 @@ class RigidScene:
         InputError: MuJoCo refuses the arm's file or an object.
     """
 
+    flange: Flange
+
     def __init__(self, description: SceneDescription, compiled: CompiledScene | None = None) -> None:
         self.description = description
         self._compiled = compiled or CompiledScene(description)
-        self._model = self._compiled.model()
-        self._data = mujoco.MjData(self._model)
-        self._scratch = mujoco.MjData(self._model)
-        self.body_names = tuple(self._model.body(i).name for i in range(self._model.nbody))
+        model = self._compiled.model()
+        super().__init__(model, mujoco.MjData(model), description.tick_s)
+        self._scratch = mujoco.MjData(model)
         self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
         self._q: Array = self._data.qpos[layout.positions]
         self._acceleration: Array = self._data.qacc[self._v]
         self._torque: Array = self._data.qfrc_applied[self._v]
-        self._place: tuple[Array, Array] = self._data.xpos, self._data.xquat
         self._warnings = self._data.warning.number
         # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
         self._control = self._data.ctrl.reshape(-1, 3)
@@ -97,14 +98,14 @@ class RigidScene:
         self.flange = Flange(self._model, self._data, layout)
         self._pace: IntArray = np.full(2, description.substeps)
         tick_s, self._step_s = description.tick_s, float(self._model.opt.timestep)
-        self._step_damping = tick_s * self._model.dof_damping
+        self._resisting = tick_s * self._model.dof_damping
         # Servos damp by the speed at the end of a step: (M + h K) a = f(q, v). MuJoCo's implicit integrators
         # do so as well but solve contacts with M alone: what a palm clamps slides when the arm accelerates.
         self._servo_inertia = self._step_s * self.servo_damping
-        self._step_damping[self._v] += (tick_s - self._step_s) * self.servo_damping
+        self._resisting[self._v] += (tick_s - self._step_s) * self.servo_damping
         self._model.dof_armature[self._v] += self._servo_inertia
         self.cell = CellDrives(self._model, self._data)
-        self.bodies = Bodies(self._model, self._data, layout, self.cell.bodies, self._pace)
+        self.bodies = Bodies(self._model, self._data, layout.mounting, self.cell.bodies, self._pace)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
         self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
@@ -123,7 +124,7 @@ class RigidScene:
     @property
     def tick_s(self) -> float:
         """Length of a tick [s]: of the clock, or of a fine one, see `go_finely`."""
-        return self._step_s if self._pace[0] < self.substeps else self.description.tick_s
+        return self._step_s if self._pace[0] < self.substeps else self._tick_s
 
     @property
     def substeps(self) -> int:
@@ -165,16 +166,6 @@ class RigidScene:
         return np.array(-self._model.actuator_biasprm[self._layout.joints, 2])
 
     @property
-    def flange_pose(self) -> Pose:
-        """world_from_flange."""
-        return self.flange.pose
-
-    @property
-    def flange_twist(self) -> Twist:
-        """Velocity of the flange, at its origin, world axes."""
-        return self.flange.twist
-
-    @property
     def mass_matrix(self) -> Array:
         """Joint-space mass matrix (joints, joints) [kg m^2], armature included."""
         full = np.empty((self._model.nv, self._model.nv))
@@ -185,11 +176,6 @@ class RigidScene:
     def bias_torque(self) -> Array:
         """c(q, v) + g(q) (joints,) [N m]: what the joints need at zero acceleration."""
         return np.array(self._data.qfrc_bias[self._v])
-
-    def body_poses(self) -> tuple[Array, Array]:
-        """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
-        position, quaternion = self._place
-        return position.copy(), quaternion.copy()
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), the arm itself left out."""
@@ -279,17 +265,6 @@ class RigidScene:
             began: pose of the flange at the beginning of the last of them.
         """
         self.flange.stepped(began)
-
-    def mobility(self, bodies: IntArray | None = None) -> Array:
-        """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
-
-        Of the flange, then of bodies (b,) if given; M with armature, but without what the joints
-        carry; h the tick, D of servos and joints.
-        """
-        added = np.diag(self._step_damping)
-        added[self._v, self._v] -= self.bodies.carried.on_arm
-        asked = np.append(self._layout.mount, np.zeros(0, np.int64) if bodies is None else bodies)
-        return mobility(self._model, self._data, asked, added)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None

@@ -1,0 +1,447 @@
+"""A soft robot in somebody's MuJoCo model, stepped by somebody's loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, final
+
+import numpy as np
+
+from cosim.app.driver import log, named_body, prepared
+from cosim.base.files import cache_directory
+from cosim.base.frames import Array, IntArray, Wrench
+from cosim.base.kept_parts import KeptParts
+from cosim.base.resources import writing
+from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_check import KnownStates, check_state
+from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
+from cosim.config.schema.phase import FlangePoseTable, StartTable
+from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
+from cosim.devices.command_source import StepToTake
+from cosim.devices.controller import Command, row_of_numbers
+from cosim.errors import InputError, SolverError
+
+if TYPE_CHECKING:
+    from cosim.build.soft_body import AnyBody
+    from cosim.coupling.schemes.ledger import LedgerEntry
+    from cosim.devices.controller import Measurement
+    from cosim.rigid.scene.host_model import Data, HostModel, HostSource, Model
+    from cosim.rigid.scene.host_scene import HostScene
+    from cosim.soft.body.body import SoftBody
+    from cosim.soft.body.loads import Loads
+    from cosim.stepping.host_carrier import HostCarrier
+    from cosim.stepping.parts import Parts
+
+Values: TypeAlias = "float | Sequence[float] | Mapping[str, float]"
+"""One number for all, or one each in order, or some by name."""
+
+
+@final
+@dataclass(frozen=True)
+class AttachedState:
+    """A soft robot and the scene that it hangs on, between two ticks; made by `Attached.save`.
+
+    Args:
+        tick: ticks taken.
+        soft: of the soft side.
+        carrier: of scene and exchange.
+        commands: of what is asked for.
+        loads: on the soft robot in the last tick.
+        ledger: of it.
+    """
+
+    tick: int
+    soft: Any
+    carrier: Any
+    commands: Any
+    loads: Any
+    ledger: Any
+
+    def write(self, path: str | Path) -> None:
+        """Write the state to a file, which `Attached.restore` reads.
+
+        Args:
+            path: of the file, an archive of NumPy (.npz).
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        with writing(path):
+            write_archive(Path(path), {"tick": self.tick}, self)
+
+
+@dataclass
+class _Hung:
+    """A soft robot that hangs on a scene.
+
+    Args:
+        scene: somebody's.
+        carrier: of the soft robot.
+        parts: of the run.
+        loads: on the soft robot at the end of the tick in progress.
+        tick: ticks taken.
+        steps: of MuJoCo taken in the tick in progress.
+        stepping: whether one is being taken.
+        ledger: of the last tick.
+    """
+
+    scene: HostScene
+    carrier: HostCarrier
+    parts: Parts
+    loads: Loads
+    ledger: LedgerEntry | Callable[[], LedgerEntry]
+    tick: int = 0
+    steps: int = 0
+    stepping: bool = False
+
+
+@final
+class Attached:
+    """A soft robot on a site or body of somebody's MuJoCo model; made by `attach`.
+
+    Around every `mujoco.mj_step(model, data)` come `before(model, data)` and `after(model, data)`; `step` is
+    all three. What acts on the scene is that of the last tick, as in a staggered run of `Simulation`. The
+    first `before` brings the soft robot to rest where its mount is then.
+
+    Args:
+        scenario: with the soft robot, without arm and phases.
+        host: the model to hang on.
+        body: a soft body in place of the scenario's soft robot.
+    """
+
+    def __init__(self, scenario: Scenario, host: HostModel, body: SoftBody | None) -> None:
+        from cosim.build.soft_model import SoftModel  # here, so that wrong input needs no engine
+
+        self.scenario, self._host = scenario, host
+        self._model = SoftModel(scenario, KeptParts(cache_directory()), body, log)
+        self._waiting: list[tuple[Command, int]] = []
+        self._hung: _Hung | None = None
+        self._known = KnownStates()
+
+    @property
+    def spec(self) -> Any:
+        """The `mujoco.MjSpec` to compile; None where a compiled model was given."""
+        return self._host.spec
+
+    @property
+    def tick_s(self) -> float:
+        """Length of a tick of the soft robot [s]."""
+        return self.scenario.clock.tick_s
+
+    def before(self, model: Model, data: Data) -> None:
+        """Apply what the soft robot exerts, for one step of MuJoCo.
+
+        Args:
+            model: compiled, of what was attached to.
+            data: its state; what the loop applies to it is there already.
+
+        Raises:
+            InputError: they are of another model, or `after` has not been called.
+            SolverError: the soft robot finds no rest at its start.
+        """
+        run = self._hung
+        if run is None:
+            run = self.reset(model, data)
+        _check(run, model, data)
+        if run.stepping:
+            raise InputError("before() was called twice; after mj_step comes after(model, data)")
+        if not run.steps:
+            run.carrier.begin()
+            run.loads = self._loads(run)
+        run.scene.begin_step()
+        run.stepping = True
+
+    def after(self, model: Model, data: Data) -> None:
+        """Move the soft robot to where one step of MuJoCo has brought its mount.
+
+        Afterwards poses and velocities in `data` are those at the end of the step.
+
+        Args:
+            model: as of `before`.
+            data: the same, one `mj_step` later.
+
+        Raises:
+            InputError: `before` has not been called, or more or less than one step has been taken.
+            SolverError: the physics could not be solved; `restore` leads back to a saved state.
+        """
+        run = self._hung
+        if run is None or not run.stepping:
+            raise InputError("after() was called without before(); call before(model, data) ahead of mj_step")
+        _check(run, model, data)
+        run.stepping = False
+        run.scene.end_step()
+        run.steps = (run.steps + 1) % self._host.steps
+        if run.steps:
+            return
+        try:
+            taken = run.carrier.end(run.loads)
+        except SolverError as error:
+            raise error.at(f"soft robot at {self._host.at!r}, {run.scene.time_s:.4f} s") from error.__cause__
+        run.tick, run.ledger = run.tick + 1, taken.last_entry
+
+    def step(self, model: Model, data: Data) -> None:
+        """Take one step of MuJoCo with the soft robot: `before`, `mj_step`, `after`."""
+        self.before(model, data)
+        assert self._hung is not None, "before() has made it"
+        self._hung.scene.step()
+        self.after(model, data)
+
+    def reset(self, model: Model, data: Data) -> _Hung:
+        """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
+
+        Args:
+            model: compiled, of what was attached to.
+            data: its state; the soft robot's base may move, its start is computed for a mount at rest.
+
+        Raises:
+            InputError: they are of another model.
+            SolverError: there is no rest.
+        """
+        from cosim.build.simulation import build_hosted  # here, see above
+        from cosim.coupling.schemes.ledger import LedgerEntry
+
+        scene = self._host.scene(model, data)
+        carrier, parts = build_hosted(self.scenario, self._model, scene)
+        loads = parts.loads(parts.plan.command)
+        found = parts.brought_to_rest(carrier.flange_pose, loads)
+        ledger = LedgerEntry(
+            found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
+        )
+        carrier.couple(found.wrench)
+        parts.plan.phases[0].holding.apply(parts.soft, carrier.flange_pose)
+        parts.commands.begin_phase(0)
+        self._hung = run = _Hung(scene, carrier, parts, loads, ledger)
+        for command, ticks in self._waiting:
+            parts.commands.command(command, ticks)
+        self._waiting.clear()
+        return run
+
+    def command(self, command: Command, over_s: float = 0.0) -> None:
+        """Ask for pressures, tensions and the like from the next tick on; see `Command`.
+
+        Args:
+            command: what it names is reached evenly within a time and held then.
+            over_s: that time [s]; one tick at least.
+
+        Raises:
+            InputError: it names what there is not.
+        """
+        if not isinstance(over_s, float | int) or not 0.0 <= over_s < float("inf"):
+            raise InputError(f"over_s is {over_s!r}; must be a time in seconds, 0 or more")
+        ticks = max(1, round(over_s / self.tick_s))
+        if self._hung is None:
+            self._waiting.append((command, ticks))
+        else:
+            self._hung.parts.commands.command(command, ticks)
+
+    @property
+    def pressure_Pa(self) -> tuple[float, ...]:
+        """Gauge pressure of each chamber; set it to a number for all, one each, or some by name."""
+        return tuple(self._parts.soft.pressures_Pa)
+
+    @pressure_Pa.setter
+    def pressure_Pa(self, values: Values) -> None:
+        names = self.scenario.soft_robot.chamber_names()
+        self.command(Command(pressure_Pa=_by_name(values, names, "pressure_Pa")))
+
+    @property
+    def tension_N(self) -> tuple[float, ...]:
+        """Tension of each cable at its base in the last tick; set it to a number, one each, or by name."""
+        return tuple(self._run.loads.cable_tension_N)
+
+    @tension_N.setter
+    def tension_N(self, values: Values) -> None:
+        names = self.scenario.soft_robot.cable_names()
+        self.command(Command(cable_tension_N=_by_name(values, names, "tension_N")))
+
+    @property
+    def tick(self) -> int:
+        """Ticks of the soft robot since it was brought to rest."""
+        return self._run.tick
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft robot exerts on its mount at present, at its origin, world axes."""
+        return self._run.carrier.wrench
+
+    @property
+    def ledger(self) -> LedgerEntry:
+        """What was exchanged in the last tick."""
+        ledger = self._run.ledger
+        return ledger() if callable(ledger) else ledger
+
+    @property
+    def tip_position(self) -> Array:
+        """(3,) [m], world."""
+        soft = self._parts.soft
+        return soft.body.tip_position(soft.state.positions)
+
+    @property
+    def film(self) -> Array:
+        """Nodes of the film (n, 3) [m], world."""
+        return self._parts.soft.state.positions.copy()
+
+    @property
+    def triangles(self) -> IntArray:
+        """Nodes of each triangle of the film (m, 3)."""
+        return self._model.body.triangles
+
+    @property
+    def node_mass_kg(self) -> Array:
+        """(n,), of the film's nodes."""
+        return self._model.body.node_mass.copy()
+
+    def measure(self) -> Measurement:
+        """Return what is measured of the present state, without noise; without joints of the scene."""
+        run = self._run
+        return run.parts.measured_now(run.tick * self.tick_s, np.array(run.loads.cable_tension_N))
+
+    def save(self) -> AttachedState:
+        """Return the present state, MuJoCo's included; saving has no effect on the ticks to come.
+
+        Raises:
+            InputError: a tick is in progress.
+        """
+        run = self._run
+        if run.stepping or run.steps:
+            raise InputError("a tick is in progress; save after after(), at the end of the soft robot's tick")
+        return self._state(run)
+
+    def _state(self, run: _Hung) -> AttachedState:
+        parts, carrier = run.parts, run.carrier.save_state()
+        saved = AttachedState(
+            run.tick, parts.soft.save_state(), carrier, parts.commands.save_state(), run.loads, self.ledger
+        )
+        self._known.add(saved)
+        return saved
+
+    def restore(self, saved: AttachedState | str | Path) -> None:
+        """Go to a saved state, or that of a file; MuJoCo's data goes there too.
+
+        Args:
+            saved: what `save` has returned, or a file's path.
+
+        Raises:
+            InputError: the file cannot be read, or the state does not fit.
+        """
+        run = self._run
+        state = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+        if not isinstance(state, AttachedState):
+            raise InputError(f"{saved}: holds no attached soft robot but a {type(state).__name__}")
+        if state not in self._known:
+            check_state(state, self._state(run), AttachedState)
+        run.parts.soft.restore_state(state.soft)
+        run.carrier.restore_state(state.carrier)
+        run.parts.commands.restore_state(state.commands)
+        run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
+        run.steps, run.stepping = 0, False
+        self._known.add(state)
+
+    @property
+    def _run(self) -> _Hung:
+        if self._hung is None:
+            raise InputError("the soft robot hangs on nothing yet; call before() or reset() with model, data")
+        return self._hung
+
+    @property
+    def _parts(self) -> Parts:
+        return self._run.parts
+
+    def _loads(self, run: _Hung) -> Loads:
+        """Return what acts on the soft robot at the end of the tick that begins."""
+        parts, done = run.parts, run.tick + 1
+        ahead = parts.commands.ahead(0, done, 1)
+        if ahead is not None:
+            return parts.loads(ahead.soft[0])
+        step = StepToTake(0, done, run.tick * self.tick_s, self.tick_s)
+        return parts.loads(parts.command(step).soft)
+
+    def __repr__(self) -> str:
+        """Return one line: what hangs where."""
+        when = "not begun" if self._hung is None else f"tick {self.tick}"
+        return f"{self.scenario.soft_robot.name} attached at {self._host.at!r}, {when}"
+
+
+def attach(
+    spec: HostSource,
+    at: str,
+    robot: str | Path | None = None,
+    *,
+    tick_s: float | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    body: AnyBody | None = None,
+) -> Attached:
+    """Hang a soft robot on a site or body of a MuJoCo model, and leave the loop to whoever has it.
+
+    Args:
+        spec: `mujoco.MjSpec`, which is compiled afterwards; path of an MJCF, which `Attached.spec` is then
+            read from; or a compiled `mujoco.MjModel`.
+        at: name of a site, or else of a body: its frame is the flange, the soft robot hangs along its z axis.
+        robot: name of a soft robot that comes with cosim, or path of its file.
+        tick_s: of the soft robot, one or several timesteps; None: MuJoCo's timestep.
+        overrides: values by key path of a scenario, such as {"fidelity": "section",
+            "start.pressure_Pa": 20e3, "solver.damping_per_s": 2.0}; gravity and clock are the model's.
+        body: a soft body in place of `robot`.
+
+    Raises:
+        InputError: the model has no such site or body, its integrator is RK4, or a key is wrong.
+    """
+    from cosim.rigid.scene.host_model import HostModel  # here: it brings MuJoCo
+
+    if (robot is None) == (body is None):
+        raise InputError("robot and body: give one of them, the name or file of a soft robot or a soft body")
+    named, changes = named_body(body), dict(overrides or {})
+    for key, where in (("clock.tick_s", "tick_s"), ("gravity_m_s2", "model.opt.gravity"), ("robot", "spec")):
+        if key in changes:
+            raise InputError(f"overrides: {key} cannot be set here; {where} has it")
+    host = HostModel.of(spec, at, tick_s)
+    scenario = load_scenario(_scenario(host, robot), changes, named and named.table())
+    if not scenario.endless or scenario.mode != "dynamic" or scenario.coupling.scheme != "staggered":
+        raise InputError(
+            "overrides: attached soft robots have no phases, mode 'dynamic', coupling.scheme 'staggered'; "
+            "leave these keys out"
+        )
+    chosen = prepared(scenario, log, recording=False)
+    _compile(chosen)
+    note_kinds(chosen)
+    return Attached(chosen, host, named and named.body)
+
+
+def _scenario(host: HostModel, robot: str | Path | None) -> Scenario:
+    """Return a scenario that holds a soft robot still; its start is found where the mount is."""
+    start = StartTable(FlangePoseTable((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    table = load_soft_robot("hexagon_arm" if robot is None else robot)
+    tick_s = host.steps * host.timestep_s
+    return Scenario(
+        2, "attached", f"a soft robot at {host.at}", NO_ARM, table, start,
+        gravity_m_s2=host.gravity, clock=ClockTable(tick_s),
+    )  # fmt: skip
+
+
+def _compile(scenario: Scenario) -> None:
+    from cosim.base.compilation import compile_modules  # here: it brings the kernels
+    from cosim.build.kernel_modules import contact_modules, exchange_modules
+
+    touched = contact_modules() if scenario.contact.enabled else ()
+    compile_modules(log, (*exchange_modules(scenario), *touched))
+
+
+def _check(run: _Hung, model: Model, data: Data) -> None:
+    if not run.scene.is_of(model, data):
+        raise InputError("the soft robot hangs on another model and data; call reset(model, data) to move it")
+
+
+def _by_name(values: Values, names: tuple[str, ...], key: str) -> dict[str, float]:
+    """Return values by name, as they may be given.
+
+    Raises:
+        InputError: there are not as many as names.
+    """
+    if isinstance(values, Mapping):
+        return dict(values)
+    if isinstance(values, Real):
+        return dict.fromkeys(names, float(values))
+    return dict(zip(names, row_of_numbers(values, len(names), key), strict=True))

@@ -1,0 +1,137 @@
+"""What an exchange with a soft robot needs of a scene, whoever steps that."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, final
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.arm import MountedFrame
+from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
+from cosim.rigid.scene.native import NativeScene
+
+
+class CoupledScene(ABC):
+    """A scene with a soft robot on its flange; a view into MuJoCo's model and state.
+
+    `flange` is the frame that the soft robot hangs on, `bodies` are those that its film may touch. Arrays
+    over joints (dofs,) are of the degrees of freedom that move the flange.
+
+    Args:
+        model: compiled scene.
+        data: its state.
+        tick_s: length of a tick [s].
+    """
+
+    steps_itself = True
+    """Whether the exchange takes the steps of MuJoCo; otherwise somebody else has taken them before."""
+    flange: MountedFrame
+    bodies: Bodies
+    _resisting: Array
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, tick_s: float) -> None:
+        self._model, self._data, self._tick_s = model, data, tick_s
+        self.body_names = tuple(model.body(i).name for i in range(model.nbody))
+        # MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy
+        self._place: tuple[Array, Array] = data.xpos, data.xquat
+
+    @property
+    def tick_s(self) -> float:
+        """Length of a tick [s]."""
+        return self._tick_s
+
+    @property
+    def substeps(self) -> int:
+        """How many steps of MuJoCo a tick may be cut into."""
+        return 1
+
+    def go_finely(self, left: int | None) -> None:  # noqa: B027  # most scenes do not cut ticks
+        """Let ticks be single steps of MuJoCo, so many left in a tick of the clock; None: whole ticks."""
+
+    @property
+    @abstractmethod
+    def joint_acceleration(self) -> Array:
+        """(dofs,) [rad/s^2], of the last finished step."""
+
+    def apply_flange_wrench(self, wrench: Wrench) -> None:
+        """Set the load on the flange from now on: at the flange origin, world axes."""
+        raise NotImplementedError("trials of a tick need a scene that steps itself")
+
+    def received_wrench(self) -> SixNumbers:
+        """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
+        raise NotImplementedError("trials of a tick need a scene that steps itself")
+
+    @abstractmethod
+    def apply_joint_torque(self, torque: Array) -> None:
+        """Set a torque (dofs,) [N m] from now on, besides all else."""
+
+    @final
+    @property
+    def flange_pose(self) -> Pose:
+        """world_from_flange."""
+        return self.flange.pose
+
+    @final
+    @property
+    def flange_twist(self) -> Twist:
+        """Velocity of the flange, at its origin, world axes."""
+        return self.flange.twist
+
+    @final
+    def body_poses(self) -> tuple[Array, Array]:
+        """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
+        position, quaternion = self._place
+        return position.copy(), quaternion.copy()
+
+    @final
+    def mobility(self, bodies: IntArray | None = None) -> Array:
+        """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
+
+        Of the flange, then of bodies (b,) if given; M with armature, but without what is carried; h the tick,
+        D of servos and joints.
+        """
+        added, carried = np.diag(self._resisting), self.bodies.carried
+        added[carried.square] -= carried.on_arm
+        jacobian = self.flange.whole_jacobian()
+        if bodies is not None:
+            jacobian = np.concatenate([jacobian, jacobian_of(self._model, self._data, bodies)])
+        return mobility(self._model, self._data, jacobian, added)
+
+    def check(self) -> None:  # noqa: B027  # whoever else steps a scene sees to it
+        """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
+
+    @abstractmethod
+    def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
+        """Return the distances to everything that collides (and is fixed), but what carries the flange."""
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Return to a state of `save_state`; everything readable follows.
+
+        Raises:
+            InputError: the state is of a scene with other bodies or joints.
+        """
+
+    @abstractmethod
+    def native(self) -> NativeScene:
+        """Return the scene for kernels.
+
+        Raises:
+            SceneError: MuJoCo's library cannot be found.
+        """
+
+    @abstractmethod
+    def stepped(self, began: Pose) -> None:
+        """Follow steps that kernels have taken.
+
+        Args:
+            began: pose of the flange at the beginning of the last of them.
+        """

@@ -1,0 +1,309 @@
+"""A scene that somebody else steps: a soft robot hangs on it as long as one of MuJoCo's steps takes.
+
+What is applied for a step and taken off after it, so that a loop may write its loads whenever it likes.
+
+Before a step, the load of the soft robot is added to what the loop itself applies (`xfrc_applied`,
+`qfrc_applied`); after it, both are put back. Inertia that the soft robot's mount carries is added to the mass
+matrix by MuJoCo's control callback, which is called between the two halves of a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, final
+from weakref import WeakValueDictionary
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, IntArray, Pose, cross
+from cosim.errors import InputError, InstabilityError
+from cosim.rigid.build.object_bodies import GEOM_TYPES
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.arm import MountedFrame, Mounting
+from cosim.rigid.scene.bodies import Bodies, touchable_geoms
+from cosim.rigid.scene.coupled_scene import CoupledScene
+from cosim.rigid.scene.native import NativeScene, mass_places
+
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_MOST_OFF: Final = 1e-6
+"""Share of a step by which MuJoCo's clock may be elsewhere than one step later."""
+
+
+@final
+class StepLoads:
+    """What soft robots apply to one scene for the length of a step.
+
+    Args:
+        data: state of the scene.
+    """
+
+    def __init__(self, data: mujoco.MjData) -> None:
+        self._data = data
+        self._on: list[HostScene] = []
+        self._given: tuple[Array, Array] | None = None  # by the loop
+        self._left: tuple[Array, Array] | None = None  # for the step
+        self._others: Any = None
+
+    def put_on(self, scene: HostScene) -> None:
+        """Add what a scene's soft robot applies, and let its mount carry inertia."""
+        data = self._data
+        if not self._on:
+            self._given, self._others = self._copy(), mujoco.get_mjcb_control()
+        data.xfrc_applied += scene.load
+        data.qfrc_applied += scene.torque
+        self._left = self._copy()
+        if scene.carries and not any(each.carries for each in self._on):
+            mujoco.set_mjcb_control(self._carry)
+        self._on.append(scene)
+
+    def take_off(self, scene: HostScene) -> None:
+        """Undo `put_on`; what the loop has applied is there again once all have been taken off.
+
+        Raises:
+            InputError: somebody has written to it meanwhile.
+        """
+        assert self._left is not None, "put_on() comes before"
+        if any(each.carries for each in self._on):
+            mujoco.set_mjcb_control(self._others)
+        here, left = self._copy(), self._left
+        self._on.remove(scene)
+        if not self._on:
+            assert self._given is not None, "put_on() has set it"
+            self._data.xfrc_applied[:], self._data.qfrc_applied[:] = self._given
+        for name, one, other in zip(("xfrc_applied", "qfrc_applied"), here, left, strict=True):
+            if not np.array_equal(one, other):
+                raise InputError(
+                    f"data.{name} was written to between before() and after(), which has undone the load of "
+                    "the soft robot; write to it ahead of before()"
+                )
+
+    def _copy(self) -> tuple[Array, Array]:
+        return self._data.xfrc_applied.copy(), self._data.qfrc_applied.copy()
+
+    def _carry(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Add what is carried to the mass matrix, which MuJoCo has just computed; its control callback."""
+        if data._address == self._data._address:
+            for scene in self._on:
+                scene.carry()
+        if self._others is not None:
+            self._others(model, data)
+
+
+_LOADS: Final[WeakValueDictionary[int, StepLoads]] = WeakValueDictionary()
+
+
+@final
+@dataclass(frozen=True)
+class HostState:
+    """Everything that the next step depends on.
+
+    Args:
+        integration: MuJoCo's own state vector, inputs and warm start included.
+        acceleration: (nv,) of the last step.
+        load: (bodies, 6), of the soft robot on bodies.
+        loaded: bodies that contact loads at present.
+        carried: (dofs, dofs) [kg m^2], that the mount carries.
+    """
+
+    integration: Array
+    acceleration: Array
+    load: Annotated[Array, ("bodies", 6)]
+    loaded: Annotated[IntArray, ("k",)]
+    carried: Array
+
+
+@final
+class HostScene(CoupledScene):
+    """Somebody's scene with a soft robot on a site or body of it.
+
+    For each of MuJoCo's steps: `begin_step`, that step, `end_step`. `load` (bodies, 6) is what the soft robot
+    applies at centres of mass, `torque` (nv,) what is given back of what its mount carries; `acts` (6,) is
+    the load on the flange alone.
+
+    Args:
+        model: somebody's.
+        data: its state.
+        mounting: where the soft robot hangs.
+        steps: of MuJoCo in a tick.
+    """
+
+    steps_itself = False
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, steps: int) -> None:
+        super().__init__(model, data, steps * float(model.opt.timestep))
+        self._steps, self._mounting, self._began_s = steps, mounting, 0.0
+        self.flange = MountedFrame(model, data, mounting)
+        pace = np.ones(2, np.int64)  # how bodies give way is foreseen as if a tick were one step
+        self.bodies = Bodies(model, data, mounting, np.zeros(model.nbody, dtype=bool), pace)
+        self._resisting = self.tick_s * model.dof_damping
+        self.load, self.torque = np.zeros((model.nbody, 6)), np.zeros(model.nv)
+        dofs = len(self.bodies.carried.on_arm)
+        self.acts, self._at = np.zeros(6), np.zeros(3)
+        self._given_back, self._acceleration = np.zeros(dofs), np.zeros(dofs)
+        self._speed = np.zeros(dofs)
+        self._loads = _LOADS.setdefault(data._address, StepLoads(data))
+        self._native = self._as_native()
+        self.read()
+
+    @property
+    def carries(self) -> bool:
+        """Whether the mount carries inertia."""
+        return bool(self.bodies.carried.on_arm.any())
+
+    @property
+    def joint_acceleration(self) -> Array:
+        return self._acceleration.copy()
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """None: what moves is not ordered by joints."""
+        return ()
+
+    def apply_joint_torque(self, torque: Array) -> None:
+        self._given_back[:] = torque
+
+    def stepped(self, began: Pose) -> None:
+        self.flange.moved()
+
+    def native(self) -> NativeScene:
+        return self._native
+
+    def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
+        """Return the distances to everything that collides (and is fixed), but for what the mount is part of.
+
+        Raises:
+            InputError: something that collides has no surface that a film could touch.
+        """
+        geoms = touchable_geoms(self._model, self._mounting.body, fixed_only=fixed_only)
+        for geom in geoms.tolist():
+            kind = mujoco.mjtGeom(self._model.geom_type[geom])
+            if kind not in GEOM_TYPES.values():
+                name, what = self._model.geom(geom).name or geom, kind.name.removeprefix("mjGEOM_").lower()
+                raise InputError(
+                    f"geom {name!r} is of type {what!r}, which a film cannot touch; replace it, set its "
+                    'contype and conaffinity to 0, or attach with overrides={"contact.enabled": False}'
+                )
+        return ContactQuery(self._model, self._data, geoms)
+
+    def carry(self) -> None:
+        """Add what is carried to a mass matrix that MuJoCo has computed for new positions."""
+        self.bodies.carried.follow()
+
+    def begin_tick(self) -> None:
+        """Take what acts on the flange and on bodies, and what is given back, for the steps of a tick."""
+        origin, mount = self.flange.pose.translation, self._mounting.body
+        self._at[:] = origin
+        force = self.acts[:3]
+        self.load[mount, :3] = force
+        self.load[mount, 3:] = self.acts[3:] + cross(origin - self._data.xipos[mount], force)
+        dofs = self._mounting.dofs
+        self.torque[dofs] = self._given_back
+        self._speed[:] = self._data.qvel[dofs]
+
+    def begin_step(self) -> None:
+        """Apply all of it for one step of MuJoCo."""
+        self._began_s = float(self._data.time)
+        self._loads.put_on(self)
+
+    def step(self) -> None:
+        """Take one step of MuJoCo."""
+        mujoco.mj_step(self._model, self._data)
+
+    def is_of(self, model: object, data: object) -> bool:
+        """Return whether these are its model and its state."""
+        return model is self._model and data is self._data
+
+    @property
+    def time_s(self) -> float:
+        """MuJoCo's."""
+        return float(self._data.time)
+
+    def end_step(self) -> None:
+        """Take it off.
+
+        Raises:
+            InputError: MuJoCo has not taken one step, or loads have been written to meanwhile.
+            InstabilityError: MuJoCo has begun anew, as its state was no longer finite.
+        """
+        self._loads.take_off(self)
+        began, now, step_s = self._began_s, float(self._data.time), float(self._model.opt.timestep)
+        if abs(now - began - step_s) <= _MOST_OFF * step_s:
+            return
+        if now < began + 0.5 * step_s and np.count_nonzero(self._data.warning.number):
+            raise InstabilityError(
+                f"MuJoCo's state became unstable at {began:.4f} s and it began anew; check masses, loads and "
+                "servos, or use a shorter timestep"
+            )
+        raise InputError(
+            f"data.time went from {began:g} s to {now:g} s between before() and after(); exactly one mj_step "
+            f"of {step_s:g} s belongs there, and after mj_resetData comes reset(model, data)"
+        )
+
+    def end_tick(self) -> None:
+        """Read what the tick has led to, before the soft robot moves."""
+        data, dofs = self._data, self._mounting.dofs
+        if self._steps == 1:
+            self._acceleration[:] = data.qacc[dofs]
+        else:
+            self._acceleration[:] = (data.qvel[dofs] - self._speed) / self.tick_s
+        self.read()
+
+    def read(self) -> None:
+        """Bring poses, velocities and inertia up to the present state of the joints."""
+        mujoco.mj_fwdPosition(self._model, self._data)
+        mujoco.mj_fwdVelocity(self._model, self._data)
+        self.flange.moved()
+        self.carry()
+
+    def lend(self) -> tuple[Array, Array]:
+        """Let MuJoCo's arrays hold the soft robot's loads alone; return what they have held."""
+        data = self._data
+        given = data.xfrc_applied.copy(), data.qfrc_applied.copy()
+        data.xfrc_applied[:], data.qfrc_applied[:] = self.load, self.torque
+        return given
+
+    def give_back(self, given: tuple[Array, Array]) -> None:
+        """Keep what loads of contact have become meanwhile, and undo `lend`."""
+        self.load[:] = self._data.xfrc_applied
+        self._data.xfrc_applied[:], self._data.qfrc_applied[:] = given
+
+    def save_state(self) -> HostState:
+        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+        integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, integration, _STATE)
+        on_arm = self.bodies.carried.on_arm.copy()
+        return HostState(integration, self._data.qacc.copy(), self.load.copy(), self.bodies.loaded, on_arm)
+
+    def restore_state(self, state: HostState) -> None:
+        """Return to a state of `save_state`, MuJoCo's included; everything readable follows.
+
+        Raises:
+            InputError: the state is of a scene with other bodies or joints.
+        """
+        size = mujoco.mj_stateSize(self._model, _STATE)
+        if len(state.integration) != size or len(state.load) != len(self.load):
+            raise InputError(
+                f"the saved scene has {len(state.integration)} numbers, here {size}: bodies and joints must "
+                "be as many"
+            )
+        self.bodies.loaded = state.loaded
+        self.bodies.carried.on_arm[:] = state.carried
+        mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
+        self.load[:] = state.load
+        self.read()
+        self._data.qacc[:] = state.acceleration
+        self._acceleration[:] = state.acceleration[self._mounting.dofs]
+
+    def _as_native(self) -> NativeScene:
+        """Return what kernels see: joints are not theirs to read, nor steps theirs to take."""
+        model, data, body = self._model, self._data, self._mounting.body
+        origin, axes = self._mounting.frame(data)
+        none, nowhere = np.zeros(0), np.zeros(0, np.int64)
+        return NativeScene(
+            np.ones(2, np.int64), float(model.opt.timestep), np.zeros(3, np.int64),
+            np.array((model._address, data._address)), np.zeros((0, 3)), none, none, none,
+            self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
+            data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
+            mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),
+        )  # fmt: skip

@@ -1,0 +1,104 @@
+"""A scene of somebody else as the carrier of the flange: the soft robot follows whoever steps it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Wrench
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks_taken import TicksTaken
+from cosim.errors import InputError
+from cosim.plan.motion import JointReference
+from cosim.rigid.scene.host_scene import HostScene, HostState
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.stepping.scene_carrier import SceneCarrier
+
+
+@final
+@dataclass(frozen=True)
+class HostCarrierState:
+    """Where somebody's scene is.
+
+    Args:
+        scene: rigid side.
+        coupling: exchange with the soft side.
+    """
+
+    scene: HostState
+    coupling: Any
+
+
+_NO_SERVOS: Final = Servos.knowing_no_payload(*[np.zeros((1, 0))] * 3)
+
+
+@final
+class HostCarrier(SceneCarrier):
+    """A site or body of somebody's scene, which steps that: `begin`, the steps of a tick, then `advance`.
+
+    Args:
+        scene: rigid side.
+        soft: soft side.
+        contact: law of the soft robot's contact with the scene; None for no contact.
+    """
+
+    def __init__(self, scene: HostScene, soft: SoftSide, contact: ContactLaw | None) -> None:
+        super().__init__(scene, soft, contact)
+        self._scene = scene
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        return {"Arm": "a scene that somebody else steps"}
+
+    def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> StaggeredCoupling:
+        return StaggeredCoupling(Interface(self._coupled, self._soft, wrench, contact))
+
+    def set_configuration(self, joints: Array) -> None:
+        pass
+
+    def track(self, reference: Array) -> None:
+        pass
+
+    def servos(self, references: JointReference) -> Servos:
+        return _NO_SERVOS
+
+    def begin(self) -> None:
+        """Begin a tick: what acts through it is on the rigid side's arrays."""
+        assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
+        self._coupling.begin()
+        self._scene.begin_tick()
+
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        self._scene.end_tick()
+        given = self._scene.lend()
+        try:
+            return super().advance(servos, loads)
+        finally:
+            self._scene.give_back(given)
+
+    def end(self, loads: Loads) -> TicksTaken:
+        """End a tick: the soft robot moves to where the flange has come, under loads at the end of the tick.
+
+        Raises:
+            ConvergenceError: the soft step has no solution.
+        """
+        return self.advance(_NO_SERVOS, [loads])
+
+    def save_state(self) -> HostCarrierState:
+        assert self._coupling is not None, "couple() comes before"
+        saved = HostCarrierState(self._scene.save_state(), self._coupling.save_state())
+        self._known.add(saved)
+        return saved
+
+    def restore_state(self, state: object) -> None:
+        if not isinstance(state, HostCarrierState):
+            raise InputError("the saved state is not of a soft robot in somebody's scene")
+        self._restore_exchange(state, state.coupling, state.scene.loaded)

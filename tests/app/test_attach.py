@@ -1,0 +1,288 @@
+"""A soft robot on anybody's MuJoCo model: as in `Simulation`, momentum conserved, the rest refused."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import cosim
+from cosim.app.simulation import stepped_run
+from cosim.errors import InputError
+
+ARM = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="2 2 0.1"/>
+    <body name="upper" pos="0 0 1.0">
+      <joint name="shoulder" axis="0 1 0" damping="1"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="2"/>
+      <body name="lower" pos="0.3 0 0">
+        <joint name="elbow" axis="0 1 0" damping="1"/>
+        <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.03" mass="1"/>
+        <site name="wrist" pos="0.2 0 0" euler="0 180 0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="shoulder" kp="400" kv="20"/>
+    <position joint="elbow" kp="200" kv="10"/>
+  </actuator>
+</mujoco>
+"""
+FREE = """
+<mujoco>
+  <option timestep="0.002" gravity="0 0 0"/>
+  <worldbody>
+    <body name="base"><freejoint/><geom type="box" size="0.05 0.05 0.05" mass="{mass}"/></body>
+  </worldbody>
+</mujoco>
+"""
+LIGHT: dict[str, Any] = {"fidelity": "rigid"}
+ROBOT = "square_core"
+
+
+def hung(text: str = ARM, at: str = "wrist", **given: Any) -> tuple[cosim.Attached, Any, Any]:
+    """Return a soft robot attached to an MJCF, with its compiled model and data."""
+    spec = mujoco.MjSpec.from_string(text)
+    soft = cosim.attach(spec, at, ROBOT, **given)
+    model = spec.compile()
+    return soft, model, mujoco.MjData(model)
+
+
+def test_a_foreign_loop_around_a_scene_is_the_simulation_to_the_bit() -> None:
+    """The UR5e carries algorithmic mass with such a heavy soft arm; a command of every tick changes both."""
+    heavy = {"soft_robot.mass.node_mass_kg": 0.02, "solver.damping_per_s": 2.0, "start.pressure_Pa": 5e3}
+    changes = {"soft_robot": ROBOT, "phase": [], "start.cable_tension_N": [], **heavy}
+    simulation = cosim.Simulation("ur5e_hexagon_arm", overrides=changes)
+    carrier: Any = stepped_run(simulation)._parts.carrier
+    inside = carrier._scene
+    model = copy.copy(inside._model)
+    data = mujoco.MjData(model)
+    data.qpos[:] = inside._data.qpos
+    soft = cosim.attach(model, "flange", ROBOT, overrides=heavy)
+    soft.reset(model, data)
+    (chamber,), carried = simulation.stage.chamber_names, 0
+    for tick in range(60):
+        command = cosim.Command(pressure_Pa={chamber: 5e3 + 20.0 * tick})
+        seen = simulation.step(command)
+        soft.command(command)
+        data.ctrl[:] = inside._data.ctrl
+        soft.before(model, data)
+        mujoco.mj_step(model, data)
+        soft.after(model, data)
+        carried += seen.ledger.algorithmic_mass
+        np.testing.assert_array_equal(data.qpos, seen.joint_position)
+        np.testing.assert_array_equal(soft.tip_position, seen.tip_position)
+        np.testing.assert_array_equal(soft.wrench.force, seen.ledger.wrench.force)
+        np.testing.assert_array_equal(soft.wrench.torque, seen.ledger.wrench.torque)
+        assert replace(soft.ledger, wrench=seen.ledger.wrench) == seen.ledger
+    assert carried > 30
+    assert soft.ledger.momentum_error < 1e-10
+
+
+EXACT: dict[str, Any] = {
+    "solver.dynamic_tolerance_N": 1e-10, "solver.residual_tolerance_N": 1e-10,
+    "solver.dynamic_newton_iterations": 20, "solver.integrator": "implicit_euler",
+}  # fmt: skip
+
+
+def test_momentum_is_conserved_on_a_free_body() -> None:
+    """That of body and film, and of the wrench on its way to the body; both move to and fro meanwhile."""
+    mass = 2.0
+    soft, model, data = hung(FREE.format(mass=mass), "base", overrides=EXACT)
+    soft.reset(model, data)
+    h, node_mass, film, moved = soft.tick_s, soft.node_mass_kg, soft.film, []
+    data.qvel[:3] = 0.05, -0.02, 0.03  # the film starts at rest
+    soft.pressure_Pa = 3e3
+    momentum = []
+    for _ in range(20):
+        before, film_before = data.qvel[:3].copy(), film
+        soft.step(model, data)
+        film = soft.film
+        of_film = node_mass @ (film - film_before) / h
+        momentum.append(mass * data.qvel[:3] + of_film + h * soft.wrench.force)
+        moved.append(mass * np.abs(data.qvel[:3] - before).max())
+        assert not soft.ledger.algorithmic_mass
+    assert sum(moved) > 0.01
+    np.testing.assert_allclose(momentum, [momentum[0]] * 20, rtol=0.0, atol=1e-10 * sum(moved))
+
+
+REFUSED = {
+    "no_such_site": (ARM, {"at": "hand"}, r"at is 'hand'.*sites: wrist; bodies: upper, lower"),
+    "rk4": (ARM.replace("<option", '<option integrator="RK4"'), {}, "RK4.*use Euler"),
+    "tick": (ARM, {"tick_s": 0.003}, "tick_s is 0.003; must be one or several timesteps of 0.002"),
+    "not_finite": (ARM.replace('mass="2"', 'mass="-2"'), {}, "MuJoCo refuses it"),
+    "gravity": (ARM, {"overrides": {"gravity_m_s2": [0.0, 0.0, 0.0]}}, "gravity_m_s2 cannot be set here"),
+    "scheme": (ARM, {"overrides": {"coupling.scheme": "iterated"}}, "coupling.scheme 'staggered'"),
+    "key": (ARM, {"overrides": {"no.such": 1}}, "no"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_will_not_do_is_refused_by_name(name: str) -> None:
+    text, given, words = REFUSED[name]
+    arguments = {"at": "wrist", "overrides": LIGHT, **given}
+    with pytest.raises(InputError, match=words):
+        cosim.attach(mujoco.MjSpec.from_string(text), robot=ROBOT, **arguments)
+
+
+def test_robot_or_body_is_given_and_a_model_of_some_kind() -> None:
+    with pytest.raises(InputError, match="give one of them"):
+        cosim.attach(mujoco.MjSpec.from_string(ARM), "wrist")
+    with pytest.raises(InputError, match=r"spec is dict; give a mujoco\.MjSpec"):
+        cosim.attach({}, "wrist", ROBOT)  # type: ignore[arg-type]
+
+
+def test_a_loop_that_calls_in_the_wrong_order_is_told() -> None:
+    soft, model, data = hung(overrides=LIGHT)
+    with pytest.raises(InputError, match="hangs on nothing yet"):
+        soft.save()
+    with pytest.raises(InputError, match="without before"):
+        soft.after(model, data)
+    soft.before(model, data)
+    with pytest.raises(InputError, match="called twice"):
+        soft.before(model, data)
+    with pytest.raises(InputError, match="a tick is in progress"):
+        soft.save()
+    with pytest.raises(InputError, match="exactly one mj_step"):
+        soft.after(model, data)
+    soft.reset(model, data)
+    soft.before(model, data)
+    data.xfrc_applied[:] = 0.0
+    mujoco.mj_step(model, data)
+    with pytest.raises(InputError, match="xfrc_applied was written to between"):
+        soft.after(model, data)
+    with pytest.raises(InputError, match="another model and data"):
+        soft.before(model, mujoco.MjData(model))
+    model.opt.timestep = 0.001
+    with pytest.raises(InputError, match=r"model\.opt\.timestep is 0\.001, and was 0\.002"):
+        soft.reset(model, data)
+
+
+def test_loads_of_the_loop_itself_stay_as_they_are() -> None:
+    """A push on the arm and a torque are there before, while MuJoCo steps, and after, beside the wrench."""
+    soft, model, data = hung(overrides={"fidelity": "rigid"})
+    data.xfrc_applied[1, :3], data.qfrc_applied[:] = (0.1, 0.2, 0.3), 0.01
+    given = data.xfrc_applied.copy(), data.qfrc_applied.copy()
+    for _ in range(3):
+        soft.before(model, data)
+        lower = data.xfrc_applied[2] - given[0][2]
+        np.testing.assert_array_equal(lower[:3], soft.wrench.force)
+        mujoco.mj_step(model, data)
+        soft.after(model, data)
+        np.testing.assert_array_equal(data.xfrc_applied, given[0])
+        np.testing.assert_array_equal(data.qfrc_applied, given[1])
+
+
+def test_a_saved_state_repeats_the_ticks_to_the_bit(tmp_path: Path) -> None:
+    """Light arm: it carries algorithmic mass; from memory, from a file, and in a new pair of both."""
+    soft, model, data = hung(overrides={"solver.damping_per_s": 2.0})
+
+    def walk(soft: cosim.Attached, model: Any, data: Any) -> bytes:
+        for tick in range(8):
+            data.ctrl[:] = 0.02 * tick
+            soft.step(model, data)
+        return b"".join(part.tobytes() for part in (data.qpos, data.qvel, soft.film, soft.wrench.force))
+
+    walk(soft, model, data)
+    assert soft.ledger.algorithmic_mass
+    saved = soft.save()
+    saved.write(tmp_path / "here.npz")
+    ledger, first = repr(soft.ledger), walk(soft, model, data)
+    soft.restore(saved)
+    assert repr(soft.ledger) == ledger
+    assert walk(soft, model, data) == first
+    other, model, data = hung(overrides={"solver.damping_per_s": 2.0})
+    other.reset(model, data)
+    other.restore(tmp_path / "here.npz")
+    assert walk(other, model, data) == first
+
+
+def test_several_steps_of_mujoco_make_a_tick() -> None:
+    """The wrench stays the same within a tick; the soft robot moves at its end alone."""
+    text = ARM.replace('timestep="0.002"', 'timestep="0.0005" integrator="implicitfast"')
+    soft, model, data = hung(text, tick_s=0.002, overrides={"solver.damping_per_s": 2.0})
+    for step in range(1, 25):
+        soft.before(model, data)
+        acts = data.xfrc_applied.copy()
+        mujoco.mj_step(model, data)
+        film = soft.film
+        soft.after(model, data)
+        assert soft.tick == step // 4
+        assert np.array_equal(soft.film, film) == (step % 4 != 0)
+        if step % 4 != 1:
+            np.testing.assert_array_equal(acts, last)  # noqa: F821
+        last = acts  # noqa: F841
+    assert soft.ledger.momentum_error < 1e-10
+
+
+TWO = """
+<mujoco>
+  <worldbody>
+    <body name="left" pos="-1 0 1"><joint axis="0 1 0" damping="1"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="2"/>
+      <site name="left_wrist" pos="0.3 0 0" euler="0 180 0"/></body>
+    {other}
+  </worldbody>
+</mujoco>
+"""
+OTHER = """
+    <body name="right" pos="1 0 1"><joint axis="0 1 0" damping="1"/>
+      <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.03" mass="1"/>
+      <site name="right_wrist" pos="0.2 0 0" euler="0 180 0"/></body>
+"""
+
+
+def test_two_soft_robots_in_one_model_do_not_disturb_each_other() -> None:
+    """Each goes as it does alone, whichever is called first; both mounts carry algorithmic mass."""
+    spec = mujoco.MjSpec.from_string(TWO.format(other=OTHER))
+    both = [cosim.attach(spec, f"{side}_wrist", ROBOT) for side in ("left", "right")]
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    alone, own, state = hung(TWO.format(other=""), "left_wrist")
+    for _ in range(20):
+        for soft in both:
+            soft.before(model, data)
+        mujoco.mj_step(model, data)
+        for soft in both:
+            soft.after(model, data)
+        alone.step(own, state)
+    assert both[0].ledger.algorithmic_mass
+    assert both[1].ledger.algorithmic_mass
+    assert not data.xfrc_applied.any()
+    assert mujoco.get_mjcb_control() is None
+    np.testing.assert_allclose(data.qpos[:1], state.qpos, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(both[0].film, alone.film, rtol=0.0, atol=1e-12)
+
+
+def test_the_film_touches_what_is_in_the_scene() -> None:
+    """A soft robot on a carriage comes down on a free box, which bears what the film feels."""
+    text = """
+    <mujoco><option timestep="0.001"/><worldbody>
+      <geom name="floor" type="plane" size="1 1 0.1"/>
+      <body name="carriage" pos="0 0 0.13"><joint name="down" type="slide" axis="0 0 -1"/>
+        <geom type="box" size="0.05 0.05 0.01" mass="5" contype="0" conaffinity="0"/>
+        <site name="tool" euler="180 0 0"/></body>
+      <body name="box" pos="0 0 0.05"><freejoint/><geom type="box" size="0.05 0.05 0.05" mass="0.5"/></body>
+    </worldbody>
+    <actuator><position joint="down" kp="5000" kv="100" /></actuator></mujoco>"""
+    soft, model, data = hung(text, "tool", overrides={"solver.damping_per_s": 5.0, "start.pressure_Pa": 2e3})
+    soft.reset(model, data)
+    gap = float(soft.film[:, 2].min()) - 0.1
+    touched = 0
+    for tick in range(120):
+        data.ctrl[0] = min(gap + 2e-3, 0.001 * tick)
+        soft.step(model, data)
+        assert soft.ledger.momentum_error < 1e-10
+        touched += soft.ledger.contacts > 0
+    force = soft.measure().contact_force_N["box"]
+    assert touched > 10
+    assert force[2] < -0.1
+    assert abs(data.qpos[3] - 0.05) < 5e-3
