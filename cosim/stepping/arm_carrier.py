@@ -15,6 +15,7 @@ from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.linear_rigid import rigid_slopes
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
@@ -117,6 +118,22 @@ class ArmCarrier(Carrier):
     def holding_torque(self, wrench: Wrench) -> Array:
         load = np.concatenate([wrench.force, wrench.torque])
         return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
+
+    def linear_half(self) -> Array:
+        coupling = self._coupling
+        if not isinstance(coupling, StaggeredCoupling) or coupling.carries:
+            raise InputError(
+                "a linear model is of the staggered exchange without algorithmic mass: set coupling.scheme = "
+                "'staggered', and a shorter clock.tick_s where the soft robot is heavy for the arm"
+            )
+        if coupling.interface.touched.count:
+            raise InputError("a linear model has no contact; move the soft robot off what it touches")
+
+        def servos(position: Array, velocity: Array) -> Servos:
+            still = np.zeros((1, len(position)))
+            return self.servos(JointReference(position[None], velocity[None], still))
+
+        return rigid_slopes(coupling.interface, servos, self._scene.servo_reference)
 
     @property
     def body_names(self) -> tuple[str, ...]:

@@ -107,11 +107,6 @@ class QuasistaticSimulation(SteppedRun):
         assert self._here is not None, "the run has begun"
         return self._here
 
-    @property
-    def soft(self) -> SoftSide:
-        """Whose equilibrium it is."""
-        return self._parts.soft
-
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
         plan, carrier = parts.plan, parts.carrier

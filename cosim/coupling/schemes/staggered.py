@@ -464,6 +464,11 @@ class StaggeredCoupling(Coupling):
         return not self._halves.plain and interface.soft.rowing is self._rowing
 
     @property
+    def carries(self) -> bool:
+        """Whether an algorithmic mass rides on the joints."""
+        return self._carries
+
+    @property
     def fine(self) -> FineTicks:
         """What takes ticks in pieces."""
         return self._fine
