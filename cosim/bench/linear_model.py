@@ -75,7 +75,7 @@ class LinearModel:
         return a, b, self.c, self.d[:, own]
 
     def poles(self) -> tuple[Array, Array]:
-        """Return the poles (k,) [1/s] of continuous motion, and their eigenvectors (n, k) of A; slow ones first.
+        """Return the poles (k,) [1/s] of continuous motion, slow ones first, with eigenvectors (n, k) of A.
 
         A pole's imaginary part is its angular frequency, minus its real part the decay. What the integrator
         adds to both is taken off: a step h multiplies a motion exp(l t) by z with l h = 1 - 1 / z (implicit

@@ -1,4 +1,4 @@
-"""Linear models of runs against differences of their ticks, and against the frequencies that a run reports."""
+"""Linear models against differences of a run's ticks, and against the frequencies that it reports."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_the_ticks_of_a_linear_model_are_those_of_the_run(tmp_path: Path, integr
     )  # fmt: skip
     for name in model.inputs:
         step = STEPS[name.partition(".")[0]]
-        run = differences(lambda change, name=name: tips(simulation, name, change[0]), np.zeros(1), step)[0]
+        run = differences(lambda change: tips(simulation, name, change[0]), np.zeros(1), step)[0]  # noqa: B023
         assert relative_error(answer(model, name), run) < 1e-6, name
 
 

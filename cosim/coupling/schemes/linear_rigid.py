@@ -45,7 +45,7 @@ def rigid_slopes(interface: Interface, servos: Callable[[Array, Array], Servos],
         flange = scene.flange_pose
         ticks.figures[0], ticks.origin[0], ticks.axes[0] = load, flange.translation, flange.rotation
         if not take_rigid_half(rigid, servos(aim, pace), ticks, 0):
-            raise ConvergenceError("MuJoCo warns next to the present state, so it has no linear model", 0.0, 0)
+            raise ConvergenceError("MuJoCo warns near the present state: no linear model", 0.0, 0)
         return np.concatenate([ticks.joints[0], ticks.joint_speed[0]])
 
     try:

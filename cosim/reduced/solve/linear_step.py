@@ -97,7 +97,9 @@ class RestingChain:
         base, speed = begin[0], begin[1]
         along = carried @ (flange - begin[0][:6]) / span
         if two_steps:
-            base, speed = ((4.0 * last - first) / 3.0 for last, first in ((base, begin[2]), (speed, begin[3])))
+            base, speed = (
+                (4.0 * last - first) / 3.0 for last, first in ((base, begin[2]), (speed, begin[3]))
+            )
             along = (4.0 * along - carried @ (flange - begin[2][:6]) / span) / 3.0
         losses = scheme.damping + scheme.air_drag
         target = base + span / (1.0 + losses * span) * (speed + scheme.damping * span * along)
@@ -134,7 +136,7 @@ class RestingChain:
         return moving - still
 
     def _by_loads(self) -> tuple[tuple[LoadName, ...], Array]:
-        """Return the loads that can be commanded, and the derivatives (6 f, loads) of the gradient by them."""
+        """Return what loads can be commanded, and the gradient's derivatives (6 f, loads) by them."""
         solver, names, columns = self.solver, list[LoadName](), list[Array]()
         given, _ = given_tensions(solver, self.frames, self.loads, self.pressure_Pa)
         if solver.section.gas(self.loads) is None:
