@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -18,6 +18,7 @@ from cosim.reduced.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
 
 _MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets
+_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
 _TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
@@ -36,11 +37,12 @@ class LinearModel:
         inputs: names: "pressure_Pa", "cable_tension_N.NAME", and with an arm "flange_twist.vx" to ".wz", see
             `cosim.Command`.
         outputs: names, "tip_position_m.x" and so on, world axes.
-        places: of the parts of x: "joint_position" [rad], "joint_velocity" [rad/s], "joint_reference" [rad],
-            "wrench" (force and torque on the flange, centre and inertia of the soft robot) and "shape".
+        parts: of the run's state, each (rows, n) by x: "joint_position" [rad], "joint_velocity" [rad/s],
+            "joint_acceleration" (of the last ticks, where joints carry algorithmic mass), "joint_reference"
+            [rad], "wrench" (force and torque on the flange, centre and inertia of the soft robot), "shape"
+            (of the section model's frames), and "film" [m], all coordinates of the film's nodes.
         step_s: time from x to x+ [s], a tick.
         integrator: of the soft robot's steps.
-        _nodes: (nodes, 3, n), how the film moves by x.
     """
 
     a: Array
@@ -49,10 +51,9 @@ class LinearModel:
     d: Array
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    places: dict[str, slice]
+    parts: dict[str, Array]
     step_s: float
     integrator: str
-    _nodes: Array
 
     def held(self, ticks: int = 1, inputs: Sequence[str] | None = None) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C and D of some inputs that are held for so many ticks, as by a controller.
@@ -82,15 +83,40 @@ class LinearModel:
         Euler) or 3/2 - 2 / z + 1 / (2 z^2) (BDF2, whose second z for the same l is left out).
         """
         values, vectors = np.linalg.eig(self.a)
-        moving = np.flatnonzero(np.abs(values) > _MOVES)
-        z = values[moving].astype(complex)
-        away, kept = 1.0 - 1.0 / z, np.ones(len(z), dtype=bool)
-        if self.integrator == "bdf2":
-            away = 1.5 - 2.0 / z + 0.5 / z**2
-            kept = (z * (3.0 - 2.0 * away)).real > 2.0
-        poles, vectors = away[kept] / self.step_s, vectors[:, moving[kept]]
-        order = np.argsort(np.abs(poles), kind="stable")
+        poles = np.array([self._pole(value) for value in values.tolist()])
+        order = np.argsort(np.abs(poles), kind="stable")[: np.isfinite(poles).sum()]
         return poles[order], vectors[:, order]
+
+    def _pole(self, z: complex) -> complex:
+        """Return the pole of an eigenvalue of A; infinite where it is none."""
+        if abs(z) < _MOVES:
+            return complex(np.inf)
+        if self.integrator != "bdf2":
+            return (1.0 - 1.0 / z) / self.step_s
+        away = 1.5 - 2.0 / z + 0.5 / z**2
+        return away / self.step_s if (z * (3.0 - 2.0 * away)).real > 2.0 else complex(np.inf)
+
+    def slow(self, fastest_Hz: float) -> LinearModel:
+        """Return the model of slow motions alone; fast ones then follow the inputs at once.
+
+        Their share of the tip is in D. Its states have no meaning but by `parts`.
+
+        Args:
+            fastest_Hz: of the motions that are kept, |pole| / 2 pi.
+        """
+        # here: it takes long to load
+        from scipy.linalg import schur, solve_sylvester
+
+        bound = 2.0 * np.pi * fastest_Hz
+        t, z, k = schur(self.a, sort=lambda re, im: abs(self._pole(complex(re, im))) <= bound)
+        mixed = solve_sylvester(t[:k, :k], -t[k:, k:], t[:k, k:])
+        slow, rest = z[:, :k], z[:, k:]
+        fast = rest - slow @ mixed
+        static = fast @ np.linalg.solve(np.eye(len(t) - k) - t[k:, k:], rest.T @ self.b)
+        return replace(
+            self, a=t[:k, :k], b=slow.T @ self.b + mixed @ (rest.T @ self.b), c=self.c @ slow,
+            d=self.d + self.c @ static, parts={name: part @ slow for name, part in self.parts.items()},
+        )  # fmt: skip
 
     def modes(self, count: int) -> tuple[Array, Array, Array]:
         """Return the slowest swings: frequencies (k,) [Hz], decays (k,) [1/s] and shapes (k, nodes, 3).
@@ -102,7 +128,7 @@ class LinearModel:
         """
         poles, vectors = self.poles()
         swings = np.flatnonzero(poles.imag > 0.0)[:count]
-        shapes = np.moveaxis(self._nodes @ vectors[:, swings], 2, 0)
+        shapes = (self.parts["film"] @ vectors[:, swings]).T.reshape(len(swings), -1, 3)
         largest = np.abs(shapes).reshape(len(swings), -1).max(axis=1, initial=1e-300)
         return np.abs(poles[swings]) / (2.0 * np.pi), -poles[swings].real, shapes / largest[:, None, None]
 
@@ -123,7 +149,7 @@ def linearise(simulation: Simulation) -> LinearModel:
         simulation: in mode "dynamic", fidelity "section", staggered exchange; after its first tick.
 
     Raises:
-        InputError: it is of another kind, touches something, or joints carry an algorithmic mass.
+        InputError: it is of another kind, or touches something.
     """
     run, scenario = stepped_run(simulation), simulation.scenario
     soft = run.soft if isinstance(run, DynamicSimulation) else None
@@ -143,32 +169,28 @@ def _joined(simulation: Simulation, soft: LinearStep, arm: tuple[Array, Array]) 
     """Return the tick of both sides: the rigid half first, the soft one with the flange's new pose."""
     (rigid, jacobian), scenario = arm, simulation.scenario
     tick_s, joints = scenario.clock.tick_s, jacobian.shape[1]
-    sizes = (joints, joints, joints, FIGURES, soft.states)
+    sizes = (joints, joints, len(rigid) - 2 * joints, joints, FIGURES, soft.states)
     ends = np.cumsum((0, *sizes))
-    names = ("joint_position", "joint_velocity", "joint_reference", "wrench", "shape")
-    places = {name: slice(int(b), int(e)) for name, b, e in zip(names, ends[:-1], ends[1:], strict=True)}
+    names = (*_ARM, "joint_reference", "wrench", "shape")
     rates = _rates(jacobian)
     inputs = [*_load_names(simulation, soft), *(f"flange_twist.{axis}" for axis in _TWIST[: rates.shape[1]])]
     count, loads = int(ends[-1]), len(soft.loads)
     columns = np.eye(count + len(inputs))
-    part = {name: columns[place] for name, place in places.items()}
+    part = dict(zip(names, np.split(columns[:count], ends[1:-1]), strict=True))
     pace = rates @ columns[count + loads :]
-    moved = np.concatenate([
-        part["joint_position"], part["joint_velocity"], part["wrench"], part["joint_reference"], pace
-    ])  # fmt: skip
-    moved = rigid @ moved
+    before = [part[name] for name in (*_ARM, "wrench", "joint_reference")]
+    moved = rigid @ np.concatenate([*before, pace])
     flange = jacobian @ moved[:joints] if joints else np.zeros((6, columns.shape[1]))
     ended = soft.matrix @ np.concatenate([part["shape"], flange, columns[count : count + loads]])
     reference = part["joint_reference"] + tick_s * pace
     whole = np.concatenate([moved, reference, ended[soft.states :], ended[: soft.states]])
     size = soft.nodes.shape[2]
-    first = places["shape"].start
-    shape = slice(first, first + size)
-    c, d, nodes = np.zeros((3, count)), np.zeros((3, len(inputs))), np.zeros((*soft.nodes.shape[:2], count))
-    c[:, shape], d[:, :loads], nodes[:, :, shape] = soft.tip[:, :size], soft.tip[:, size:], soft.nodes
+    parts = {name: rows[:, :count] for name, rows in part.items()}
+    frames, d = parts["shape"][:size], np.zeros((3, len(inputs)))
+    parts["film"], d[:, :loads] = soft.nodes.reshape(-1, size) @ frames, soft.tip[:, size:]
     return LinearModel(
-        whole[:, :count], whole[:, count:], c, d, tuple(inputs),
-        tuple(f"tip_position_m.{axis}" for axis in "xyz"), places, tick_s, scenario.solver.integrator, nodes,
+        whole[:, :count], whole[:, count:], soft.tip[:, :size] @ frames, d, tuple(inputs),
+        tuple(f"tip_position_m.{axis}" for axis in "xyz"), parts, tick_s, scenario.solver.integrator,
     )  # fmt: skip
 
 

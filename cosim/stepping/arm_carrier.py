@@ -121,11 +121,8 @@ class ArmCarrier(Carrier):
 
     def linear_half(self) -> Array:
         coupling = self._coupling
-        if not isinstance(coupling, StaggeredCoupling) or coupling.carries:
-            raise InputError(
-                "a linear model is of the staggered exchange without algorithmic mass: set coupling.scheme = "
-                "'staggered', and a shorter clock.tick_s where the soft robot is heavy for the arm"
-            )
+        if not isinstance(coupling, StaggeredCoupling):
+            raise InputError("a linear model is of the staggered exchange: set coupling.scheme = 'staggered'")
         if coupling.interface.touched.count:
             raise InputError("a linear model has no contact; move the soft robot off what it touches")
 
@@ -133,7 +130,7 @@ class ArmCarrier(Carrier):
             still = np.zeros((1, len(position)))
             return self.servos(JointReference(position[None], velocity[None], still))
 
-        return rigid_slopes(coupling.interface, servos, self._scene.servo_reference)
+        return rigid_slopes(coupling.interface, coupling.carried(), servos, self._scene.servo_reference)
 
     @property
     def body_names(self) -> tuple[str, ...]:

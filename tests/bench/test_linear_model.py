@@ -20,11 +20,13 @@ PULLED = {"right": 1.0, "left": 0.6}
 PRESSURE_Pa = 25e3
 STEPS = {"pressure_Pa": 10.0, "cable_tension_N": 1e-2, "flange_twist": 1e-2}
 TICKS = 12
+HEAVY = {"soft_robot.mass.node_mass_kg": 0.012, "start.flange.direction": [0.2, 0.0, -1.0]}
 AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
 @pytest.fixture(autouse=True)
-def _small_model(monkeypatch: pytest.MonkeyPatch) -> None:
+def _small_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
 
 
@@ -78,10 +80,14 @@ def answer(model: cosim.LinearModel, name: str) -> Array:
     return np.array(found)
 
 
-@pytest.mark.parametrize("integrator", ["bdf2", "implicit_euler"])
+@pytest.mark.parametrize("integrator", ["bdf2", "implicit_euler", "bdf2, heavy"])
 def test_the_ticks_of_a_linear_model_are_those_of_the_run(tmp_path: Path, integrator: str) -> None:
-    simulation = pulled(tmp_path, **{"solver.integrator": integrator})
+    kind, _, heavy = integrator.partition(", ")
+    changes = {"solver.integrator": kind} | (HEAVY if heavy else {})
+    simulation = pulled(tmp_path, **changes)
     model = cosim.linearise(simulation)
+    carried = model.parts["joint_acceleration"].shape[0] > 0  # with algorithmic mass on the joints
+    assert carried == bool(heavy)
     assert model.inputs == (
         "pressure_Pa", "cable_tension_N.right", "cable_tension_N.left",
         *(f"flange_twist.{axis}" for axis in AXES),
@@ -132,3 +138,16 @@ def test_the_film_itself_and_statics_have_no_linear_model(tmp_path: Path) -> Non
         simulation.step()
         with pytest.raises(InputError, match=r"set (mode|coupling)"):
             cosim.linearise(simulation)
+
+
+def test_slow_motions_alone_move_the_tip_as_the_whole_model_does(tmp_path: Path) -> None:
+    model = cosim.linearise(pulled(tmp_path))
+    slow = model.slow(60.0)
+    assert len(slow.a) < len(model.a) / 4
+    assert slow.modes(3)[0] == pytest.approx(model.modes(3)[0], rel=1e-6)
+    for ticks in (40, 400):  # a swing, and at rest
+        ends = []
+        for each in (model, slow):
+            a, b, c, d = each.held(ticks, ["cable_tension_N.right", "flange_twist.vx"])
+            ends.append(c @ b + d)
+        assert relative_error(*ends) < 2e-3

@@ -442,9 +442,7 @@ class StaggeredCoupling(Coupling):
             self._update_stability_ratio()
         most = interface.ticks_to_weighing
         taken.algorithmic_mass[first : first + most] = self._carries
-        joints = len(self._added) if self._carries else 0
-        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
-        rigid = interface.rigid(carried)
+        rigid = interface.rigid(self.carried()._replace(past=self._past))
         if self._fine.on:
             self._halves.end(taken)
             self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
@@ -463,10 +461,10 @@ class StaggeredCoupling(Coupling):
         self._fine.look(taken)
         return not self._halves.plain and interface.soft.rowing is self._rowing
 
-    @property
-    def carries(self) -> bool:
-        """Whether an algorithmic mass rides on the joints."""
-        return self._carries
+    def carried(self) -> CarriedInertia:
+        """Return a copy of what rides on the joints."""
+        joints = len(self._added) if self._carries else 0
+        return CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past.copy())
 
     @property
     def fine(self) -> FineTicks:
