@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from cosim.base.frames import Pose as Pose
     from cosim.base.kept_parts import KeptParts as KeptParts
     from cosim.base.resources import list_scenarios as list_scenarios
+    from cosim.bench.linear_model import LinearModel as LinearModel
+    from cosim.bench.linear_model import linearise as linearise
     from cosim.bench.sensitivity import Jacobian as Jacobian
     from cosim.bench.sensitivity import sensitivity as sensitivity
     from cosim.config.loading import load_scenario as load_scenario
@@ -72,6 +74,7 @@ _NAMES = {
     "cosim.base.frames": "Pose",
     "cosim.base.kept_parts": "KeptParts",
     "cosim.base.resources": "list_scenarios",
+    "cosim.bench.linear_model": "LinearModel linearise",
     "cosim.bench.sensitivity": "Jacobian sensitivity",
     "cosim.config.loading": "load_scenario",
     "cosim.config.toml.parsing": "register_kind",

@@ -114,7 +114,7 @@ class Fit:
         self.low, self.high = (
             self.fitted(np.array([getattr(entry, end) for entry in unknowns])) for end in ("low", "high")
         )
-        self.start = self.fitted(self.curves.start)
+        self.start = self.fitted(self.curves.rows.start)
         self.prior_sd = np.array([np.inf if entry.prior_sd is None else entry.prior_sd for entry in unknowns])
         parts = [self._measured(entry) for entry in series]
         self.measured, self.noise, self.held_out = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -173,7 +173,7 @@ class Fit:
     def residuals(self, fitted: Array) -> Array:
         """Return residuals over noise of the rows that are fitted, then those of the priors."""
         found = ((self.predicted(fitted) - self.measured) / self.noise)[self.rows]
-        prior = (self.values(fitted) - self.curves.start) / self.prior_sd
+        prior = (self.values(fitted) - self.curves.rows.start) / self.prior_sd
         return np.concatenate(
             [np.where(np.isfinite(found), found, _FAILED), prior[np.isfinite(self.prior_sd)]]
         )
@@ -323,7 +323,7 @@ def identify(
     best, least = fit.least(best)
     freedom = max(1, int(fit.rows.sum()) - len(best))
     spread = max(1.0, least / freedom)
-    tell(f"fitted after {fit.curves.solved} equilibria; intervals follow")
+    tell(f"fitted after {fit.curves.rows.solved} equilibria; intervals follow")
     found = tuple(fit.interval(best, least, number, spread) for number in range(fit.count))
     fit.predicted(best)
     return _result(fit, bench, series, check, odd, found, best, outliers)
@@ -367,5 +367,5 @@ def _result(
     aside = np.zeros(len(predicted), bool) if outliers is None else outliers
     return Identified(
         bench, tuple(series), check, tuple(odd), found, predicted, fit.measured, fit.noise, fit.rows,
-        fit.held_out, aside, fit.curves.solved,
+        fit.held_out, aside, fit.curves.rows.solved,
     )  # fmt: skip

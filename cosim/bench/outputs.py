@@ -12,6 +12,7 @@ from cosim.base.frames import Array, Pose
 from cosim.bench.parameters import AnyParameter, Sides, StaticModel
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
+from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.assembly import SoftSystem
@@ -83,6 +84,13 @@ def _wrench(shape: OutputShape) -> Array:
     return np.concatenate([wrench.force, wrench.torque])
 
 
+def _frame_strain(shape: OutputShape) -> Array:
+    found = stiffener_strain(shape.side.system.body, shape.positions)
+    if found is None:
+        raise InputError("frame_strain: the soft robot has no printed frames")
+    return np.array([found.peak])
+
+
 Read: TypeAlias = Callable[[OutputShape], Array]
 
 _READ: Final[dict[str, tuple[str, Read]]] = {
@@ -94,6 +102,8 @@ _READ: Final[dict[str, tuple[str, Read]]] = {
     "pressure_Pa": ("chamber", _pressures),
     "cable_length_m": ("cable", _routes),
     "cable_tension_N": ("cable", _tensions),
+    "frame_strain": ("", _frame_strain),
+    "mass_kg": ("", lambda shape: np.array([shape.side.system.body.node_mass.sum()])),
     "flange_force_N": ("xyz", lambda shape: _wrench(shape)[:3]),
     "flange_torque_Nm": ("xyz", lambda shape: _wrench(shape)[3:]),
 }
@@ -192,20 +202,36 @@ class Slopes:
         parameters: of the columns.
         outputs: of the rows.
         model: that has both.
+        kinks: see `EquilibriumSlope`.
     """
 
     def __init__(
-        self, parameters: Sequence[AnyParameter], outputs: Sequence[Output], model: StaticModel
+        self,
+        parameters: Sequence[AnyParameter],
+        outputs: Sequence[Output],
+        model: StaticModel,
+        *,
+        kinks: bool = False,
     ) -> None:
+        self._kinks = kinks
         self._names, self._outputs = [each.name for each in parameters], outputs
         self._sides: list[Sides] = [each.sides(model) for each in parameters]
 
-    def at(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium) -> tuple[Array, Array]:
-        """Return the outputs (m,), and their Jacobian (m, parameters), at an equilibrium."""
-        slopes, columns = EquilibriumSlope(solver, clamp, here), []
-        for name, sides_at in zip(self._names, self._sides, strict=True):
-            sides = sides_at(here, clamp)
-            slope = slopes.by(sides, name)
+    def at(
+        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, only: Sequence[int] | None = None
+    ) -> tuple[Array, Array]:
+        """Return the outputs (m,), and their Jacobian (m, parameters), at an equilibrium.
+
+        Args:
+            solver: for the body with the clamp in force.
+            clamp: in force.
+            here: the equilibrium.
+            only: of some parameters, by their places; of all unless given.
+        """
+        slopes, columns = EquilibriumSlope(solver, clamp, here, kinks=self._kinks), []
+        for k in range(len(self._sides)) if only is None else only:
+            sides = self._sides[k](here, clamp)
+            slope = slopes.by(sides, self._names[k])
             columns.append(
                 sum(side.weight * self._read(side, slopes.moved(side, slope), here) for side in sides)
             )

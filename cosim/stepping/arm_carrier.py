@@ -14,6 +14,7 @@ from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
+from cosim.coupling.schemes.linear_rigid import rigid_slopes
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos
@@ -98,6 +99,19 @@ class ArmCarrier(SceneCarrier):
     def holding_torque(self, wrench: Wrench) -> Array:
         load = np.concatenate([wrench.force, wrench.torque])
         return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
+
+    def linear_half(self) -> Array:
+        coupling = self._coupling
+        if not isinstance(coupling, StaggeredCoupling):
+            raise InputError("a linear model is of the staggered exchange: set coupling.scheme = 'staggered'")
+        if coupling.interface.touched.count:
+            raise InputError("a linear model has no contact; move the soft robot off what it touches")
+
+        def servos(position: Array, velocity: Array) -> Servos:
+            still = np.zeros((1, len(position)))
+            return self.servos(JointReference(position[None], velocity[None], still))
+
+        return rigid_slopes(coupling.interface, coupling.carried(), servos, self._scene.servo_reference)
 
     @property
     def sliding(self) -> tuple[bool, ...]:

@@ -18,6 +18,7 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.plan.motion import JointPath, JointReference
 from cosim.plan.planning import AnyWay
+from cosim.reduced.sections.assembly import FIGURES
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Obstacles
 
@@ -109,6 +110,14 @@ class Carrier(ABC):
     def touched(self) -> ContactReport:
         """What the soft robot pressed on in the last tick."""
         return NOTHING_TOUCHED
+
+    def linear_half(self) -> Array:
+        """Return the rigid half of a tick to first order, see `linear_rigid.rigid_slopes`.
+
+        Raises:
+            InputError: the exchange has none.
+        """
+        return np.zeros((0, FIGURES))
 
     @abstractmethod
     def set_configuration(self, joints: Array) -> None:

@@ -21,7 +21,6 @@ from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
 from cosim.base.state_check import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError
 from cosim.plan.planning import start_equilibrium
@@ -106,11 +105,6 @@ class QuasistaticSimulation(SteppedRun):
         """The present one."""
         assert self._here is not None, "the run has begun"
         return self._here
-
-    @property
-    def soft(self) -> SoftSide:
-        """Whose equilibrium it is."""
-        return self._parts.soft
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts

@@ -11,10 +11,12 @@ from typing import Any, Final, Protocol, final
 
 from cosim.base.frames import Pose
 from cosim.base.state_check import KnownStates, check_state
+from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
 from cosim.plan.decision import CONTACT, Choices
 from cosim.plan.plan import Plan
+from cosim.stepping.carrier import Carrier
 from cosim.stepping.parts import Parts
 from cosim.telemetry.cameras import Cameras
 from cosim.telemetry.snapshot import CameraImage, RunErrors, RunInfo, Snapshot
@@ -120,6 +122,16 @@ class SteppedRun(ABC):
     def plan(self) -> Plan:
         """What is commanded, phase by phase."""
         return self._parts.plan
+
+    @property
+    def soft(self) -> SoftSide:
+        """The soft side that is stepped."""
+        return self._parts.soft
+
+    @property
+    def carrier(self) -> Carrier:
+        """What carries the flange."""
+        return self._parts.carrier
 
     @property
     def tick(self) -> int | None:

@@ -450,9 +450,7 @@ class StaggeredCoupling(Coupling):
         if interface.to_be_weighed:
             self._update_stability_ratio()
         taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
-        joints = len(self._added) if self._carries else 0
-        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
-        return interface.rigid(carried)
+        return interface.rigid(self.carried()._replace(past=self._past))
 
     def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
@@ -481,6 +479,11 @@ class StaggeredCoupling(Coupling):
         interface.take_reply(taken, interface.advance_soft(loads[done]))
         self._fine.look(taken)
         return not self._halves.plain and interface.soft.rowing is self._rowing
+
+    def carried(self) -> CarriedInertia:
+        """Return a copy of what rides on the joints."""
+        joints = len(self._added) if self._carries else 0
+        return CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past.copy())
 
     @property
     def fine(self) -> FineTicks:

@@ -28,6 +28,7 @@ from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supp
 from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, node_motion, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.linear_step import LinearStep, RestingChain
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
 from cosim.reduced.solve.stability import ChainStiffness
 from cosim.reduced.solve.time_step import ChainStepper, given_tensions
@@ -386,6 +387,12 @@ class SectionArm(SoftSide):
     def let_go(self, nodes: IntArray) -> None:
         """Hold the rings of the given nodes (m,) no longer."""
         self.clamp = self.clamp.without(self.section, nodes)
+
+    def linear_step(self, step_s: float) -> LinearStep:
+        """Return a step of some length [s] as a matrix, about the present shape as if it was at rest."""
+        last, options = self._last, self._dynamics
+        resting = RestingChain(self._solver, self.clamp, last.frames, self._loads, last.pressure_Pa)
+        return resting.linear_step(self._stepper.scheme(step_s), options.integrator == "bdf2")
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""

@@ -33,6 +33,31 @@ _SHARE: Final = 1e-3  # of the loads, in a look ahead
 _ROUNDS: Final = 4  # until a gas has its pressure to rounding
 
 
+def chain_stiffness(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
+    """Return the tangent (6 f, 6 f) of a chain at rest, with sealed gas and commanded lengths in it.
+
+    Args:
+        solver: of the chain.
+        frames: (f, 4, 3), where it is taken.
+        loads: that act.
+        pressure_Pa: of the gas.
+    """
+    given = given_tensions(solver, frames, loads, pressure_Pa)
+    whole = whole_tangent(solver, frames, given, pressure_Pa)
+    gas = solver.section.gas(loads)
+    if gas is None:
+        return whole
+    # energy at a pressure is less by p V: its slope is -V, of its gradient -dV
+    ends = [
+        (float(solver.volume(frames, p)[0]), solver.evaluate(frames, given[0], p).ravel())
+        for p in (pressure_Pa + _PROBE_Pa, pressure_Pa - _PROBE_Pa)
+    ]
+    swelling, slope = ((a - b) / (2.0 * _PROBE_Pa) for a, b in zip(*ends, strict=True))
+    volume = float(solver.volume(frames, pressure_Pa)[0])
+    falls = gas.exponent * gas.absolute_pressure(volume) / volume
+    return whole + falls / (1.0 + falls * swelling) * np.outer(slope, slope)
+
+
 @final
 class ChainStiffness:
     """The tangent of a chain at rest, with sealed gas and commanded lengths in it, losses along cables held.
@@ -155,17 +180,5 @@ class ChainStiffness:
         return np.asarray(found[0] - found[1])
 
     def _tangent(self, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
-        solver, given = self._solver, given_tensions(self._solver, frames, loads, pressure_Pa)
-        whole = whole_tangent(solver, frames, given, pressure_Pa)
-        gas = solver.section.gas(loads)
-        if gas is not None:
-            # energy at a pressure is less by p V: its slope is -V, of its gradient -dV
-            ends = [
-                (float(solver.volume(frames, p)[0]), solver.evaluate(frames, given[0], p).ravel())
-                for p in (pressure_Pa + _PROBE_Pa, pressure_Pa - _PROBE_Pa)
-            ]
-            swelling, slope = ((a - b) / (2.0 * _PROBE_Pa) for a, b in zip(*ends, strict=True))
-            volume = float(solver.volume(frames, pressure_Pa)[0])
-            falls = gas.exponent * gas.absolute_pressure(volume) / volume
-            whole = whole + falls / (1.0 + falls * swelling) * np.outer(slope, slope)
+        whole = chain_stiffness(self._solver, frames, loads, pressure_Pa)
         return np.asarray(whole[np.ix_(self._free, self._free)])

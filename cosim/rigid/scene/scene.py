@@ -156,6 +156,11 @@ class RigidScene(CoupledScene):
         return np.array(self._data.qfrc_actuator[self._v])
 
     @property
+    def servo_reference(self) -> Array:
+        """(joints,) [rad] that the servos track."""
+        return np.array(self._control[:, 0])
+
+    @property
     def effort_limit(self) -> Array:
         """Largest servo torques (joints,) [N m]; infinite where the arm's file names none."""
         return effort_limit(self._model, self._layout)

@@ -100,13 +100,17 @@ class EquilibriumSlope:
         solver: Newton's method for the body with the clamp in force.
         clamp: in force.
         here: where the derivatives are taken.
+        kinks: whether the quotient is taken where the forces have a kink, as a search for a minimum may.
 
     Raises:
         ConvergenceError: the equilibrium is not stable.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium) -> None:
+    def __init__(
+        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False
+    ) -> None:
         factorise_at(solver, here)
+        self._kinks = kinks
         system = solver.system
         self._solver, self._here, self.assemblies = solver, here, 0
         self._x = np.array(here.state.positions, order="C")
@@ -154,7 +158,8 @@ class EquilibriumSlope:
                 f"no derivative by {name}: losses along cables, which follow the shape, do not settle in "
                 f"{_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
             )
-        self._check_kink(sides, motion, name)
+        if not self._kinks:
+            self._check_kink(sides, motion, name)
         return Slope(motion, quotient + self._stiffness(motion - taken))
 
     def moved(self, side: Side, slope: Slope) -> tuple[Array, Array]:

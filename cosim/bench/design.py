@@ -1,0 +1,370 @@
+"""Values of a robot that make a quantity least within limits, by exact derivatives of its equilibria.
+
+scipy's SLSQP: variables are shares of the way between their bounds, quantities are divided by their size at
+the start. A design whose robot has no equilibrium is as bad as can be, so the step to it is shortened. What a
+refined mesh changes is added to goal and limits as a constant, and found again where the search ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario
+from cosim.bench.outputs import outputs_of
+from cosim.config.design_studies import DesignStudyTable, GoalTable, LimitTable
+from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.keys import unit_of, unit_text
+from cosim.errors import ConvergenceError, InputError
+
+_MET: Final = 1e-3  # of a quantity's size, by which a limit may be missed
+_CLOSE: Final = 1e-3
+_ROUNDS: Final = 4
+_BAD: Final = 10.0  # sizes of the goal, of a design without an equilibrium
+
+Wanted = GoalTable | LimitTable
+
+
+@final
+@dataclass(frozen=True)
+class DesignValues:
+    """A design, and what it reaches.
+
+    Args:
+        values: (parameters,).
+        reached: (1 + limits,), of the goal, then of the limits.
+    """
+
+    values: Array
+    reached: Array
+
+
+@final
+@dataclass(frozen=True)
+class Designed:
+    """What a study has led to, for one choice.
+
+    Args:
+        study: with the choice in `set`.
+        choice: its name; "" where there is none.
+        start: where the search began; without what it reaches where it has no equilibrium.
+        found: the best design, on its own mesh.
+        refined: what both reach on the refined mesh; empty if it was not asked for.
+        missed: by how much (limits,) limits are missed, over their quantity's size; on the refined mesh if
+            that was solved.
+        evaluations: designs that were solved.
+    """
+
+    study: DesignStudyTable
+    choice: str
+    start: DesignValues
+    found: DesignValues
+    refined: tuple[Array, ...]
+    missed: Array
+    evaluations: int
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all limits are met."""
+        return bool((self.missed <= _MET).all())
+
+    @property
+    def wanted(self) -> tuple[Wanted, ...]:
+        """The goal, then the limits."""
+        return (self.study.goal, *self.study.limit)
+
+
+class _Spent(Exception):  # noqa: N818  # no error: the budget ends the search
+    """All evaluations are spent."""
+
+
+@final
+class DesignProblem:
+    """Goal and limits as functions of shares (parameters,) of the way from low to high.
+
+    Attributes: `equilibria`; `history`, all designs that were solved.
+
+    Args:
+        study: checked, of one choice.
+        fidelity: "lumped" or "refined".
+
+    Raises:
+        InputError: a parameter, load or quantity does not exist.
+    """
+
+    def __init__(self, study: DesignStudyTable, fidelity: str = "lumped") -> None:
+        self.study, self._names = study, [case.name for case in study.case]
+        scenario = bench_scenario(study.scenario, {**study.set, "fidelity": fidelity})
+        rows = [
+            LoadRow(f"case.{case.name}.loads", f"case.{case.name}", case.name, case.loads)
+            for case in study.case
+        ]
+        self.equilibria = Equilibria(scenario, study.parameter, rows)
+        self.wanted: tuple[Wanted, ...] = (study.goal, *study.limit)
+        self._quantities = list(dict.fromkeys(entry.quantity for entry in self.wanted))
+        for name in self._quantities:
+            if len(outputs_of([name], self.equilibria.model)) != 1:
+                raise InputError(f"{name}: means several numbers; name one, such as by .z")
+        self.low, high = (np.array([getattr(each, end) for each in study.parameter]) for end in ("low", "high"))
+        self.span = high - self.low
+        self.start = self.shares(self.equilibria.start)
+        self.history: list[DesignValues] = []
+        self._last: Array | None = None
+        self.scale, self.shift = np.ones(len(self.wanted)), np.zeros(len(self.wanted))
+
+    @property
+    def scenario(self) -> Scenario:
+        """Whose robot it is."""
+        return self.equilibria.scenario
+
+    def _picked(self, table: Array) -> Array:
+        """Return goal and limits (1 + limits, ...) from outputs (cases, quantities, ...)."""
+        found = []
+        for entry in self.wanted:
+            column = self._quantities.index(entry.quantity)
+            row = 0 if entry.case is None else self._names.index(entry.case)
+            less = 0.0 if entry.minus is None else table[self._names.index(entry.minus), column]
+            found.append(table[row, column] - less)
+        return np.array(found)
+
+    def reached(self, shares: Array) -> Array:
+        """Return goal and limits (1 + limits,), corrected; not numbers where there is no equilibrium."""
+        if self.is_at(shares):
+            return self.history[-1].reached
+        values = self.low + self.span * shares
+        self._last = shares.copy()
+        try:
+            found = self.solved(values) + self.shift
+        except ConvergenceError:
+            found = np.full(len(self.wanted), np.nan)
+        self.history.append(DesignValues(values, found))
+        return found
+
+    def is_at(self, shares: Array) -> bool:
+        """Whether the last design that was solved is at these shares."""
+        return self._last is not None and np.array_equal(self._last, shares)
+
+    def solved(self, values: Array) -> Array:
+        """Return goal and limits (1 + limits,) at values (parameters,).
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+        """
+        self.equilibria.solve(values)
+        return self._picked(self.equilibria.read(self._quantities))
+
+    def shares(self, values: Array) -> Array:
+        """Return values (parameters,) as shares."""
+        return np.asarray((values - self.low) / self.span)
+
+    def correct(self, shift: Array) -> None:
+        """Add to goal and limits (1 + limits,) from now on what another mesh changes of them."""
+        more, self.shift = shift - self.shift, shift
+        self.history = [replace(each, reached=each.reached + more) for each in self.history]
+
+    def plain(self, design: DesignValues) -> Array:
+        """Return what a design reaches without correction."""
+        return design.reached - self.shift
+
+    def slopes(self, shares: Array) -> Array:
+        """Return their derivatives (1 + limits, parameters)."""
+        if not np.isfinite(self.reached(shares)).all():
+            return np.zeros((len(self.wanted), len(shares)))
+        return self._picked(self.equilibria.jacobian(self._quantities, kinks=True)) * self.span
+
+    def begin(self) -> None:
+        """Solve the start, and divide by sizes there: of what a limit gives, or what is reached.
+
+        Raises:
+            ConvergenceError: it has no equilibrium.
+        """
+        if not np.isfinite(self.reached(self.start)).all():
+            self.equilibria.solve(self.equilibria.start)  # raises again
+        last = np.nan_to_num(np.abs(self.history[-1].reached))
+        bounds = np.array([0.0, *(abs(entry.bound) for entry in self.study.limit)])
+        scale = np.maximum(last, bounds)
+        self.scale = np.where(scale > 0.0, scale, 1.0)
+
+    def cost(self, reached: Array) -> float:
+        """Return the goal over its size, to be made least."""
+        value = float(reached[0] / self.scale[0])
+        value = value if self.study.goal.sense == "least" else -value
+        return value if np.isfinite(value) else _BAD
+
+    def missed(self, reached: Array) -> Array:
+        """Return by how much (limits,) limits are missed, over their size; infinite without an equilibrium."""
+        left = []
+        for entry, value, scale in zip(self.study.limit, reached[1:], self.scale[1:], strict=True):
+            off = (value - entry.bound) / scale
+            off = abs(off) if entry.equal is not None else off if entry.at_most is not None else -off
+            left.append(off if np.isfinite(off) else np.inf)
+        return np.maximum(np.array(left), 0.0)
+
+    def best(self) -> DesignValues:
+        """Return the design that meets all limits at least cost, or misses them least."""
+
+        def rank(design: DesignValues) -> tuple[float, float]:
+            most = float(self.missed(design.reached).max(initial=0.0))
+            bad = not np.isfinite(design.reached).all()
+            return (np.inf if bad else max(most, _MET), self.cost(design.reached))
+
+        return min(self.history, key=rank)
+
+    def constraints(self) -> list[dict[str, object]]:
+        """Return the limits as scipy takes them."""
+        found: list[dict[str, object]] = []
+        for k, entry in enumerate(self.study.limit, start=1):
+            sign, size = -1.0 if entry.at_most is not None else 1.0, self.scale[k]
+
+            def value(x: Array, k: int = k, at: float = entry.bound, by: float = sign / size) -> float:
+                found = float(by * (self.reached(x)[k] - at))
+                return found if np.isfinite(found) else -_BAD
+
+            def slope(x: Array, k: int = k, by: float = sign / size) -> Array:
+                return np.asarray(by * self.slopes(x)[k])
+
+            kind = "eq" if entry.equal is not None else "ineq"
+            found.append({"type": kind, "fun": value, "jac": slope})
+        return found
+
+
+def search(problem: DesignProblem, start: Array) -> DesignValues:
+    """Return where SLSQP ends, or the best design once the study's evaluations are spent.
+
+    Args:
+        problem: whose present sizes it takes.
+        start: shares (parameters,) where it begins.
+    """
+    from scipy.optimize import minimize  # here: it takes long to load
+
+    study, sign = problem.study, 1.0 if problem.study.goal.sense == "least" else -1.0
+
+    def cost(x: Array) -> float:
+        if len(problem.history) >= study.evaluations and not problem.is_at(x):
+            raise _Spent
+        return problem.cost(problem.reached(x))
+
+    def slope(x: Array) -> Array:
+        return np.asarray(sign * problem.slopes(x)[0] / problem.scale[0])
+
+    with suppress(_Spent):
+        minimize(
+            cost, np.clip(start, 0.0, 1.0), method="SLSQP", jac=slope, bounds=[(0.0, 1.0)] * len(start),
+            constraints=problem.constraints(), options={"ftol": _CLOSE, "maxiter": study.evaluations},
+        )  # fmt: skip
+    return problem.best()
+
+
+def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = True) -> Designed:
+    """Return the best design of one choice.
+
+    With `verify`, it is solved on the refined mesh. What that mesh changes is then added to goal and limits,
+    and the search goes on from there, until the refined mesh meets the limits.
+
+    Args:
+        study: with the choice in `set`.
+        choice: its name.
+        verify: see above.
+
+    Raises:
+        InputError: a parameter, load or quantity does not exist.
+        ConvergenceError: the robot has no equilibrium at the start, or on the refined mesh.
+    """
+    problem = DesignProblem(study)
+    problem.begin()
+    first, found = problem.history[0], search(problem, problem.start)
+    refined: tuple[Array, ...] = ()
+    if verify:
+        fine = DesignProblem(study, "refined")
+        before, after = fine.solved(first.values), fine.solved(found.values)
+        for _ in range(_ROUNDS):
+            if (problem.missed(after) <= _MET).all() or len(problem.history) >= study.evaluations:
+                break
+            problem.correct(after - problem.plain(found))
+            found = search(problem, problem.shares(found.values))
+            after = fine.solved(found.values)
+        refined = before, after
+    reached = refined[-1] if refined else found.reached
+    plain = DesignValues(found.values, problem.plain(found))
+    return Designed(study, choice, first, plain, refined, problem.missed(reached), len(problem.history))
+
+
+def design(
+    study: DesignStudyTable, *, verify: bool = True, tell: Callable[[str], None] = lambda _text: None
+) -> list[Designed]:
+    """Return the best design of every choice, the best choice first.
+
+    Args:
+        study: see `load_design_study`.
+        verify: whether designs are verified on the refined mesh, see `solve_choice`.
+        tell: told what is done.
+
+    Raises:
+        InputError: a parameter, load or quantity does not exist.
+        ConvergenceError: no choice has an equilibrium at its start.
+    """
+    results, failed = list[tuple[bool, float, Designed]](), None
+    for choice in study.choice or (None,):
+        own = study if choice is None else replace(study, set={**study.set, **choice.set})
+        try:
+            found = solve_choice(own, "" if choice is None else choice.name, verify=verify)
+        except ConvergenceError as error:
+            failed = error
+            tell(f"{choice.name if choice else 'start'}: {error}")
+            continue
+        results.append((not found.feasible, _goal(found), found))
+        tell(f"{found.choice or 'designed'}: {found.evaluations} designs solved")
+    if not results:
+        assert failed is not None, "a study has a choice, or is one"
+        raise failed
+    return [found for *_, found in sorted(results, key=lambda entry: entry[:2])]
+
+
+def _goal(found: Designed) -> float:
+    value = float((found.refined[-1] if found.refined else found.found.reached)[0])
+    return value if found.study.goal.sense == "least" else -value
+
+
+def unit_of_key(study: DesignStudyTable, key: str) -> str:
+    """Return the unit of a parameter as people write it: that of the load that has its name, if any."""
+    loads = [load for case in study.case for load, value in case.loads.items() if value == key]
+    name = loads[0].partition(".")[0] if loads else key
+    while name.rpartition(".")[2].isdecimal():
+        name = name.rpartition(".")[0]
+    return unit_text(unit_of(name.rpartition(".")[2] or name)) or "1"
+
+
+def design_lines(found: Designed) -> list[str]:
+    """Return a line for each value and for each quantity, before and after."""
+    lines = []
+    pairs = zip(found.study.parameter, found.start.values, found.found.values, strict=True)
+    for entry, before, after in pairs:
+        names = ", ".join((entry.key, *entry.also))
+        end = "; at its bound" if min(after - entry.low, entry.high - after) < _MET * (entry.high - entry.low) else ""
+        lines.append(f"{names}: {before:.6g} -> {after:.6g} {unit_of_key(found.study, entry.key)}{end}")
+    lines += [row for row in _quantity_lines(found)]
+    return lines
+
+
+def _quantity_lines(found: Designed) -> Sequence[str]:
+    lines = []
+    for k, entry in enumerate(found.wanted):
+        unit = unit_text(unit_of(entry.quantity.partition(".")[0])) or "1"
+        where = f"{entry.quantity} in {entry.case or found.study.case[0].name}"
+        where += f" less that in {entry.minus}" if entry.minus else ""
+        if isinstance(entry, GoalTable):
+            what = f"{entry.sense} {where}"
+        else:
+            kind = next(key for key in ("at_least", "at_most", "equal") if getattr(entry, key) is not None)
+            met = "met" if found.missed[k - 1] <= _MET else "NOT met"
+            what = f"{where} {kind.replace('_', ' ')} {entry.bound:g} {unit} ({met})"
+        line = f"{what}: {found.start.reached[k]:.5g} -> {found.found.reached[k]:.5g} {unit}"
+        if found.refined:
+            line += f"; refined mesh {found.refined[0][k]:.5g} -> {found.refined[1][k]:.5g}"
+        lines.append(line)
+    return lines

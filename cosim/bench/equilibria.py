@@ -1,0 +1,250 @@
+"""Equilibria under rows of loads as a robot's values change, and their exact Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Protocol, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.bench.outputs import Slopes, outputs_of, read_at
+from cosim.bench.parameters import (
+    AnyParameter,
+    LoadParameter,
+    StaticModel,
+    parameters_of,
+    value_at,
+    with_load,
+    with_values,
+)
+from cosim.build.options import dynamic_options, fidelity_body, static_options
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.errors import ConvergenceError, InputError, ScenarioError
+from cosim.plan.motion import pose_of
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.stepping.parts import film_law
+
+_TOLERANCE_N: Final = 1e-8
+_XYZ: Final = "xyz"
+_ROBOT: Final = "soft_robot."
+_STILL: Final[dict[str, Any]] = {
+    "robot": "none", "mode": "quasistatic", "phase": [{"name": "bench", "duration_s": 1.0}]
+}  # fmt: skip
+
+
+class Unknown(Protocol):
+    """A value that is looked for, see `UnknownTable`; one that is no key of the soft robot is a load."""
+
+    @property
+    def key(self) -> str: ...  # noqa: D102
+    @property
+    def also(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def low(self) -> float: ...  # noqa: D102
+    @property
+    def high(self) -> float: ...  # noqa: D102
+    @property
+    def start(self) -> float | None: ...  # noqa: D102
+
+
+@final
+@dataclass(frozen=True)
+class LoadRow:
+    """What acts in an equilibrium.
+
+    Args:
+        key: of it in its file, for messages about loads.
+        place: of it, for messages about solutions.
+        group: of rows that follow one another.
+        loads: values by load; a name is that of a parameter.
+    """
+
+    key: str
+    place: str
+    group: str
+    loads: Mapping[str, float | str]
+
+
+def bench_scenario(scenario: str, changes: Mapping[str, Any]) -> Scenario:
+    """Return the scenario whose soft robot, flange, gravity and contact equilibria are of."""
+    return load_scenario(scenario, {**_STILL, **changes})
+
+
+@final
+class Equilibria:
+    """Equilibria of rows of loads; each is found from the one it had at the values before.
+
+    Attributes: `scenario`; `keys` of each parameter; `start`, (parameters,) where the search begins;
+    `solved`, how many equilibria were found.
+
+    Args:
+        scenario: of `bench_scenario`.
+        unknowns: the parameters.
+        rows: loads.
+
+    Raises:
+        InputError: a parameter or load does not exist, or a start is outside its bounds.
+    """
+
+    def __init__(self, scenario: Scenario, unknowns: Sequence[Unknown], rows: Sequence[LoadRow]) -> None:
+        self.scenario, self.rows, self.solved = scenario, tuple(rows), 0
+        self.keys = [(entry.key, *entry.also) for entry in unknowns]
+        self._robot = [k for k, keys in enumerate(self.keys) if keys[0].startswith(_ROBOT)]
+        self.start = np.array([self._start(entry) for entry in unknowns])
+        used = {value for row in rows for value in row.loads.values() if isinstance(value, str)}
+        names = {self.keys[k][0] for k in range(len(self.keys)) if k not in self._robot}
+        for name in used ^ names:
+            raise InputError(
+                f"{name}: is {'a parameter that no load names' if name in names else 'no parameter'}; "
+                f"a parameter is a key of the soft robot, or a name that a load has in place of a number"
+            )
+        self._values = self.start
+        self._states: dict[int, Equilibrium] = {}
+        self._arm, self.model = self._built(self.start)
+        self._acting = [self._loads(row) for row in self.rows]
+
+    def _start(self, entry: Unknown) -> float:
+        if entry.start is not None:
+            value = entry.start
+        elif entry.key.startswith(_ROBOT):
+            value = value_at(self.scenario, entry.key)
+        else:
+            raise InputError(f"{entry.key}: needs a start, as no file has a value of it")
+        if not entry.low <= value <= entry.high:
+            raise InputError(
+                f"{entry.key}: starts at {value:g}, not from {entry.low:g} (low) to {entry.high:g} (high)"
+            )
+        return value
+
+    def solve(self, values: Array) -> None:
+        """Find all equilibria at some values (parameters,).
+
+        Raises:
+            ConvergenceError: a row has none.
+        """
+        before, self._values = self._arm.body, values
+        self._arm, self.model = self._built(values)
+        if not np.array_equal(before.triangles, self._arm.body.triangles):
+            self._states.clear()  # of another mesh
+        self._acting = [self._loads(row) for row in self.rows]
+        for number, row in enumerate(self.rows):
+            try:
+                with self._arm.effort.search(row.place):
+                    self._states[number] = self._equilibrium(number)
+            except ConvergenceError as error:
+                raise error.at(row.place) from None
+
+    def read(self, names: Sequence[str]) -> Array:
+        """Return outputs (rows, outputs) where `solve` has been called last."""
+        outputs, system = outputs_of(names, self.model), self._arm.equilibrium_solver.solver.system
+        states = [self._states[number] for number in range(len(self.rows))]
+        return np.array([read_at(outputs, system, self._arm.clamp, here) for here in states])
+
+    def jacobian(self, names: Sequence[str], *, kinks: bool = False) -> Array:
+        """Return the derivatives (rows, outputs, parameters) of outputs there.
+
+        Args:
+            names: of the outputs.
+            kinks: see `EquilibriumSlope`.
+        """
+        model, outputs = self.model, outputs_of(names, self.model)
+        robot = parameters_of([self.keys[k] for k in self._robot], model)
+        acting = [list(self._free(row)) for row in self.rows]
+        loads = list(dict.fromkeys(each for row in acting for each, _ in row))
+        columns: list[AnyParameter] = [*robot, *loads]
+        slopes, found = Slopes(columns, outputs, model, kinks=kinks), []
+        solver, clamp = self._arm.equilibrium_solver.solver, self._arm.clamp
+        for number, row in enumerate(acting):
+            own = [*range(len(robot)), *(len(robot) + loads.index(each) for each, _ in row)]
+            _, matrix = slopes.at(solver, clamp, self._states[number], own)
+            whole = np.zeros((len(outputs), len(self.keys)))
+            whole[:, self._robot] = matrix[:, : len(robot)]
+            for (_, place), column in zip(row, matrix[:, len(robot) :].T, strict=True):
+                whole[:, place] += column
+            found.append(whole)
+        return np.array(found)
+
+    def _built(self, values: Array) -> tuple[SoftArm, StaticModel]:
+        pairs = [(self.keys[k], float(values[k])) for k in self._robot]
+        scenario = with_values(self.scenario, {key: value for keys, value in pairs for key in keys})
+        statics = replace(static_options(scenario), tolerance_N=_TOLERANCE_N, start_tolerance_N=_TOLERANCE_N)
+        flange = pose_of(scenario.start.flange)
+        arm = SoftArm(fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario))
+        return arm, StaticModel.of(scenario, arm.equilibrium_solver.solver.system)
+
+    def _equilibrium(self, number: int) -> Equilibrium:
+        """Find the equilibrium of a row: from its last one, that of the row before, or the start."""
+        solver, loads, row = self._arm.equilibrium_solver, self._acting[number], self.rows[number]
+        flange, known = pose_of(self.scenario.start.flange), self._states
+        self.solved += 1
+        try:
+            if number not in known:
+                raise ConvergenceError("", 0.0, 0)
+            return solver.solve(known[number].state, flange, loads)
+        except ConvergenceError:
+            follows = number > 0 and self.rows[number - 1].group == row.group
+            before = known.get(number - 1) if follows else None
+            if before is None:
+                drawn = SoftState.drawn(self._arm.body, flange)
+                before = solver.hang(drawn, flange, loads.gravity)
+            lengths = (None,) * len(loads.cable_tension_N) if loads.cable_length_m else ()
+            if not before.loads.cable_length_m and lengths:
+                before = replace(before, loads=replace(before.loads, cable_length_m=lengths))
+            return solver.follow(before, flange, loads)
+
+    def _free(self, row: LoadRow) -> list[tuple[LoadParameter, int]]:
+        """Return the loads of a row that parameters give, with the parameters' places."""
+        place = {self.keys[k][0]: k for k in range(len(self.keys)) if k not in self._robot}
+        found = []
+        for name, value in row.loads.items():
+            if isinstance(value, str):
+                if name.startswith("force_N"):
+                    raise ScenarioError(f"{row.key}.{name}", "is a force, which no parameter moves")
+                found += [
+                    (each, place[value])
+                    for each in parameters_of([name], self.model)
+                    if isinstance(each, LoadParameter)
+                ]
+        return found
+
+    def _loads(self, row: LoadRow) -> Loads:
+        """Return what acts in a row.
+
+        Raises:
+            ScenarioError: there is no such load.
+        """
+        model = self.model
+        chambers, cables, body = len(model.chambers), len(model.cables), model.system.body
+        loads = Loads((0.0,) * chambers, (0.0,) * cables, self.scenario.gravity_m_s2)
+        given = {keys[0]: float(value) for keys, value in zip(self.keys, self._values, strict=True)}
+        for name, what in row.loads.items():
+            value = given[what] if isinstance(what, str) else what
+            kind, _, of = name.partition(".")
+            key = f"{row.key}.{name}"
+            if kind == "force_N":
+                ring, _, axis = of.rpartition(".")
+                if ring not in body.rings or axis not in tuple(_XYZ):
+                    rings = ", ".join(body.rings)
+                    raise ScenarioError(key, f"names no ring and axis; give force_N.RING.x; rings are {rings}")
+                force = np.zeros((body.nodes, 3)) if loads.nodal_force is None else loads.nodal_force
+                force[body.rings[ring], _XYZ.index(axis)] += value / len(body.rings[ring])
+                loads = replace(loads, nodal_force=force)
+                continue
+            known = model.chambers if kind == "pressure_Pa" else model.cables
+            if kind not in ("pressure_Pa", "cable_tension_N", "cable_length_m") or (of and of not in known):
+                raise ScenarioError(
+                    key, "is no load; there are pressure_Pa, cable_tension_N.CABLE, cable_length_m.CABLE and "
+                    f"force_N.RING.x; chambers: {', '.join(model.chambers)}; "
+                    f"cables: {', '.join(model.cables)}",
+                )  # fmt: skip
+            if kind == "cable_length_m" and not loads.cable_length_m:
+                loads = replace(loads, cable_length_m=(None,) * cables)
+            for place, each in enumerate(known):
+                if of in ("", each):
+                    loads = with_load(loads, kind, place, value, chambers)
+        return loads

@@ -1,0 +1,207 @@
+"""`cosim.linearise`: a run's next tick as a discrete linear model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cosim.app.simulation import Simulation, stepped_run
+from cosim.base.frames import Array
+from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.devices.command_source import joint_rate
+from cosim.errors import InputError
+from cosim.reduced.sections.assembly import FIGURES
+from cosim.reduced.solve.linear_step import LinearStep
+from cosim.stepping.dynamic import DynamicSimulation
+
+_MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets
+_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
+_TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class LinearModel:
+    """Small changes of a run, tick by tick: x+ = A x + B u, y+ = C x+ + D u.
+
+    The inputs act through the tick that leads to x+ and y+; y is the change of the tip.
+
+    Args:
+        a: (n, n).
+        b: (n, inputs) [state per input].
+        c: (3, n).
+        d: (3, inputs), of a pressure, by which the film swells at once.
+        inputs: names: "pressure_Pa", "cable_tension_N.NAME", and with an arm "flange_twist.vx" to ".wz", see
+            `cosim.Command`.
+        outputs: names, "tip_position_m.x" and so on, world axes.
+        parts: of the run's state, each (rows, n) by x: "joint_position" [rad], "joint_velocity" [rad/s],
+            "joint_acceleration" (of the last ticks, where joints carry algorithmic mass), "joint_reference"
+            [rad], "wrench" (force and torque on the flange, centre and inertia of the soft robot), "shape"
+            (of the section model's frames), and "film" [m], all coordinates of the film's nodes.
+        step_s: time from x to x+ [s], a tick.
+        integrator: of the soft robot's steps.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parts: dict[str, Array]
+    step_s: float
+    integrator: str
+
+    def held(self, ticks: int = 1, inputs: Sequence[str] | None = None) -> tuple[Array, Array, Array, Array]:
+        """Return A, B, C and D of some inputs that are held for so many ticks, as by a controller.
+
+        Args:
+            ticks: from x to x+, such as a controller's period over the clock's tick.
+            inputs: names; all unless given.
+
+        Raises:
+            InputError: there is no such input.
+        """
+        for name in inputs or ():
+            if name not in self.inputs:
+                raise InputError(f"no input {name!r} in the linear model; there are {', '.join(self.inputs)}")
+        own = [self.inputs.index(name) for name in (self.inputs if inputs is None else inputs)]
+        one = self.b[:, own]
+        a, b = np.eye(len(self.a)), np.zeros_like(one)
+        for _ in range(ticks):
+            a, b = self.a @ a, self.a @ b + one
+        return a, b, self.c, self.d[:, own]
+
+    def poles(self) -> tuple[Array, Array]:
+        """Return the poles (k,) [1/s] of continuous motion, slow ones first, with eigenvectors (n, k) of A.
+
+        A pole's imaginary part is its angular frequency, minus its real part the decay. What the integrator
+        adds to both is taken off: a step h multiplies a motion exp(l t) by z with l h = 1 - 1 / z (implicit
+        Euler) or 3/2 - 2 / z + 1 / (2 z^2) (BDF2, whose second z for the same l is left out).
+        """
+        values, vectors = np.linalg.eig(self.a)
+        poles = np.array([self._pole(value) for value in values.tolist()])
+        order = np.argsort(np.abs(poles), kind="stable")[: np.isfinite(poles).sum()]
+        return poles[order], vectors[:, order]
+
+    def _pole(self, z: complex) -> complex:
+        """Return the pole of an eigenvalue of A; infinite where it is none."""
+        if abs(z) < _MOVES:
+            return complex(np.inf)
+        if self.integrator != "bdf2":
+            return (1.0 - 1.0 / z) / self.step_s
+        away = 1.5 - 2.0 / z + 0.5 / z**2
+        return away / self.step_s if (z * (3.0 - 2.0 * away)).real > 2.0 else complex(np.inf)
+
+    def slow(self, fastest_Hz: float) -> LinearModel:
+        """Return the model of slow motions alone; fast ones then follow the inputs at once.
+
+        Their share of the tip is in D. Its states have no meaning but by `parts`.
+
+        Args:
+            fastest_Hz: of the motions that are kept, |pole| / 2 pi.
+        """
+        # here: it takes long to load
+        from scipy.linalg import schur, solve_sylvester
+
+        bound = 2.0 * np.pi * fastest_Hz
+        t, z, k = schur(self.a, sort=lambda re, im: abs(self._pole(complex(re, im))) <= bound)
+        mixed = solve_sylvester(t[:k, :k], -t[k:, k:], t[:k, k:])
+        slow, rest = z[:, :k], z[:, k:]
+        fast = rest - slow @ mixed
+        static = fast @ np.linalg.solve(np.eye(len(t) - k) - t[k:, k:], rest.T @ self.b)
+        return replace(
+            self, a=t[:k, :k], b=slow.T @ self.b + mixed @ (rest.T @ self.b), c=self.c @ slow,
+            d=self.d + self.c @ static, parts={name: part @ slow for name, part in self.parts.items()},
+        )  # fmt: skip
+
+    def modes(self, count: int) -> tuple[Array, Array, Array]:
+        """Return the slowest swings: frequencies (k,) [Hz], decays (k,) [1/s] and shapes (k, nodes, 3).
+
+        A shape is complex: the film's nodes move along Re(shape exp(l t)), the largest by 1.
+
+        Args:
+            count: k, at most so many.
+        """
+        poles, vectors = self.poles()
+        swings = np.flatnonzero(poles.imag > 0.0)[:count]
+        shapes = (self.parts["film"] @ vectors[:, swings]).T.reshape(len(swings), -1, 3)
+        largest = np.abs(shapes).reshape(len(swings), -1).max(axis=1, initial=1e-300)
+        return np.abs(poles[swings]) / (2.0 * np.pi), -poles[swings].real, shapes / largest[:, None, None]
+
+    def __repr__(self) -> str:
+        """Return its size and its slowest swings."""
+        frequencies, decays, _ = self.modes(5)
+        swings = ", ".join(f"{f:.3g} Hz (-{d:.3g}/s)" for f, d in zip(frequencies, decays, strict=True))
+        return f"LinearModel of {len(self.a)} states, {', '.join(self.inputs)} -> tip; swings: {swings}"
+
+
+def linearise(simulation: Simulation) -> LinearModel:
+    """Return the linear model of a simulation's next ticks, about where it is, as if it was at rest.
+
+    The soft half of a tick is exact: tangent, mass and losses of its implicit step, losses along cables
+    held. The rigid half is by central differences of MuJoCo's step. Contact is not part of it.
+
+    Args:
+        simulation: in mode "dynamic", fidelity "section", staggered exchange; after its first tick.
+
+    Raises:
+        InputError: it is of another kind, or touches something.
+    """
+    run, scenario = stepped_run(simulation), simulation.scenario
+    soft = run.soft if isinstance(run, DynamicSimulation) else None
+    if not isinstance(soft, SectionArm):
+        raise InputError(
+            "a linear model is of a section model in time: set mode = 'dynamic' and fidelity = 'section'; "
+            f"here are {scenario.mode!r} and {scenario.fidelity!r}"
+        )
+    tick_s = scenario.clock.tick_s
+    soft_step = soft.linear_step(tick_s)
+    carrier = run.carrier
+    rigid, jacobian = carrier.linear_half(), carrier.flange_jacobian()
+    return _joined(simulation, soft_step, (rigid, jacobian))
+
+
+def _joined(simulation: Simulation, soft: LinearStep, arm: tuple[Array, Array]) -> LinearModel:
+    """Return the tick of both sides: the rigid half first, the soft one with the flange's new pose."""
+    (rigid, jacobian), scenario = arm, simulation.scenario
+    tick_s, joints = scenario.clock.tick_s, jacobian.shape[1]
+    sizes = (joints, joints, len(rigid) - 2 * joints, joints, FIGURES, soft.states)
+    ends = np.cumsum((0, *sizes))
+    names = (*_ARM, "joint_reference", "wrench", "shape")
+    rates = _rates(jacobian)
+    inputs = [*_load_names(simulation, soft), *(f"flange_twist.{axis}" for axis in _TWIST[: rates.shape[1]])]
+    count, loads = int(ends[-1]), len(soft.loads)
+    columns = np.eye(count + len(inputs))
+    part = dict(zip(names, np.split(columns[:count], ends[1:-1]), strict=True))
+    pace = rates @ columns[count + loads :]
+    before = [part[name] for name in (*_ARM, "wrench", "joint_reference")]
+    moved = rigid @ np.concatenate([*before, pace])
+    flange = jacobian @ moved[:joints] if joints else np.zeros((6, columns.shape[1]))
+    ended = soft.matrix @ np.concatenate([part["shape"], flange, columns[count : count + loads]])
+    reference = part["joint_reference"] + tick_s * pace
+    whole = np.concatenate([moved, reference, ended[soft.states :], ended[: soft.states]])
+    size = soft.nodes.shape[2]
+    parts = {name: rows[:, :count] for name, rows in part.items()}
+    frames, d = parts["shape"][:size], np.zeros((3, len(inputs)))
+    parts["film"], d[:, :loads] = soft.nodes.reshape(-1, size) @ frames, soft.tip[:, size:]
+    return LinearModel(
+        whole[:, :count], whole[:, count:], soft.tip[:, :size] @ frames, d, tuple(inputs),
+        tuple(f"tip_position_m.{axis}" for axis in "xyz"), parts, tick_s, scenario.solver.integrator,
+    )  # fmt: skip
+
+
+def _rates(jacobian: Array) -> Array:
+    """Return the joint speeds (joints, 6) by the flange's twist; (joints, 0) where it cannot have any."""
+    try:
+        return np.array([joint_rate(jacobian, twist) for twist in np.eye(6)]).T
+    except InputError:
+        return np.zeros((jacobian.shape[1], 0))
+
+
+def _load_names(simulation: Simulation, soft: LinearStep) -> list[str]:
+    cables = simulation.scenario.soft_robot.cable_names()
+    return [kind if kind == "pressure_Pa" else f"{kind}.{cables[of]}" for kind, of in soft.loads]
