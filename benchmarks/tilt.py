@@ -69,9 +69,9 @@ def unit(
         **(HEXAGON if hexagon else SQUARE), units=1, unit_height_m=0.002, refine=refine, refine_holes=holes,
         neck=NeckTable(fused_radius_m) if fused_radius_m else None,
     )  # fmt: skip
-    film: Any = {"law": law}
+    film: Any = {"young_modulus_Pa": 1.3e9, "poisson_ratio": 0.2, "thickness_m": 0.11e-3, "law": law}
     robot = SoftRobotTable(
-        name="unit", source="tilt", stack=stack, film=FilmTable(1.3e9, 0.2, 0.11e-3, **film),
+        name="unit", source="tilt", stack=stack, film=FilmTable(**film),
         hinge=HingeTable(rule="shell"), mass=MassTable(1e-3),
         stiffener=StiffenerTable("stiff" if framed else "none", FRAME_STIFFNESS_N_M),
     )  # fmt: skip

@@ -46,7 +46,7 @@ from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
-from cosim.soft.elements.material import Film
+from cosim.soft.elements.material import Fabric, Film
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.refinement import refine
@@ -326,9 +326,17 @@ def build_film(table: FilmTable) -> Film:
     """Return a film."""
     f = table
     kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
+    young_modulus_Pa, fabric = f.young_modulus_Pa, None
+    if f.fabric is not None:
+        w = f.fabric
+        young_modulus_Pa, strain = w.modulus_warp_Pa, (w.straight_strain_warp, w.straight_strain_weft)
+        fabric = Fabric(
+            w.modulus_weft_Pa, w.shear_modulus_Pa, w.warp_direction, w.straight_modulus_Pa, strain
+        )
+    assert young_modulus_Pa is not None, "a checked film has one of the two"
     return Film(
-        f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
-        f.loss_frequency_Hz,
+        young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
+        f.loss_frequency_Hz, fabric,
     )  # fmt: skip
 
 

@@ -450,9 +450,11 @@ def test_a_welded_area_bends_eight_times_as_hard_as_a_sheet(tmp_path: Path) -> N
         assert measure / rigidity / area == pytest.approx(factor, rel=0.12)
 
 
+SHEET = FilmTable(young_modulus_Pa=1e9, poisson_ratio=0.3, thickness_m=1e-4, density_kg_m3=1000.0)
+
+
 def robot_of(table: PatternTable) -> SoftRobotTable:
-    film = FilmTable(1e9, 0.3, 1e-4, 1000.0)
-    return SoftRobotTable("pouch", "a test", film, body=table, base=("base",), hinge=HingeTable("shell"))
+    return SoftRobotTable("pouch", "a test", SHEET, body=table, base=("base",), hinge=HingeTable("shell"))
 
 
 def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path) -> None:
@@ -460,7 +462,7 @@ def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path
     for name, x in (("LEFT", 10.0), ("RIGHT", 30.0)):
         sheet.space.add_point((x, 60.0), dxfattribs={"layer": f"PORT_{name}"})
     table = sheet.table(tmp_path, chambers=("right", "left"))
-    thick = FaceGroupTable("left", FilmTable(1e9, 0.3, 2e-4, 1000.0))
+    thick = FaceGroupTable("left", replace(SHEET, thickness_m=2e-4))
     robot = replace(robot_of(table), groups=(thick,))
     body = build_soft_body(robot, ModelTable())
     assert robot.chamber_names() == ("right", "left") == tuple(part.name for part in body.gas_chambers)

@@ -10,7 +10,8 @@ force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     gradient_a = A F N g_a,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
 Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain", see
-their files.
+their files. The axes of E are along a triangle's first edge and across; of fabric they are warp and weft, so
+that all triangles have one C, and its yarns add what `straighten` has.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 """
 
@@ -36,7 +37,8 @@ from cosim.base.kernels import (
 )
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
-from cosim.soft.elements.material import PLAIN, TENSION_FIELD, WRINKLING, Film
+from cosim.soft.elements.fabric import straighten
+from cosim.soft.elements.material import PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
 from cosim.soft.elements.wrinkling import (
     density,
     hide_across,
@@ -103,6 +105,7 @@ class MembraneRows(NamedTuple):
         law: code of the film's law.
         fraction: compressive fraction.
         forces: (m, 2) [N/m], see `wrinkling_forces`; empty for other laws.
+        yarns: (2, 2), see `Film.yarns`.
     """
 
     triangles: IndexTable
@@ -113,6 +116,7 @@ class MembraneRows(NamedTuple):
     law: int
     fraction: float
     forces: Matrix
+    yarns: Matrix
 
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge`.
@@ -263,6 +267,9 @@ def film_law(
         return wrinkling(strain, stiffness, film.forces[e, 0], film.forces[e, 1], n, tangent)
     if film.law == TENSION_FIELD:
         return tension_field(strain, stiffness, film.fraction, n, tangent)
+    if film.law == STRAIGHTENING:
+        density = tension_field(strain, stiffness, film.fraction, n, tangent)
+        return density + straighten(strain, film.yarns, n, tangent)
     if film.law != PLAIN:
         return edge_strain(strain, film.gradients[e], stiffness, n, tangent)
     for r in range(3):
@@ -350,6 +357,28 @@ def principal_forces(x: Matrix, film: MembraneRows) -> Matrix:
     return principal
 
 
+_LEAST_WARP = 1e-3  # of the warp's direction that has to lie in a triangle's plane
+
+
+def _warp(direction: Array, normal: Array) -> Array:
+    """Return the unit warps (m, 3) of triangles with unit normals (m, 3): a direction (3,) in their planes.
+
+    Raises:
+        MeshError: it is normal to a triangle.
+    """
+    unit = direction / np.linalg.norm(direction)
+    warp = unit - (normal @ unit)[:, None] * normal
+    length = np.linalg.norm(warp, axis=1)
+    bad = np.flatnonzero(length < _LEAST_WARP)
+    if len(bad):
+        raise MeshError(
+            f"warp_direction {direction.tolist()} is normal to {len(bad)} of {len(normal)} film triangles, "
+            f"the first of which is triangle {bad[0]}; choose a direction that lies in the film, such as one "
+            "of the sheets that it is cut from"
+        )
+    return np.asarray(warp / length[:, None])
+
+
 @final
 @dataclass(frozen=True)
 class Membranes(DirectElement):
@@ -357,7 +386,7 @@ class Membranes(DirectElement):
 
     Args:
         triangles: (m, 3) node indices.
-        shape_gradients: (m, 3, 2) [1/m], g_a in each triangle's own plane axes.
+        shape_gradients: (m, 3, 2) [1/m], g_a in each triangle's own plane axes; of fabric warp and weft.
         areas: (m,) [m^2], drawn shape.
         wrinkle_panel_m: (m,) [m], of the panels in which a "wrinkling" film wrinkles; 0 where nobody said it.
         film: material.
@@ -396,7 +425,7 @@ class Membranes(DirectElement):
             wrinkle_panel_m: (m,) [m], see the class.
 
         Raises:
-            MeshError: a triangle has no area.
+            MeshError: a triangle has no area, or the warp of a fabric is normal to it.
             InputError: the film wrinkles, and nothing says how wide its panels are.
         """
         d1 = positions[triangles[:, 1]] - positions[triangles[:, 0]]
@@ -412,14 +441,20 @@ class Membranes(DirectElement):
                 f"a film triangle needs an area above 1e-9 of its longest edge squared; "
                 f"{len(bad)} of {len(triangles)} triangles fall short"
             )
+        unit = normal / twice_area[:, None]
         axis1 = d1 / np.linalg.norm(d1, axis=1)[:, None]
-        axis2 = np.cross(normal / twice_area[:, None], axis1)
+        axis2 = np.cross(unit, axis1)
         # rows of the inverse of [[d1.a1, d2.a1], [0, d2.a2]] are the gradients of nodes 1 and 2
         a, b, d = (d1 * axis1).sum(1), (d2 * axis1).sum(1), (d2 * axis2).sum(1)
         gradients = np.zeros((len(triangles), 3, 2))
         gradients[:, 1] = np.stack([1.0 / a, -b / (a * d)], axis=1)
         gradients[:, 2, 1] = 1.0 / d
         gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
+        if film.fabric is not None:
+            warp = _warp(np.array(film.fabric.warp_direction), unit)
+            turn = np.stack([(warp * axis1).sum(1), (warp * axis2).sum(1)], axis=1)
+            across = np.stack([-turn[:, 1], turn[:, 0]], axis=1)
+            gradients = np.einsum("mij,maj->mai", np.stack([turn, across], axis=1), gradients)
         panel = (
             np.zeros(len(triangles))
             if wrinkle_panel_m is None
@@ -438,12 +473,16 @@ class Membranes(DirectElement):
         """The triangles as kernels know them."""
         return MembraneRows(
             self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
-            self._stiffness, self.film.law_code, self.film.compressive_fraction, self._forces,
+            self._stiffness, self.film.law_code, self.film.kept_fraction, self._forces, self._yarns,
         )  # fmt: skip
 
     @cached_property
     def _stiffness(self) -> Array:
         return self.film.membrane_stiffness
+
+    @cached_property
+    def _yarns(self) -> Array:
+        return self.film.yarns
 
     @property
     def _panel_m(self) -> Array:
