@@ -4,15 +4,17 @@
 
 Tubes of woven polyester (Dacron), 1 m long, clamped at one end, were bent and twisted at the other. The
 measured curves are the formulas that their author fitted to them, over pressure p [bar] and radius r [m]:
-    F(v) = D (1 - exp(-N v / D)) [N] up to the deflection v_c [m] at collapse,   T(phi) = A arctan(B phi) [N m].
-Source: J. Breukels, An Engineering Methodology for Kite Design, PhD thesis, TU Delft, 2011, as the public code
-awegroup/kite_fem has them (BeamElement, MIT licence). What is tested lies about r = 0.05 to 0.09 m, p = 0.2 to
-0.5 bar; scatter is not stated.
+    F(v) = D (1 - exp(-N v / D)) [N] up to the deflection v_c [m] at collapse,
+    T(phi) = A arctan(B phi) [N m].
+Source: J. Breukels, An Engineering Methodology for Kite Design, PhD thesis, TU Delft, 2011, as the public
+code awegroup/kite_fem has them (BeamElement). Tubes had about r = 0.05 to 0.09 m, p = 0.2 to 0.5 bar; the
+scatter of the tests is not known here.
 
 Three films of law "tension_field" are fitted to as little of it as they need, at r = 0.09 m:
     isotropic  one modulus, to the load at 0.3 bar and a fiftieth of v_c;
     woven      the same, and a shear modulus, to the torque at 0.3 bar and 0.05 rad;
-    straightening  the moduli of crimped and straight yarns, to these loads at 0.2 and 0.5 bar (least squares).
+    straightening  the moduli of crimped and straight yarns, to these loads at 0.2 and 0.5 bar (least
+               squares), and the shear modulus.
 All else is predicted. Warp and weft are alike, Poisson's ratio is 0.3, yarns are straight at a strain of 1 %:
 chosen, not fitted. The ends stay round and plane.
 """
@@ -35,7 +37,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.frame_ring import FrameRings
@@ -89,7 +91,7 @@ class InflatedTube:
     """
 
     body: SoftBody
-    tip: Array
+    tip: IntArray
     found: Equilibrium
 
     @classmethod
@@ -137,7 +139,7 @@ class InflatedTube:
         return np.array(torques)
 
 
-def _specimen(body: SoftBody, held: Array) -> Specimen:
+def _specimen(body: SoftBody, held: Mask) -> Specimen:
     return Specimen(body, held, NewtonOptions(tolerance_N=1e-3, iterations_max=300, step_max_m=0.02))
 
 
@@ -154,7 +156,7 @@ def isotropic(young: float) -> Film:
 
 
 def woven(young: float, shear: float, straight: float | None = None) -> Film:
-    """Return fabric of moduli times thickness [N/m], alike along warp and weft, the last of straight yarns."""
+    """Return fabric of moduli times thickness [N/m], alike along warp and weft; the last: straight yarns."""
     e, g, h = (value / THICKNESS_m for value in (young, shear, straight or young))
     fabric = Fabric(e, g, (0.0, 0.0, 1.0), (h, h), (STRAIGHT_STRAIN, STRAIGHT_STRAIN))
     return Film(e, POISSON, THICKNESS_m, "tension_field", KEPT, fabric=fabric)
@@ -235,7 +237,7 @@ def main() -> None:
     compile_kernels()
     found = {}
     for name, film in Fits(arguments.sides).films().items():
-        print(f"\n{name}\n| r, p | load at collapse, measured | gas alone | slope | at collapse | curve | torque")
+        print(f"\n{name}\n| tube | measured | gas | slope | collapse | curve | torque: slope | curve |")
         rows = [compared(film, p, r, arguments.sides) for r in RADII_m for p in PRESSURES_bar]
         for row in rows:
             begin = f"| {row['radius_m']:.3f} m, {row['pressure_bar']:.1f} bar "

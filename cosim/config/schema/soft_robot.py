@@ -233,8 +233,8 @@ class FilmTable:
     @rule
     def _is_of_one_kind(self) -> Told:
         if (self.young_modulus_Pa is None) is (self.fabric is None):
-            given = "neither" if self.fabric is None else "both"
-            yield "young_modulus_Pa", f"give this or film.fabric; {given} is given"
+            given = "neither is" if self.fabric is None else "both are"
+            yield "young_modulus_Pa", f"give this or film.fabric; {given} given"
 
     @rule
     def _resists_all_strains(self) -> Told:

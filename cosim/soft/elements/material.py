@@ -151,6 +151,12 @@ class Film:
         return self.loss_factor / (2.0 * math.pi * self.loss_frequency_Hz)
 
     @property
+    def least_modulus_Pa(self) -> float:
+        """The smaller one of the moduli along warp and weft; of isotropic film Young's modulus."""
+        weft = self.young_modulus_Pa if self.fabric is None else self.fabric.modulus_weft_Pa
+        return min(self.young_modulus_Pa, weft)
+
+    @property
     def membrane_stiffness(self) -> Array:
         """(3, 3) [N/m]: maps (E11, E22, 2 E12) to (N11, N22, N12); of fabric without its straight yarns."""
         nu, fabric = self.poisson_ratio, self.fabric
