@@ -23,13 +23,13 @@ from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
 from cosim.build.patterns import drawn_pattern
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
     CableTable,
-    FilmTable,
     LEAST_NODE_MASS_kg,
     MeshTable,
     NodeSetTable,
@@ -44,9 +44,10 @@ from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
-from cosim.soft.elements.material import Fabric, Film
+from cosim.soft.elements.material import Film
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.refinement import refine

@@ -13,7 +13,8 @@ from scipy.optimize import root
 
 from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.material import Fabric, Film
+from cosim.soft.elements.fabric import Fabric
+from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.case import UNLOADED, Figure, Specimen, case, held_on_axis, tube
 

@@ -15,9 +15,10 @@ from cosim.base.drawing import DrawnLine, in_mm, read_drawing
 from cosim.base.frames import Array, rotation_from_vector
 from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import FaceGroupTable, FilmTable, HingeTable, SoftRobotTable
+from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import TipFrame

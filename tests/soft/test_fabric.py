@@ -10,7 +10,8 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.errors import InputError, MeshError
-from cosim.soft.elements.material import Fabric, Film, FilmLaw
+from cosim.soft.elements.fabric import Fabric
+from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.elements.membrane import Membranes
 from tests.derivatives import RELATIVE, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes

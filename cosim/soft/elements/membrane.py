@@ -11,7 +11,7 @@ force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
 Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain", see
 their files. The axes of E are along a triangle's first edge and across; of fabric they are warp and weft, so
-that all triangles have one C, and its yarns add what `straighten` has.
+that all triangles have one C, and its yarns straighten, see `fabric`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 """
 
@@ -37,7 +37,6 @@ from cosim.base.kernels import (
 )
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
-from cosim.soft.elements.fabric import straighten
 from cosim.soft.elements.material import PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
 from cosim.soft.elements.wrinkling import (
     density,
@@ -255,6 +254,29 @@ def scatter(
 
 
 @device_function
+def _straighten(strain: tuple[float, float, float], yarns: Matrix, n: Vector, c: Matrix) -> float:
+    """Add to n (3,) and c (3, 3) what straightening yarns resist; return the density [J/m^2].
+
+    Law: see `fabric`. It has no compression and is convex, so that a tension field with it is one.
+
+    Args:
+        strain: E11, E22, 2 E12, along warp and weft.
+        yarns: (2, 2), see `Film.yarns`.
+        n: added to.
+        c: added to.
+    """
+    density = 0.0
+    for i in range(2):
+        grown, full = yarns[i, 0], yarns[i, 1]
+        bent = min(max(strain[i], 0.0), full)
+        beyond = max(strain[i] - full, 0.0)
+        n[i] += grown * (0.5 * bent * bent / full + beyond)
+        c[i, i] += grown * bent / full
+        density += grown * (bent * bent * bent / (6.0 * full) + 0.5 * beyond * (bent + beyond))
+    return density
+
+
+@device_function
 def film_law(
     film: MembraneRows, e: int, strain: tuple[float, float, float], n: Vector, tangent: Matrix
 ) -> float:
@@ -269,7 +291,7 @@ def film_law(
         return tension_field(strain, stiffness, film.fraction, n, tangent)
     if film.law == STRAIGHTENING:
         density = tension_field(strain, stiffness, film.fraction, n, tangent)
-        return density + straighten(strain, film.yarns, n, tangent)
+        return density + _straighten(strain, film.yarns, n, tangent)
     if film.law != PLAIN:
         return edge_strain(strain, film.gradients[e], stiffness, n, tangent)
     for r in range(3):
@@ -357,28 +379,6 @@ def principal_forces(x: Matrix, film: MembraneRows) -> Matrix:
     return principal
 
 
-_LEAST_WARP = 1e-3  # of the warp's direction that has to lie in a triangle's plane
-
-
-def _warp(direction: Array, normal: Array) -> Array:
-    """Return the unit warps (m, 3) of triangles with unit normals (m, 3): a direction (3,) in their planes.
-
-    Raises:
-        MeshError: it is normal to a triangle.
-    """
-    unit = direction / np.linalg.norm(direction)
-    warp = unit - (normal @ unit)[:, None] * normal
-    length = np.linalg.norm(warp, axis=1)
-    bad = np.flatnonzero(length < _LEAST_WARP)
-    if len(bad):
-        raise MeshError(
-            f"warp_direction {direction.tolist()} is normal to {len(bad)} of {len(normal)} film triangles, "
-            f"the first of which is triangle {bad[0]}; choose a direction that lies in the film, such as one "
-            "of the sheets that it is cut from"
-        )
-    return np.asarray(warp / length[:, None])
-
-
 @final
 @dataclass(frozen=True)
 class Membranes(DirectElement):
@@ -451,7 +451,7 @@ class Membranes(DirectElement):
         gradients[:, 2, 1] = 1.0 / d
         gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
         if film.fabric is not None:
-            warp = _warp(np.array(film.fabric.warp_direction), unit)
+            warp = film.fabric.warps(unit)
             turn = np.stack([(warp * axis1).sum(1), (warp * axis2).sum(1)], axis=1)
             across = np.stack([-turn[:, 1], turn[:, 0]], axis=1)
             gradients = np.einsum("mij,maj->mai", np.stack([turn, across], axis=1), gradients)
