@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_soft_robot
+from cosim.config.schema.scenario import ModelTable
 from cosim.errors import InputError, MeshError
+from cosim.soft.body.body import stored_energy
 from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.elements.membrane import Membranes
@@ -158,6 +162,21 @@ def test_forces_and_energy_stay_convex_and_without_compression() -> None:
             assert values[0] >= -1e-11 * max(values[-1], 1e-30)
             stress = membranes.principal_stress(x)[0]
             assert stress[1] >= -1e-10 * max(stress[0], 1e-30)
+
+
+def test_a_robots_file_lays_the_warp_along_its_boom() -> None:
+    # pulled along its axis alone: psi = t (C11 e^2 / 2 + (H - E) e^3 / (6 s)), e the Green strain
+    robot = load_soft_robot("fabric_boom")
+    assert robot.film.fabric is not None
+    fabric = replace(robot.film.fabric, modulus_weft_Pa=1e8)
+    soft = replace(robot.film, fabric=fabric)
+    body = build_soft_body(replace(robot, film=soft), ModelTable())
+    nu, e = soft.poisson_ratio, 0.5 * (1.003**2 - 1.0)
+    across = fabric.modulus_warp_Pa / (1.0 - nu**2 * fabric.modulus_weft_Pa / fabric.modulus_warp_Pa)
+    grown = fabric.straight_modulus_Pa[0] - fabric.modulus_warp_Pa
+    density = 0.5 * across * e**2 + grown * e**3 / (6.0 * fabric.straight_strain_warp)
+    stored = stored_energy(body, body.positions * (1.0, 1.0, 1.003))[Membranes]
+    assert stored == pytest.approx(soft.thickness_m * density * float(body.areas.sum()), rel=1e-6)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
