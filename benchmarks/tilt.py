@@ -24,8 +24,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
 from cosim.build.soft_body import build_soft_body
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import FilmTable, HingeTable, MassTable, SoftRobotTable, StiffenerTable
+from cosim.config.schema.soft_robot import HingeTable, MassTable, SoftRobotTable, StiffenerTable
 from cosim.config.schema.stack import NeckTable, StackTable
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
@@ -69,9 +70,9 @@ def unit(
         **(HEXAGON if hexagon else SQUARE), units=1, unit_height_m=0.002, refine=refine, refine_holes=holes,
         neck=NeckTable(fused_radius_m) if fused_radius_m else None,
     )  # fmt: skip
-    film: Any = {"law": law}
+    film: Any = {"young_modulus_Pa": 1.3e9, "poisson_ratio": 0.2, "thickness_m": 0.11e-3, "law": law}
     robot = SoftRobotTable(
-        name="unit", source="tilt", stack=stack, film=FilmTable(1.3e9, 0.2, 0.11e-3, **film),
+        name="unit", source="tilt", stack=stack, film=FilmTable(**film),
         hinge=HingeTable(rule="shell"), mass=MassTable(1e-3),
         stiffener=StiffenerTable("stiff" if framed else "none", FRAME_STIFFNESS_N_M),
     )  # fmt: skip

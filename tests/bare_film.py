@@ -8,8 +8,8 @@ from typing import Any
 
 from cosim.build.soft_body import published_robot
 from cosim.config.loading import load_scenario
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import FilmTable
 
 
 def bare_film(name: str, law: str, overrides: Mapping[str, Any] | None = None) -> Scenario:

@@ -23,13 +23,13 @@ from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, read_surface
 from cosim.build.patterns import drawn_pattern
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
     ARM_CHAMBER,
     AttachmentTable,
     CableTable,
-    FilmTable,
     LEAST_NODE_MASS_kg,
     MeshTable,
     NodeSetTable,
@@ -44,6 +44,7 @@ from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
@@ -326,9 +327,17 @@ def build_film(table: FilmTable) -> Film:
     """Return a film."""
     f = table
     kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
+    young_modulus_Pa, fabric = f.young_modulus_Pa, None
+    if f.fabric is not None:
+        w = f.fabric
+        young_modulus_Pa, strain = w.modulus_warp_Pa, (w.straight_strain_warp, w.straight_strain_weft)
+        fabric = Fabric(
+            w.modulus_weft_Pa, w.shear_modulus_Pa, w.warp_direction, w.straight_modulus_Pa, strain
+        )
+    assert young_modulus_Pa is not None, "a checked film has one of the two"
     return Film(
-        f.young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
-        f.loss_frequency_Hz,
+        young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
+        f.loss_frequency_Hz, fabric,
     )  # fmt: skip
 
 

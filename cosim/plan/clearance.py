@@ -237,7 +237,7 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
     length = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)
     graph = csr_matrix((length, (edges[:, 0], edges[:, 1])), shape=(len(x),) * 2)
     way = dijkstra(graph, directed=False, indices=body.base, min_only=True)
-    least = min(entry.film.young_modulus_Pa * entry.film.thickness_m for entry in body.membranes)
+    least = min(entry.film.least_modulus_Pa * entry.film.thickness_m for entry in body.membranes)
     width = float(np.ptp(x, axis=0).max())
     strain = _STRAIN + _PRESSURE_FACTOR * pressure_Pa * width / least
     return float(np.linalg.norm(x[body.base], axis=1).max()) + (1.0 + strain) * float(way.max())

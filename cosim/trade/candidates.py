@@ -11,8 +11,9 @@ from typing import Any, Final, Literal, TypeAlias, final, get_args, get_type_hin
 
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
+from cosim.config.schema.film import FABRIC_LAWS, FilmTable
 from cosim.config.schema.scenario import NO_ARM, Fidelity, Scenario
-from cosim.config.schema.soft_robot import FilmTable, SoftRobotTable
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.decision import CONTACT
 
@@ -138,7 +139,7 @@ def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     if scenario.model.published:
         return {"robot as in its file": _AS_IN_FILE}
     robot = file_of(scenario, "a trade")
-    laws = get_args(get_type_hints(FilmTable)["law"])
+    laws = get_args(get_type_hints(FilmTable)["law"]) if robot.film.fabric is None else FABRIC_LAWS
     found: dict[str, dict[str, Any]] = {
         f"film law {law}": {_LAW: law} for law in laws if law != robot.film.law
     }

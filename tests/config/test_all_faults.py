@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -152,3 +153,31 @@ def test_groups_of_one_name_are_refused() -> None:
     with pytest.raises(ScenarioError) as caught:
         load_scenario("ur5e_hexagon_arm", {"soft_robot": robot})
     assert dict(caught.value.faults)["soft_robot.group.wall"] == "the name is used twice; names must differ"
+
+
+FABRIC = {"modulus_warp_Pa": 0.5e9, "modulus_weft_Pa": 2e9, "shear_modulus_Pa": 5e7}
+WRONG_FABRICS: dict[str, tuple[dict[str, Any], dict[str, Any], str, str]] = {
+    "no modulus": ({}, {}, "young_modulus_Pa", "neither is given"),
+    "weft contracts too much": ({"poisson_ratio": 0.5}, FABRIC, "poisson_ratio", "below 0.5, the root"),
+    "panels": ({"law": "wrinkling"}, FABRIC, "law", "of fabric it is 'plain' or 'tension_field'"),
+    "direction": ({}, {**FABRIC, "warp_direction": [0.0, 0.0, 0.0]}, "fabric.warp_direction", "no length"),
+    "softer": (
+        {}, {**FABRIC, "straight_modulus_weft_Pa": 1e9}, "fabric.straight_modulus_weft_Pa", "2e+09, at least",
+    ),
+    "shear": ({}, {**FABRIC, "shear_modulus_Pa": 0.0}, "fabric.shear_modulus_Pa", "above 0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG_FABRICS)
+def test_wrong_fabrics_are_refused_by_key(case: str) -> None:
+    changes, fabric, key, message = WRONG_FABRICS[case]
+    film: dict[str, Any] = {"poisson_ratio": 0.3, "thickness_m": 2e-4, **changes}
+    film |= {"fabric": fabric} if fabric else {}
+    ends = [{"name": name, "axis": "z", "at_m": at_m} for name, at_m in (("base", 0.0), ("tip", 0.1))]
+    robot = {
+        "name": "tube", "source": "made up", "base": ["base"], "film": film,
+        "body": {"kind": "mesh", "file": "tube.obj", "set": ends},
+    }  # fmt: skip
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("ur5e_hexagon_arm", {"soft_robot": robot})
+    assert message in dict(caught.value.faults)[f"soft_robot.film.{key}"]

@@ -45,6 +45,12 @@ WRONG_VALUES = {
         "soft_robot.film.wrinkle_panel_m",
         "'wrinkling'; the law is 'plain'",
     ),
+    "fabric beside a modulus": (
+        'soft_robot={file="hexagon_arm",film={law="plain",fabric='
+        "{modulus_warp_Pa=1e9,modulus_weft_Pa=1e9,shear_modulus_Pa=1e8}}}",
+        "soft_robot.film.young_modulus_Pa",
+        "both are given",
+    ),
     "unknown frame": ("soft_robot.stiffener.kind=rigid", "soft_robot.stiffener.kind", "'stiff'"),
     "limp frame": ("soft_robot.stiffener.stiffness_N_m=0", "soft_robot.stiffener.stiffness_N_m", "above 0"),
     "beam without a section": (

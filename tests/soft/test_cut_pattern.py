@@ -15,9 +15,10 @@ from cosim.base.drawing import DrawnLine, in_mm, read_drawing
 from cosim.base.frames import Array, rotation_from_vector
 from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import FaceGroupTable, FilmTable, HingeTable, SoftRobotTable
+from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import TipFrame
@@ -450,9 +451,11 @@ def test_a_welded_area_bends_eight_times_as_hard_as_a_sheet(tmp_path: Path) -> N
         assert measure / rigidity / area == pytest.approx(factor, rel=0.12)
 
 
+SHEET = FilmTable(young_modulus_Pa=1e9, poisson_ratio=0.3, thickness_m=1e-4, density_kg_m3=1000.0)
+
+
 def robot_of(table: PatternTable) -> SoftRobotTable:
-    film = FilmTable(1e9, 0.3, 1e-4, 1000.0)
-    return SoftRobotTable("pouch", "a test", film, body=table, base=("base",), hinge=HingeTable("shell"))
+    return SoftRobotTable("pouch", "a test", SHEET, body=table, base=("base",), hinge=HingeTable("shell"))
 
 
 def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path) -> None:
@@ -460,7 +463,7 @@ def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path
     for name, x in (("LEFT", 10.0), ("RIGHT", 30.0)):
         sheet.space.add_point((x, 60.0), dxfattribs={"layer": f"PORT_{name}"})
     table = sheet.table(tmp_path, chambers=("right", "left"))
-    thick = FaceGroupTable("left", FilmTable(1e9, 0.3, 2e-4, 1000.0))
+    thick = FaceGroupTable("left", replace(SHEET, thickness_m=2e-4))
     robot = replace(robot_of(table), groups=(thick,))
     body = build_soft_body(robot, ModelTable())
     assert robot.chamber_names() == ("right", "left") == tuple(part.name for part in body.gas_chambers)

@@ -6,7 +6,7 @@ Tables of elements that a soft robot has besides its film, folds, cables and sti
 
 Each kind has its own table, a subclass of `ElementTable`, and is known once it is registered.
 
-Tables of what a soft robot is made of: film, hinges, stiffeners, mass."""
+Tables of what a soft robot is made of besides its film: hinges, stiffeners, mass."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
 from cosim.base.resources import is_file
+from cosim.config.schema.film import FilmTable
 from cosim.config.schema.stack import FIRST_RING, StackTable
 from cosim.config.toml.keys import (
     Colour,
@@ -142,42 +143,6 @@ class ElementTable(KindTable):
             InputError: the body has no such rings, or what else is asked for.
         """
         raise NotImplementedError
-
-
-@final
-@dataclass(frozen=True)
-class FilmTable:
-    """Elastic sheet of the chamber walls.
-
-    Args:
-        young_modulus_Pa: of the sheet, isotropic.
-        poisson_ratio: of the sheet.
-        thickness_m: of one sheet, undeformed.
-        density_kg_m3: of the sheet; its mass is added to that of `[mass]`.
-        law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
-            as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":
-            plain in tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse
-            for it.
-        wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
-            sides of each unit's outer ring to those of its hole.
-        loss_factor: tan delta of the sheet, as data sheets give it: in the dynamic mode it resists rates of
-            stretching and bending, and rigid motion not at all.
-        loss_frequency_Hz: at which that holds; a Kelvin-Voigt material's grows in proportion to frequency.
-    """
-
-    young_modulus_Pa: Positive
-    poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=0.5)]
-    thickness_m: Positive
-    density_kg_m3: NonNegative = 0.0
-    law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
-    wrinkle_panel_m: Positive | None = None
-    loss_factor: NonNegative = 0.0
-    loss_frequency_Hz: Positive = 1.0
-
-    @rule
-    def _wrinkles_in_panels(self) -> Told:
-        if self.wrinkle_panel_m is not None and self.law != "wrinkling":
-            yield "wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{self.law}'"
 
 
 @final

@@ -10,6 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.errors import InputError
+from cosim.soft.elements.fabric import Fabric
 
 FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain", "wrinkling"]
 
@@ -17,6 +18,7 @@ PLAIN: Final = 0
 TENSION_FIELD: Final = 1
 EDGE_STRAIN: Final = 2
 WRINKLING: Final = 3
+STRAIGHTENING: Final = 4
 _LAWS: dict[str, int] = {
     "plain": PLAIN,
     "tension_field": TENSION_FIELD,
@@ -28,11 +30,11 @@ _LAWS: dict[str, int] = {
 @final
 @dataclass(frozen=True)
 class Film:
-    """Isotropic elastic film.
+    """Elastic film, isotropic unless it is a fabric.
 
     Args:
-        young_modulus_Pa: Young's modulus.
-        poisson_ratio: between -1 and 1 (plane stress; 1/2 is incompressible).
+        young_modulus_Pa: Young's modulus; of fabric E_1, along the warp.
+        poisson_ratio: between -1 and 1 (plane stress; 1/2 is incompressible); of fabric nu.
         thickness_m: thickness.
         law: how the film answers to strain.
         compressive_fraction: of the plain law's compressive stiffness that a "tension_field" keeps, 0 to 1.
@@ -40,9 +42,10 @@ class Film:
             hole; None: that of the mesh, which must know it.
         loss_factor: tan delta of the material; 0 for none.
         loss_frequency_Hz: at which it holds.
+        fabric: what woven film has besides; its law is "plain" or "tension_field".
 
     Raises:
-        InputError: a constant out of its bounds, an unknown law, or a fraction that does not fit it.
+        InputError: a constant out of its bounds, an unknown law, or what does not fit the law.
     """
 
     young_modulus_Pa: float
@@ -53,6 +56,7 @@ class Film:
     wrinkle_panel_m: float | None = None
     loss_factor: float = 0.0
     loss_frequency_Hz: float = 1.0
+    fabric: Fabric | None = None
 
     def __post_init__(self) -> None:
         for name in ("young_modulus_Pa", "thickness_m", "loss_frequency_Hz"):
@@ -75,11 +79,33 @@ class Film:
                 raise InputError(f"wrinkle_panel_m is {self.wrinkle_panel_m}; it must be positive and finite")
             if self.law != "wrinkling":
                 raise InputError(f"wrinkle_panel_m goes with law 'wrinkling'; the law is {self.law!r}")
+        if self.fabric is not None:
+            self._check_fabric(self.fabric)
+
+    def _check_fabric(self, fabric: Fabric) -> None:
+        if self.law not in ("plain", "tension_field"):
+            raise InputError(f"fabric has law 'plain' or 'tension_field'; the law is {self.law!r}")
+        ratio = self.young_modulus_Pa / fabric.modulus_weft_Pa
+        if not self.poisson_ratio**2 < ratio:
+            raise InputError(
+                f"poisson_ratio is {self.poisson_ratio}; its square must be less than the modulus along the "
+                f"warp over that along the weft, {ratio:g}"
+            )
+        if (self.yarns[:, 0] < 0.0).any():
+            raise InputError(
+                f"straight_modulus_Pa is {fabric.straight_modulus_Pa}; yarns get no softer as they "
+                f"straighten: {self.young_modulus_Pa:g} and {fabric.modulus_weft_Pa:g} Pa at least"
+            )
 
     @property
     def law_code(self) -> int:
-        """The law as the kernels know it."""
-        return _LAWS[self.law]
+        """The law as the kernels know it; yarns that straighten have one, plain or tension field."""
+        return STRAIGHTENING if (self.yarns[:, 0] > 0.0).any() else _LAWS[self.law]
+
+    @property
+    def kept_fraction(self) -> float:
+        """What a tension field keeps of the plain law's compressive stiffness; a plain film keeps all."""
+        return 1.0 if self.law == "plain" else self.compressive_fraction
 
     @property
     def loss_time_s(self) -> float:
@@ -87,16 +113,41 @@ class Film:
         return self.loss_factor / (2.0 * math.pi * self.loss_frequency_Hz)
 
     @property
+    def least_modulus_Pa(self) -> float:
+        """The smaller one of the moduli along warp and weft; of isotropic film Young's modulus."""
+        weft = self.young_modulus_Pa if self.fabric is None else self.fabric.modulus_weft_Pa
+        return min(self.young_modulus_Pa, weft)
+
+    @property
     def membrane_stiffness(self) -> Array:
-        """(3, 3) [N/m]: maps (E11, E22, 2 E12) to (N11, N22, N12)."""
-        nu = self.poisson_ratio
-        factor = self.young_modulus_Pa * self.thickness_m / (1.0 - nu * nu)
-        return factor * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+        """(3, 3) [N/m]: maps (E11, E22, 2 E12) to (N11, N22, N12); of fabric without its straight yarns."""
+        nu, fabric = self.poisson_ratio, self.fabric
+        if fabric is None:
+            factor = self.young_modulus_Pa * self.thickness_m / (1.0 - nu * nu)
+            return factor * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+        ratio = fabric.modulus_weft_Pa / self.young_modulus_Pa
+        factor = self.young_modulus_Pa * self.thickness_m / (1.0 - nu * nu * ratio)
+        shear = fabric.shear_modulus_Pa * self.thickness_m
+        across = factor * nu * ratio
+        return np.array([[factor, across, 0.0], [across, factor * ratio, 0.0], [0.0, 0.0, shear]])
+
+    @property
+    def yarns(self) -> Array:
+        """(2, 2): what the modulus along warp and weft grows by [N/m], and up to which strain."""
+        fabric = self.fabric
+        if fabric is None:
+            return np.array([[0.0, 1.0], [0.0, 1.0]])
+        drawn = self.young_modulus_Pa, fabric.modulus_weft_Pa
+        grown = self.thickness_m * (np.array(fabric.straight_modulus_Pa) - drawn)
+        return np.stack([grown, np.array(fabric.straight_strain)], axis=1)
 
     @property
     def bending_stiffness_Nm(self) -> float:
-        """E t^3 / 12 [N m], the paper's hinge stiffness for unit edge factor."""
-        return self.young_modulus_Pa * self.thickness_m**3 / 12.0
+        """E t^3 / 12 [N m], the paper's hinge stiffness for unit edge factor; E of fabric: sqrt(E_1 E_2)."""
+        modulus_Pa = self.young_modulus_Pa
+        if self.fabric is not None:
+            modulus_Pa = math.sqrt(modulus_Pa * self.fabric.modulus_weft_Pa)
+        return modulus_Pa * self.thickness_m**3 / 12.0
 
     @property
     def flexural_rigidity_Nm(self) -> float:

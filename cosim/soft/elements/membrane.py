@@ -10,7 +10,8 @@ force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     gradient_a = A F N g_a,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
 Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain", see
-their files.
+their files. The axes of E are along a triangle's first edge and across; of fabric they are warp and weft, so
+that all triangles have one C, and its yarns straighten, see `fabric`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 """
 
@@ -36,7 +37,7 @@ from cosim.base.kernels import (
 )
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
-from cosim.soft.elements.material import PLAIN, TENSION_FIELD, WRINKLING, Film
+from cosim.soft.elements.material import PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
 from cosim.soft.elements.wrinkling import (
     density,
     hide_across,
@@ -103,6 +104,7 @@ class MembraneRows(NamedTuple):
         law: code of the film's law.
         fraction: compressive fraction.
         forces: (m, 2) [N/m], see `wrinkling_forces`; empty for other laws.
+        yarns: (2, 2), see `Film.yarns`.
     """
 
     triangles: IndexTable
@@ -113,6 +115,7 @@ class MembraneRows(NamedTuple):
     law: int
     fraction: float
     forces: Matrix
+    yarns: Matrix
 
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge`.
@@ -251,6 +254,29 @@ def scatter(
 
 
 @device_function
+def _straighten(strain: tuple[float, float, float], yarns: Matrix, n: Vector, c: Matrix) -> float:
+    """Add to n (3,) and c (3, 3) what straightening yarns resist; return the density [J/m^2].
+
+    Law: see `fabric`. It has no compression and is convex, so that a tension field with it is one.
+
+    Args:
+        strain: E11, E22, 2 E12, along warp and weft.
+        yarns: (2, 2), see `Film.yarns`.
+        n: added to.
+        c: added to.
+    """
+    density = 0.0
+    for i in range(2):
+        grown, full = yarns[i, 0], yarns[i, 1]
+        bent = min(max(strain[i], 0.0), full)
+        beyond = max(strain[i] - full, 0.0)
+        n[i] += grown * (0.5 * bent * bent / full + beyond)
+        c[i, i] += grown * bent / full
+        density += grown * (bent * bent * bent / (6.0 * full) + 0.5 * beyond * (bent + beyond))
+    return density
+
+
+@device_function
 def film_law(
     film: MembraneRows, e: int, strain: tuple[float, float, float], n: Vector, tangent: Matrix
 ) -> float:
@@ -263,6 +289,9 @@ def film_law(
         return wrinkling(strain, stiffness, film.forces[e, 0], film.forces[e, 1], n, tangent)
     if film.law == TENSION_FIELD:
         return tension_field(strain, stiffness, film.fraction, n, tangent)
+    if film.law == STRAIGHTENING:
+        density = tension_field(strain, stiffness, film.fraction, n, tangent)
+        return density + _straighten(strain, film.yarns, n, tangent)
     if film.law != PLAIN:
         return edge_strain(strain, film.gradients[e], stiffness, n, tangent)
     for r in range(3):
@@ -357,7 +386,7 @@ class Membranes(DirectElement):
 
     Args:
         triangles: (m, 3) node indices.
-        shape_gradients: (m, 3, 2) [1/m], g_a in each triangle's own plane axes.
+        shape_gradients: (m, 3, 2) [1/m], g_a in each triangle's own plane axes; of fabric warp and weft.
         areas: (m,) [m^2], drawn shape.
         wrinkle_panel_m: (m,) [m], of the panels in which a "wrinkling" film wrinkles; 0 where nobody said it.
         film: material.
@@ -396,7 +425,7 @@ class Membranes(DirectElement):
             wrinkle_panel_m: (m,) [m], see the class.
 
         Raises:
-            MeshError: a triangle has no area.
+            MeshError: a triangle has no area, or the warp of a fabric is normal to it.
             InputError: the film wrinkles, and nothing says how wide its panels are.
         """
         d1 = positions[triangles[:, 1]] - positions[triangles[:, 0]]
@@ -412,14 +441,20 @@ class Membranes(DirectElement):
                 f"a film triangle needs an area above 1e-9 of its longest edge squared; "
                 f"{len(bad)} of {len(triangles)} triangles fall short"
             )
+        unit = normal / twice_area[:, None]
         axis1 = d1 / np.linalg.norm(d1, axis=1)[:, None]
-        axis2 = np.cross(normal / twice_area[:, None], axis1)
+        axis2 = np.cross(unit, axis1)
         # rows of the inverse of [[d1.a1, d2.a1], [0, d2.a2]] are the gradients of nodes 1 and 2
         a, b, d = (d1 * axis1).sum(1), (d2 * axis1).sum(1), (d2 * axis2).sum(1)
         gradients = np.zeros((len(triangles), 3, 2))
         gradients[:, 1] = np.stack([1.0 / a, -b / (a * d)], axis=1)
         gradients[:, 2, 1] = 1.0 / d
         gradients[:, 0] = -gradients[:, 1] - gradients[:, 2]
+        if film.fabric is not None:
+            warp = film.fabric.warps(unit)
+            turn = np.stack([(warp * axis1).sum(1), (warp * axis2).sum(1)], axis=1)
+            across = np.stack([-turn[:, 1], turn[:, 0]], axis=1)
+            gradients = np.einsum("mij,maj->mai", np.stack([turn, across], axis=1), gradients)
         panel = (
             np.zeros(len(triangles))
             if wrinkle_panel_m is None
@@ -438,12 +473,16 @@ class Membranes(DirectElement):
         """The triangles as kernels know them."""
         return MembraneRows(
             self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
-            self._stiffness, self.film.law_code, self.film.compressive_fraction, self._forces,
+            self._stiffness, self.film.law_code, self.film.kept_fraction, self._forces, self._yarns,
         )  # fmt: skip
 
     @cached_property
     def _stiffness(self) -> Array:
         return self.film.membrane_stiffness
+
+    @cached_property
+    def _yarns(self) -> Array:
+        return self.film.yarns
 
     @property
     def _panel_m(self) -> Array:

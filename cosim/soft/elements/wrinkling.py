@@ -1,16 +1,25 @@
 """Laws of film that gives way to compression: a tension field, or wrinkles on a mesh too coarse for them.
 
-Tension field of an isotropic film: what is left of its energy once it may wrinkle as finely as it likes.
+Tension field of a film, isotropic or woven: what is left of its energy once it may wrinkle as finely as it
+likes. With S the compliance of the plain law, psi(E) is the maximum of N : E - N : S : N / 2 over all N
+without compression.
 
-With principal Green strains e1 >= e2, thickness t, Young's modulus E, Poisson's ratio nu:
-    slack     e1 <= 0:                  psi = 0,
-    wrinkled  e1 > 0, e2 + nu e1 <= 0:  psi = E t e1^2 / 2,
-    taut      otherwise:                psi = e : C : e / 2, the plain law.
+With k^4 = C22 / C11, membrane forces and strains along warp and weft become those of
+    x = ((k N11 + N22 / k) / 2, (k N11 - N22 / k) / 2, N12),
+    y = (E11 / k + k E22, E11 / k - k E22, 2 E12),
+    psi* = (a0 x0^2 + a1 x1^2 + a2 x2^2) / 2,   a = 2 / (c + C12), 2 / (c - C12), 1 / C33,   c^2 = C11 C22:
+no product of two of them is left. There is no compression in the cone x0 >= |(x1, x2)|, so x is the point of
+a cone nearest to y / a:
+    slack     |(y1, y2)| <= -y0:                x = 0,
+    taut      |(y1 / a1, y2 / a2)| <= y0 / a0:  x = y / a, the plain law,
+    wrinkled  otherwise: x = z (1, p1, p2), p_i = y_i / (A_i z - y0), A_i = a0 + a_i, z such that |p| = 1.
+Of isotropic film A1 = A2, so that z = (y0 + |(y1, y2)|) / A1: E t e1 / 2, e1 the first principal strain.
 psi is convex with a continuous gradient; its second derivative jumps where the state changes.
 A share f of the plain law can stay, f psi_plain + (1 - f) psi: the film's bending resists fine wrinkles.
 With f = 0 a slack triangle resists nothing and may collapse, which a hinge beside it cannot bear: where
 hinges are, f should be 1e-4 or more.
-Source: Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc. A 429 (1990) 141-173.
+Source: Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc. A 429 (1990) 141-173; of woven
+film: Epstein and Forcinito, Int. J. Solids Struct. 38 (2001) 5253-5272, with the cone derived here.
 
 A film on a mesh too coarse for its wrinkles: plain in tension, giving way to compression as a panel does.
 
@@ -53,14 +62,13 @@ def tension_field(
 ) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
-    In the wrinkled state e1 = m + r, m the mean and r the radius of Mohr's circle. Its derivative is a, the
-    square of the first principal direction, and the second one w w^T / r turns that direction:
-        n = E t e1 a,   c = E t (a a^T + (e1 / r) w w^T).
-    There r >= (1 - |nu|) e1 / 2, so nothing is divided by a small number: where e1 = e2 the film is taut
-    or slack.
+    In the wrinkled state x = z (1, p1, p2) stays on the cone, whose tangent plane there has the directions
+    a = (1, p1, p2) and w = (0, -p2, p1). By e both are turned into those of N:
+        n = z a,   c = [a w] Q^-1 [a w]^T,   Q = [a w]^T diag(a0 - m, a1 + m, a2 + m) [a w],
+    m = a0 - y0 / z. Q is positive definite: nothing is divided by a small number.
 
     Args:
-        strain: E11, E22, 2 E12.
+        strain: E11, E22, 2 E12, along warp and weft if the film is woven.
         stiffness: (3, 3) [N/m], of the plain law.
         fraction: f, 0 to 1.
         n: filled.
@@ -70,12 +78,13 @@ def tension_field(
         Energy density [J/m^2].
     """
     e11, e22, e12 = strain
-    mean = 0.5 * (e11 + e22)
-    half = 0.5 * (e11 - e22)
-    radius = math.sqrt(half * half + 0.25 * e12 * e12)
-    first = mean + radius
-    ratio = stiffness[0, 1] / stiffness[0, 0]
-    taut = mean - radius + ratio * first > 0.0 and first > 0.0
+    k, both, shear = 1.0, stiffness[0, 0], stiffness[2, 2]
+    if stiffness[1, 1] != both:
+        k, both = math.sqrt(math.sqrt(stiffness[1, 1] / both)), math.sqrt(both * stiffness[1, 1])
+    mean, half = 0.5 * (both + stiffness[0, 1]), 0.5 * (both - stiffness[0, 1])
+    y0, y1, y2 = e11 / k + k * e22, e11 / k - k * e22, e12
+    x0, x1, x2 = mean * y0, half * y1, shear * y2
+    taut = x0 > 0.0 and x1 * x1 + x2 * x2 <= x0 * x0
     weight = 1.0 if taut else fraction
     n[0] = weight * (stiffness[0, 0] * e11 + stiffness[0, 1] * e22)
     n[1] = weight * (stiffness[1, 0] * e11 + stiffness[1, 1] * e22)
@@ -84,29 +93,48 @@ def tension_field(
         for s in range(3):
             c[r, s] = weight * stiffness[r, s]
     density = 0.5 * (e11 * n[0] + e22 * n[1] + e12 * n[2])
-    if taut or first <= 0.0:
+    if taut or (y0 <= 0.0 and y1 * y1 + y2 * y2 <= y0 * y0):
         return density
-    tension = (1.0 - fraction) * stiffness[0, 0] * (1.0 - ratio * ratio)  # E t
-    cosine, sine = half / radius, 0.5 * e12 / radius  # of twice the first principal angle
-    a0, a1, a2 = 0.5 * (1.0 + cosine), 0.5 * (1.0 - cosine), 0.5 * sine
-    w0, w2 = -0.5 * sine, 0.5 * cosine
-    turn = tension * first / radius
-    n[0] += tension * first * a0
-    n[1] += tension * first * a1
-    n[2] += tension * first * a2
-    c[0, 0] += tension * a0 * a0 + turn * w0 * w0
-    c[1, 1] += tension * a1 * a1 + turn * w0 * w0
-    c[2, 2] += tension * a2 * a2 + turn * w2 * w2
-    c01 = tension * a0 * a1 - turn * w0 * w0
-    c02 = tension * a0 * a2 + turn * w0 * w2
-    c12 = tension * a1 * a2 - turn * w0 * w2
-    c[0, 1] += c01
-    c[1, 0] += c01
-    c[0, 2] += c02
-    c[2, 0] += c02
-    c[1, 2] += c12
-    c[2, 1] += c12
-    return density + 0.5 * tension * first * first
+    a0, a1, a2 = 1.0 / mean, 1.0 / half, 1.0 / shear
+    z, p1, p2 = _on_cone((y0, y1, y2), (a0, a0 + a1, a0 + a2))
+    q_aa, q_aw = a0 + a1 * p1 * p1 + a2 * p2 * p2, (a2 - a1) * p1 * p2
+    q_ww = a1 * p2 * p2 + a2 * p1 * p1 + a0 - y0 / z
+    share = 1.0 - fraction
+    scale = share / (q_aa * q_ww - q_aw * q_aw)
+    q_aa, q_aw, q_ww = scale * q_aa, scale * q_aw, scale * q_ww
+    t0, t1, t2 = (1.0 + p1) / k, k * (1.0 - p1), p2  # along the tension
+    w0, w1, w2 = -p2 / k, k * p2, p1  # turning it
+    for r, along, turned in ((0, t0, w0), (1, t1, w1), (2, t2, w2)):
+        n[r] += share * z * along
+        one, other = q_ww * along - q_aw * turned, q_aa * turned - q_aw * along
+        c[r, 0] += one * t0 + other * w0
+        c[r, 1] += one * t1 + other * w1
+        c[r, 2] += one * t2 + other * w2
+    return density + 0.5 * share * z * (y0 + p1 * y1 + p2 * y2)
+
+
+_CONE_ROUNDING: Final = 4e-16
+_CONE_STEPS: Final = 60  # each squares the error; one is enough for isotropic film, 3 to 6 are common
+
+
+@device_function
+def _on_cone(y: tuple[float, float, float], a: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return z, p1, p2 with |p| = 1 from y and a0, A1, A2, by Newton's method on 1 - 1 / |p|.
+
+    That grows and is concave in z: from below, where it begins, no step goes too far.
+    """
+    y0, y1, y2 = y
+    z = max(y0 / a[0], (y0 + math.sqrt(y1 * y1 + y2 * y2)) / max(a[1], a[2]))
+    p1, p2, size = 1.0, 0.0, 1.0
+    for _ in range(_CONE_STEPS):
+        b1, b2 = a[1] * z - y0, a[2] * z - y0
+        p1, p2 = y1 / b1, y2 / b2
+        size = math.sqrt(p1 * p1 + p2 * p2)
+        step = size * size * (size - 1.0) / (a[1] * p1 * p1 / b1 + a[2] * p2 * p2 / b2)
+        if not step > _CONE_ROUNDING * z:
+            break
+        z += step
+    return z, p1 / size, p2 / size
 
 
 HARDENING: Final = 2.0 * 6.0**0.5 * 0.05 ** (1.0 / 6.0)

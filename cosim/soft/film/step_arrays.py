@@ -103,6 +103,7 @@ class FilmArrays(NamedTuple):
         laws: (films,), code of each film's law.
         fraction: (films,), compressive fraction.
         forces: (w, 2) [N/m], see `wrinkling_forces`; of plain films none.
+        yarns: (films, 2, 2), see `Film.yarns`.
         films: (films + 1, 3), where the triangles, groups and forces of each film begin.
         hinges: (h, 4).
         hinge_stiffness: (h,) [N m/rad].
@@ -135,6 +136,7 @@ class FilmArrays(NamedTuple):
     laws: Indices
     fraction: Vector
     forces: Matrix
+    yarns: Blocks
     films: IndexTable
     hinges: IndexTable
     hinge_stiffness: Vector

@@ -1,0 +1,126 @@
+"""Tables of a soft robot's film: isotropic, or woven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal, final
+
+from annotated_types import Interval
+
+from cosim.config.toml.keys import NonNegative, Positive, Vector3
+from cosim.config.toml.reading import Told, rule
+
+FABRIC_LAWS: Final = ("plain", "tension_field")
+"""Laws of a film that is a fabric."""
+
+
+@final
+@dataclass(frozen=True)
+class FabricTable:
+    """A woven or coated sheet, which resists along its yarns more than between them: `[film.fabric]`.
+
+    The yarns are crimped by the weave. Their modulus grows in proportion to their strain, up to that of
+    straight yarns. Folds bend with the root of warp times weft modulus. With film.law = "tension_field" the
+    fabric wrinkles.
+
+    Args:
+        modulus_warp_Pa: Young's modulus along the warp, at small strain.
+        modulus_weft_Pa: Young's modulus along the weft, at small strain.
+        shear_modulus_Pa: between warp and weft.
+        warp_direction: in the flange's frame, in the drawn shape; projected on each triangle.
+        straight_modulus_warp_Pa: along the warp once its yarns are straight; omitted: `modulus_warp_Pa`.
+        straight_modulus_weft_Pa: along the weft once its yarns are straight; omitted: `modulus_weft_Pa`.
+        straight_strain_warp: strain at which the yarns of the warp are straight.
+        straight_strain_weft: strain at which the yarns of the weft are straight.
+    """
+
+    modulus_warp_Pa: Positive
+    modulus_weft_Pa: Positive
+    shear_modulus_Pa: Positive
+    warp_direction: Vector3 = (0.0, 0.0, 1.0)
+    straight_modulus_warp_Pa: Positive | None = None
+    straight_modulus_weft_Pa: Positive | None = None
+    straight_strain_warp: Positive = 0.01
+    straight_strain_weft: Positive = 0.01
+
+    @property
+    def straight_modulus_Pa(self) -> tuple[float, float]:
+        """Modulus of straight yarns, along warp and weft."""
+        warp, weft = self.straight_modulus_warp_Pa, self.straight_modulus_weft_Pa
+        return (
+            self.modulus_warp_Pa if warp is None else warp,
+            self.modulus_weft_Pa if weft is None else weft,
+        )
+
+    @rule
+    def _has_a_direction(self) -> Told:
+        if not any(self.warp_direction):
+            yield "warp_direction", "has no length; give a direction that lies in the film"
+
+    @rule
+    def _gets_no_softer(self) -> Told:
+        for name, straight in zip(("warp", "weft"), self.straight_modulus_Pa, strict=True):
+            drawn = getattr(self, f"modulus_{name}_Pa")
+            if straight < drawn:
+                yield (
+                    f"straight_modulus_{name}_Pa",
+                    f"is {straight:g}; must be modulus_{name}_Pa, {drawn:g}, at least",
+                )
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class FilmTable:
+    """Elastic sheet of the chamber walls.
+
+    Args:
+        young_modulus_Pa: of the sheet, isotropic; in its place `[film.fabric]`.
+        poisson_ratio: of the sheet; of fabric: contraction along the weft over extension along the warp.
+        thickness_m: of one sheet, undeformed.
+        fabric: what the sheet is woven as.
+        density_kg_m3: of the sheet; its mass is added to that of `[mass]`.
+        law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
+            as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":
+            plain in tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse
+            for it.
+        wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
+            sides of each unit's outer ring to those of its hole.
+        loss_factor: tan delta of the sheet, as data sheets give it: in the dynamic mode it resists rates of
+            stretching and bending, and rigid motion not at all.
+        loss_frequency_Hz: at which that holds; a Kelvin-Voigt material's grows in proportion to frequency.
+    """
+
+    young_modulus_Pa: Positive | None = None
+    poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=1.0)]
+    thickness_m: Positive
+    density_kg_m3: NonNegative = 0.0
+    law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
+    wrinkle_panel_m: Positive | None = None
+    loss_factor: NonNegative = 0.0
+    loss_frequency_Hz: Positive = 1.0
+    fabric: FabricTable | None = None
+
+    @rule
+    def _is_of_one_kind(self) -> Told:
+        if (self.young_modulus_Pa is None) is (self.fabric is None):
+            given = "neither is" if self.fabric is None else "both are"
+            yield "young_modulus_Pa", f"give this or film.fabric; {given} given"
+
+    @rule
+    def _resists_all_strains(self) -> Told:
+        nu, fabric = self.poisson_ratio, self.fabric
+        if fabric is None and not nu < 0.5:
+            yield "poisson_ratio", f"is {nu:g}; must be below 0.5"
+        elif fabric is not None and not nu**2 < fabric.modulus_warp_Pa / fabric.modulus_weft_Pa:
+            bound = (fabric.modulus_warp_Pa / fabric.modulus_weft_Pa) ** 0.5
+            yield "poisson_ratio", f"is {nu:g}; must be below {bound:.3g}, the root of warp over weft modulus"
+
+    @rule
+    def _wrinkles_as_fabric(self) -> Told:
+        if self.fabric is not None and self.law not in FABRIC_LAWS:
+            yield "law", f"'{self.law}' is for isotropic film; of fabric it is 'plain' or 'tension_field'"
+
+    @rule
+    def _wrinkles_in_panels(self) -> Told:
+        if self.wrinkle_panel_m is not None and self.law != "wrinkling":
+            yield "wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{self.law}'"
