@@ -15,7 +15,7 @@ from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.reduced.sections.ring_frames import RingFrames
-from cosim.reduced.sections.section_energy import COEFFICIENTS, PressureSpline, basis
+from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, PressureSpline, basis
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
@@ -29,7 +29,9 @@ from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
-_FINER_RIDGE = 0.1  # of what few samples on a refined mesh add to the coefficients of the coarse one
+# of what few samples on a refined mesh add to the coefficients of the coarse one, and how much more of each
+# degree, which few samples tell less of
+_FINER_RIDGE, _FINER_RISE = 0.1, 3.0
 _SMOOTHING = 1e-3  # weight of second differences over pressure
 _HELD_OUT = 8  # of so many samples one is not fitted
 _GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
@@ -56,10 +58,10 @@ def fit_model(
     if coarse is None:
         length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
         known, limits = np.zeros((*length.shape, COEFFICIENTS)), _limits(samples, length, over[:, 0])
-        ridge = _RIDGE
+        ridge = np.full(COEFFICIENTS, _RIDGE)
     else:
         length, known, limits = coarse.length, *np.split(coarse.energy, [COEFFICIENTS], axis=2)
-        ridge = _FINER_RIDGE
+        ridge = _FINER_RIDGE * _FINER_RISE ** np.array(DEGREES)
     fits = [
         _fit_section(samples, s, over[:, 0], length[:, s], known[:, s], ridge)
         for s in range(samples.strain.shape[1])
@@ -135,7 +137,7 @@ def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
     return values, gradients
 
 
-def _fit_section(samples: Samples, s: int, over: Array, length: Array, known: Array, ridge: float) -> _Fit:
+def _fit_section(samples: Samples, s: int, over: Array, length: Array, known: Array, ridge: Array) -> _Fit:
     """Return the fit of section s, with no more added to known coefficients (size, c) than samples need."""
     strain, force = samples.strain[:, s], samples.force[:, s]
     _, gradient = _terms(strain, 1.0 / (over @ length))
@@ -149,7 +151,7 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array, known: Ar
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
     rough = _SMOOTHING * _roughness(scale, over.shape[1])
-    normal = matrix.T @ matrix + len(load) * (ridge * np.eye(len(scale)) + rough)
+    normal = matrix.T @ matrix + len(load) * (np.diag(np.tile(ridge[1:], over.shape[1])) + rough)
     solution = np.linalg.solve(normal, matrix.T @ load) / scale
     coefficients = known.copy()
     coefficients[:, 1:] += solution.reshape(over.shape[1], -1)

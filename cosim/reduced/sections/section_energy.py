@@ -132,6 +132,12 @@ class SplineTerms:
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
 COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4
+_LOWEST: Final = {"A": -1, "B": 0, "B2": 1, "B3": 2, "S": 0, "Q": 0, "Q2": 1, "T": 0}
+DEGREES: Final = (
+    *(max(0, power + _LOWEST[name]) for name, order in _ORDERS.items() for power in range(order + 1)),
+    *(3, 3, 3, 3),
+)
+"""How far each term's degree is above that of a linear spring: powers of z, products of invariants."""
 LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
 
