@@ -71,4 +71,4 @@ def framed_section() -> SectionBody:
     small = replace(robot, stack=replace(robot.stack, units=2), cables=cables)
     film = build_soft_body(small, scenario.model)
     effort = Effort(levels=8, samples=24, intervals=4)
-    return SectionBody(film, build_model(film, 33e3, LAW, effort))
+    return SectionBody(film, build_model(film, 33e3, LAW, effort=effort))

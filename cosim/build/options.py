@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.reading import blamed_on
-from cosim.reduced.section_model import SectionModel
+from cosim.reduced.section_model import STRAINS, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -80,14 +83,30 @@ def fidelity_report(scenario: Scenario, section: SectionModel | None) -> str:
 def _section_rung(model: SectionModel) -> str:
     built = (
         f"section: {model.length.shape[1] + 1} rigid frames, energies condensed from the film at "
-        f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; "
+        f"{model.samples} poses up to {1e-3 * model.spline.largest_Pa:g} kPa; {_forces_off(model)}"
     )
+    if not len(model.tips):
+        return built + "its range holds none of the loads at which its tip is compared with the film's"
     if not math.isfinite(model.tip_error):
         return built + "it has no equilibrium at some loads it was not built from, at which the film has one"
     return built + (
         f"its tip is within {1e3 * model.tip_error_m:.1f} mm ({1e2 * model.tip_error:.2f} % of the length) "
-        "of the film's at loads it was not built from"
+        f"of the film's at loads it was not built from, {1e3 * float(np.median(model.tips[:, 1])):.1f} mm in "
+        "the median"
     )
+
+
+def _forces_off(model: SectionModel) -> str:
+    """Return by how much forces are off at poses that were not fitted, strain by strain."""
+    middle, most = (model.held_out[:, first::2] for first in (1, 2))
+    parts = []
+    for k, strain in enumerate(STRAINS):
+        worst = int(np.nanargmax(most[:, k]))
+        parts.append(
+            f"{strain} {1e2 * float(np.nanmedian(middle[:, k])):.1f} % ({1e2 * most[worst, k]:.0f} % at "
+            f"{1e-3 * model.held_out[worst, 0]:.2g} kPa)"
+        )
+    return f"its forces at poses held out are off in the median (at most) by {', '.join(parts)}; "
 
 
 def _rung(scenario: Scenario, section: SectionModel | None) -> str:
@@ -111,10 +130,12 @@ def contact_law(scenario: Scenario) -> ContactLaw:
     return ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
 
 
-def section_figures(model: SectionModel | None) -> dict[str, float] | None:
+def section_figures(model: SectionModel | None) -> dict[str, Any] | None:
     """Return the figures of a section model as a summary has them; None without one."""
     if model is None:
         return None
+    tips = {float(p): model.tips[model.tips[:, 0] == p, 1] for p in np.unique(model.tips[:, 0])}
+    pairs = [(row[0], zip(row[1::2], row[2::2], strict=True)) for row in model.held_out.tolist()]
     return {
         "tip_error_m": model.tip_error_m,
         "tip_error": model.tip_error,
@@ -122,4 +143,12 @@ def section_figures(model: SectionModel | None) -> dict[str, float] | None:
         "samples": model.samples,
         "failures": model.failures,
         "largest_pressure_Pa": model.spline.largest_Pa,
+        "tip_by_pressure": [
+            {"pressure_Pa": p, "median_m": float(np.median(each)), "largest_m": float(each.max())}
+            for p, each in tips.items()
+        ],
+        "held_out": [
+            {"pressure_Pa": p} | {name: list(pair) for name, pair in zip(STRAINS, of, strict=True)}
+            for p, of in pairs
+        ],
     }

@@ -9,6 +9,7 @@ What represents the soft robot of a scenario: its body, its section model, and s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +37,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of
-from cosim.reduced.fit.fitting import FINGERS, METHOD, Effort, LARGEST_PRESSURE_Pa, build_model
+from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.self_contact_faces import FilmFaces
@@ -60,36 +61,58 @@ def section_model(
         body: of that soft robot, if it has been built already.
 
     Raises:
-        ScenarioError: the film has no smooth states to condense.
+        ScenarioError: the film has no smooth states to condense, or its model loses equilibria.
     """
     robot = file_of(scenario, "a section model")
     if body is None or robot.copies is not None:  # copies share the model of one of them
         body = build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
-    # a section model's cables lose one way: energies are condensed along one way of loading
-    one_way = (replace(cable, directed=False, loss_N=0.0) for cable in body.cables)
-    body = body.with_other(Cable, *one_way)
-    largest, films = largest_covered(scenario), film_law(scenario)
+    body, largest, films = _one_way(body), largest_covered(scenario), film_law(scenario)
     if films is not None:  # friction has no energy, and units that come near are looked for in all samples
         films = replace(films, friction=0.0, throughout=False) if FilmFaces.of(body).can_meet else None
-    effort = None if robot.copies is None else FINGERS  # copies close around things
-    path = cache_directory() / f"section_model_{content_hash(body, largest, films, effort)}.kept"
-    found = kept(path, unpacking(SectionModel))
-    if found is not None:
-        return found
-    tell(f"Building the section model of {scenario.soft_robot.name}: up to a minute, once; kept in {path}")
-    try:
-        model = (
-            build_model(body, largest, films) if effort is None else build_model(body, largest, films, effort)
+    path = cache_directory() / f"section_model_{content_hash(body, largest, films)}.kept"
+    model = kept(path, unpacking(SectionModel))
+    if model is None:
+        tell(f"Building the section model of {robot.name}: up to two minutes, once; kept in {path}")
+        model = _built(scenario, body, largest, films)
+        keep(path, packed(model))
+    if math.isinf(model.tip_error) and not scenario.hands_over:
+        raise ScenarioError(
+            "fidelity",
+            f"the section model of '{robot.name}' does not hold: within its range it loses its "
+            "equilibrium at loads at which its film has one, as where fingers fold; take fidelity = "
+            "'lumped', or model.handover = true, by which the film takes over there",
         )
+    return model
+
+
+def _built(
+    scenario: Scenario, body: SoftBody, largest_Pa: float, films: FilmContactLaw | None
+) -> SectionModel:
+    """Return the section model of a body; of a refined stack, with the help of one refinement less.
+
+    Raises:
+        ScenarioError: the film has no smooth states to condense.
+    """
+    robot, coarse = file_of(scenario, "a section model"), None
+    if robot.stack is not None and robot.stack.refine:
+        stack = replace(robot.stack, refine=robot.stack.refine - 1)
+        robot = replace(robot, stack=stack, copies=None, palm=None)
+        coarse = _one_way(build_soft_body(robot, scenario.model))
+    try:
+        return build_model(body, largest_Pa, films, coarse)
     except ConvergenceError as error:
         raise ScenarioError(
             "fidelity",
-            f"no section model of '{scenario.soft_robot.name}': straight, up to {1e-3 * largest:g} kPa and "
+            f"no section model of '{robot.name}': straight, up to {1e-3 * largest_Pa:g} kPa and "
             f"pulled, its film loses its equilibrium, as where thin stiffeners buckle ({error}); "
             "take fidelity = 'lumped', or a larger section of the stiffener",
         ) from error
-    keep(path, packed(model))
-    return model
+
+
+def _one_way(body: SoftBody) -> SoftBody:
+    """Return a body whose cables lose one way: energies are condensed along one way of loading."""
+    cables = (replace(cable, directed=False, loss_N=0.0) for cable in body.cables)
+    return body.with_other(Cable, *cables)
 
 
 def largest_covered(scenario: Scenario) -> float:
@@ -100,12 +123,9 @@ def largest_covered(scenario: Scenario) -> float:
     return max(LARGEST_PRESSURE_Pa, *(_MARGIN * p for row in values for p in row if p is not None))
 
 
-def content_hash(
-    body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None, effort: Effort | None = None
-) -> str:
+def content_hash(body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None) -> str:
     """Return a short name of everything that a section model depends on."""
-    more = () if effort is None else (effort,)
-    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films, *more)
+    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)
 
 
 @final

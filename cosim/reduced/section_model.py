@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import dataclass, field, replace
+from typing import Final, final
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 
+STRAINS: Final = ("shear", "length", "bending", "twist")
+"""Kinds of strain in `SectionModel.held_out`."""
 _REACH_PRESSURES = 20
 _REACH_MARGIN = 1.05  # of lengths along the axes over those across: sections are sheared a little
 
@@ -31,12 +33,12 @@ class SectionModel:
         length: (size, s) [m], L of each section.
         gas: (size,) [J], what the energies of the sections leave out of the gas' potential -int V dp.
         nodes: (size, n, 2, 4), each node as a combination of the points of the two frames beside it.
-        force_error: (6,), relative, of the sections' forces over samples that were not fitted.
+        held_out: (p, 9), of each sampled pressure [Pa] the median and the largest error of the forces of each
+            of `STRAINS`, at samples that were not fitted, over their root mean square at that pressure.
         samples: that were solved.
         failures: poses at which the film had no equilibrium.
-        tip_error: relative to the length, largest over loads that the model was not built from; infinite
-            where it has no equilibrium, not a number before it was compared.
-        tip_error_m: the same in metres.
+        tips: (k, 3), of loads that the model was not built from the pressure [Pa], the distance [m] of its
+            tip from the film's, infinite where it has no equilibrium, and the film's length [m].
     """
 
     spline: PressureSpline
@@ -44,11 +46,20 @@ class SectionModel:
     length: Array
     gas: Array
     nodes: Array
-    force_error: Array
+    held_out: Array
     samples: int
     failures: int
-    tip_error: float = float("nan")
-    tip_error_m: float = float("nan")
+    tips: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def tip_error_m(self) -> float:
+        """Largest distance [m] of the tip from the film's; not a number before it was compared."""
+        return float(self.tips[:, 1].max()) if len(self.tips) else float("nan")
+
+    @property
+    def tip_error(self) -> float:
+        """The same over the film's length."""
+        return float((self.tips[:, 1] / self.tips[:, 2]).max()) if len(self.tips) else float("nan")
 
     def times(self, copies: int) -> SectionModel:
         """Return the model of so many copies side by side."""

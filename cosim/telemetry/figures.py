@@ -31,7 +31,7 @@ def elastic_figures(run: RunInfo, positions: Array) -> dict[str, Any]:
     return figures
 
 
-def section_warnings(model: Mapping[str, float] | None) -> list[str]:
+def section_warnings(model: Mapping[str, Any] | None) -> list[str]:
     """Return what to say of a section model whose accuracy is not known.
 
     Args:

@@ -298,7 +298,7 @@ class RunInfo(Shown):
     modelled: tuple[Decision, ...] = ()
     hinge_energy_share: Callable[[Array], float] | None = None
     stiffener_strain: Callable[[Array], StiffenerStrain | None] | None = None
-    section_model: dict[str, float] | None = None
+    section_model: dict[str, Any] | None = None
     hands_over: bool = False
     expected_error: dict[str, dict[str, Any] | None] = field(default_factory=dict)
     arm: PlannedArm | None = None

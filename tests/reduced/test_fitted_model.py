@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Mask, Pose
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.config.rules import file_of
+from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
@@ -99,3 +104,29 @@ def test_units_that_press_on_one_another_carry_in_the_chain_as_in_the_film() -> 
     pressed, apart = film_tip(law), film_tip(None)
     # 0.4 % of the length, as without contact; what contact does is five times that
     assert np.linalg.norm(tip - pressed) < 0.15e-3 < 0.75e-3 < np.linalg.norm(apart - pressed)
+
+
+def test_a_model_of_a_refined_mesh_is_nearer_to_its_film_than_that_of_the_coarse_one() -> None:
+    scenario = load_scenario("ur5e_hexagon_arm")
+    robot = file_of(scenario, "units")
+    cables = tuple(replace(cable, units=(1, 2)) for cable in robot.cables)
+    stack = replace(robot.stack, units=2, mesh="drawn", refine_holes=0, neck=None)
+    small = replace(robot, stack=stack, cables=cables)
+    coarse, fine = (build_soft_body(small, scenario.model, finer=finer) for finer in (0, 1))
+    effort = Effort(levels=8, samples=12, intervals=4)
+    models = [build_model(*of, effort=effort) for of in ((coarse, 33e3), (fine, 33e3, None, coarse))]
+    assert models[1].samples < 0.4 * models[0].samples  # the others were sampled on the coarse mesh alone
+    assert models[1].failures == 0
+    assert models[1].tip_error < 0.03
+    loads, clamp = Loads((25e3,), (0.0, 0.0), (1.0, 0.0, 9.0)), Clamp.of_base(fine)
+    solver = EquilibriumSolver(NewtonSolver(SoftSystem(fine), clamp.mask(fine.nodes)), clamp, NewtonOptions())
+    begin = solver.solve(SoftState.drawn(fine, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
+    film = fine.tip_position(solver.follow(begin, Pose(), loads).state.positions)
+    off = []
+    for film_body, model in zip((coarse, fine), models, strict=True):
+        chain = ChainSolver(SectionBody(film_body, model))
+        able = np.arange(len(chain.section.frames)) > 0
+        found = chain.solve(chain.section.straight(25e3), able, loads, TOLERANCE_N, 60)
+        assert found.outcome is Outcome.CONVERGED
+        off.append(float(np.linalg.norm(found.frames[-1, 0] - film)))
+    assert 2.0 * off[1] < off[0]

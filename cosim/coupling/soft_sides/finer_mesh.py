@@ -2,8 +2,6 @@
 
 Its solution starts from the shape on the run's mesh: nodes where those are, new ones halfway along their
 edges. Where Newton's method finds none from there, a damped body slides on to where it comes to rest.
-The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
-middle one; see `cosim.soft.geometry.refinement`.
 """
 
 from __future__ import annotations
@@ -14,39 +12,16 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.frames import Array, Mask
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.errors import ConvergenceError, MeshError
+from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import parents
 from cosim.soft.solve.state import Clamp, Equilibrium
 
-_SAME_PLACE_M = 1e-9
 ITERATIONS_MAX = 600
 """Of each try to find a state at rest, on either mesh."""
-
-
-def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
-    """Return the two nodes (n, 2) of a mesh that each node of the refined one lies halfway between.
-
-    Args:
-        coarse: the body.
-        fine: the same with every triangle divided into four.
-
-    Raises:
-        MeshError: it is not that.
-    """
-    found = np.full((fine.nodes, 2), -1)
-    if len(fine.triangles) == 4 * len(coarse.triangles):
-        a, b, c = coarse.triangles.T
-        part = fine.triangles.reshape(-1, 4, 3)
-        ends = ((0, 0, a, a), (1, 1, b, b), (2, 2, c, c), (0, 1, a, b), (1, 2, b, c), (2, 0, c, a))
-        for child, corner, first, second in ends:
-            found[part[:, child, corner]] = np.stack([first, second], axis=1)
-    away = fine.positions - coarse.positions[found].mean(axis=1)
-    if (found < 0).any() or float(np.abs(away).max()) > _SAME_PLACE_M:
-        raise MeshError("the mesh is not the other one with every triangle divided into four")
-    return found
 
 
 @final

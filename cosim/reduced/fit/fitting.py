@@ -10,15 +10,17 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.reduced.sections.ring_frames import RingFrames
-from cosim.reduced.sections.section_energy import BENDING, COEFFICIENTS, PressureSpline, basis
+from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, PressureSpline, basis
+from cosim.reduced.solve.clamp import place_in_range
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import parents
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
@@ -27,17 +29,19 @@ from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
+# of what few samples on a refined mesh add to the coefficients of the coarse one, and how much more of each
+# degree, which few samples tell less of
+_FINER_RIDGE, _FINER_RISE = 0.1, 3.0
+_SMOOTHING = 1e-3  # weight of second differences over pressure
 _HELD_OUT = 8  # of so many samples one is not fitted
+_GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
 _BEYOND = 0.15  # of the sampled range of lengths, on either side
-# of ranges that fold: beyond the samples, of the length; bend at least, and below which pressure
-_FOLDS_BEYOND, _LIMP_BEND, _LIMP_Pa = 0.12, 0.5, 3e3
-_LEAST_BEND = 1e-3
 _FARTHEST_BEND = 1.25  # over the largest sampled
 
 
 def fit_model(
-    samples: Samples, frames: RingFrames, spline: PressureSpline, smoothing: float = 1e-3
+    samples: Samples, frames: RingFrames, spline: PressureSpline, coarse: SectionModel | None = None
 ) -> SectionModel:
     """Return the model of a stack of units.
 
@@ -45,45 +49,58 @@ def fit_model(
         samples: over its working range.
         frames: of its rings.
         spline: basis over that range of pressure.
-        smoothing: weight of second differences over pressure.
+        coarse: model of the same stack on a coarser mesh, which has its range and its energy but for what
+            the samples change; None: the samples alone decide.
     """
     over = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
     levels = np.unique(samples.pressure_Pa)
     at_levels = np.array([spline.basis(p)[0] for p in levels])
-    length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
+    if coarse is None:
+        length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
+        known, limits = np.zeros((*length.shape, COEFFICIENTS)), _limits(samples, length, over[:, 0])
+        ridge = np.full(COEFFICIENTS, _RIDGE)
+    else:
+        length, known, limits = coarse.length, *np.split(coarse.energy, [COEFFICIENTS], axis=2)
+        ridge = _FINER_RIDGE * _FINER_RISE ** np.array(DEGREES)
     fits = [
-        _fit_section(samples, s, over[:, 0], length[:, s], smoothing) for s in range(samples.strain.shape[1])
+        _fit_section(samples, s, over[:, 0], length[:, s], known[:, s], ridge)
+        for s in range(samples.strain.shape[1])
     ]
     energy = np.stack([fit.coefficients for fit in fits], axis=1)
-    limits = _limits(samples, length, over[:, 0])
-    if samples.folds:
-        energy[:, :, BENDING] += 0.5 * np.outer(_limpness(spline), _resistance(samples))
     return SectionModel(
         spline,
         np.concatenate([energy, limits], axis=2),
         length,
         _fit_gas(samples, over, energy, length),
         _fit_nodes(samples, frames, over[:, 0]),
-        np.sqrt(np.mean([fit.error**2 for fit in fits], axis=0)),
+        _held_out(samples, np.stack([fit.off for fit in fits], axis=1)),
         len(samples.pressure_Pa),
         samples.failures,
     )
 
 
-def _limpness(spline: PressureSpline) -> Array:
-    """Return (size,): how far below `_LIMP_Pa` the functions of pressure are, 1 without gas.
+def _is_held_out(samples: Samples) -> Mask:
+    """Return which samples (m,) are not fitted."""
+    return np.arange(len(samples.pressure_Pa)) % _HELD_OUT == _HELD_OUT - 1
 
-    There a film hardly resists bending, less than a fit over folds can tell; a chain without any resistance
-    would fold by itself. It is lent the median of all pressures.
+
+def _held_out(samples: Samples, off: Array) -> Array:
+    """Return the errors (pressures, 5, 2) of forces that were not fitted, see `SectionModel.held_out`.
+
+    Args:
+        samples: of which one of `_HELD_OUT` is not fitted.
+        off: (m, s, 6), by what a section's forces are off.
     """
-    return np.clip(1.0 - spline.centers / _LIMP_Pa, 0.0, 1.0)
-
-
-def _resistance(samples: Samples) -> Array:
-    """Return the moment over the bend (s,) [N m] of each section, the median of all samples."""
-    bend, moment = (np.linalg.norm(part[:, :, 3:5], axis=2) for part in (samples.strain, samples.force))
-    pairs = zip(moment.T, bend.T, strict=True)
-    return np.array([np.median(m[b > _LEAST_BEND] / b[b > _LEAST_BEND]) for m, b in pairs])
+    apart, rows = _is_held_out(samples), []
+    for level in np.unique(samples.pressure_Pa):
+        here = samples.pressure_Pa == level
+        row = [level]
+        for group in _GROUPS:
+            usual = np.sqrt((samples.force[here][:, :, group] ** 2).sum(axis=2).mean(axis=0))
+            share = np.linalg.norm(off[here & apart][:, :, group], axis=2) / np.maximum(usual, 1e-12)
+            row += [float(np.median(share)), float(share.max())] if share.size else [np.nan, np.nan]
+        rows.append(row)
+    return np.array(rows)
 
 
 def _limits(samples: Samples, length: Array, over: Array) -> Array:
@@ -94,10 +111,10 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
     for level in np.unique(samples.pressure_Pa):
         here = samples.pressure_Pa == level
         low, high = place[here].min(axis=0), place[here].max(axis=0)
-        margin = np.maximum(_BEYOND * (high - low), _FOLDS_BEYOND * samples.folds)
-        limp = _LIMP_BEND**2 * (samples.folds and level < _LIMP_Pa)
-        end = np.maximum(_FARTHEST_BEND**2 * bend[here].max(axis=0), limp)
-        rows.append(np.stack([low - margin, high + margin, end], axis=1))
+        margin = _BEYOND * (high - low)
+        rows.append(
+            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[here].max(axis=0)], axis=1)
+        )
     at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
     found = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
     return np.asarray(found.reshape(over.shape[1], -1, 3))
@@ -106,10 +123,10 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
 @final
 @dataclass(frozen=True)
 class _Fit:
-    """Coefficients (size, c) of one section, and its relative error (6,) over samples held out."""
+    """Coefficients (size, c) of one section, and by what its forces (m, 6) are off in all samples."""
 
     coefficients: Array
-    error: Array
+    off: Array
 
 
 def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
@@ -120,29 +137,25 @@ def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
     return values, gradients
 
 
-def _fit_section(samples: Samples, s: int, over: Array, length: Array, smoothing: float) -> _Fit:
+def _fit_section(samples: Samples, s: int, over: Array, length: Array, known: Array, ridge: Array) -> _Fit:
+    """Return the fit of section s, with no more added to known coefficients (size, c) than samples need."""
     strain, force = samples.strain[:, s], samples.force[:, s]
     _, gradient = _terms(strain, 1.0 / (over @ length))
     weight = _weights(samples.pressure_Pa, force)
     # the constant term has no gradient
-    rows = (gradient[:, :, None, 1:] * over[:, None, :, None] * weight[:, :, None, None]).reshape(
-        len(strain), 6, -1
-    )
-    wanted = force * weight
-    # of ways whole parts: samples beside each other are nearly alike
-    row = np.arange(len(strain)) // (_HELD_OUT if samples.folds else 1)
-    kept = row % _HELD_OUT != _HELD_OUT - 1
-    matrix, load = rows[kept].reshape(-1, rows.shape[2]), wanted[kept].ravel()
+    rows = (gradient[:, :, None, 1:] * over[:, None, :, None]).reshape(len(strain), 6, -1)
+    left = force - rows @ known[:, 1:].ravel()
+    kept = ~_is_held_out(samples)
+    matrix = (rows * weight[:, :, None])[kept].reshape(-1, rows.shape[2])
+    load = (left * weight)[kept].ravel()
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
-    rough = smoothing * _roughness(scale, over.shape[1])
-    normal = matrix.T @ matrix + len(load) * (_RIDGE * np.eye(len(scale)) + rough)
+    rough = _SMOOTHING * _roughness(scale, over.shape[1])
+    normal = matrix.T @ matrix + len(load) * (np.diag(np.tile(ridge[1:], over.shape[1])) + rough)
     solution = np.linalg.solve(normal, matrix.T @ load) / scale
-    coefficients = np.zeros((over.shape[1], COEFFICIENTS))
-    coefficients[:, 1:] = solution.reshape(over.shape[1], -1)
-    off = (rows[~kept] @ solution - wanted[~kept]) ** 2
-    size = (wanted[~kept] ** 2).mean(axis=0)
-    return _Fit(coefficients, np.sqrt(np.median(off, axis=0) / np.maximum(size, 1e-30)))
+    coefficients = known.copy()
+    coefficients[:, 1:] += solution.reshape(over.shape[1], -1)
+    return _Fit(coefficients, rows @ solution - left)
 
 
 def _roughness(scale: Array, size: int) -> Array:
@@ -171,7 +184,7 @@ def _weights(pressure: Array, force: Array) -> Array:
     weight = np.empty_like(force)
     for level in np.unique(pressure):
         here = pressure == level
-        for group in ([0, 1], [2], [3, 4], [5]):
+        for group in _GROUPS:
             size = np.linalg.norm(force[here][:, group], axis=1)
             usual = max(float(np.sqrt((size**2).mean())), 1e-12)
             least = usual if group == [2] else _LEAST_SHARE * usual
@@ -243,13 +256,9 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
-METHOD: Final = 2
+METHOD: Final = 3
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
-_SMOOTHINGS = (1e-4, 1e-3, 1e-2, 1e-1)
-_SWEEP = 80  # pressures, evenly spaced in their logarithm
-_SWEEP_LEANS_rad = (0.0, 0.15)
-_SWEEP_FOLDS_rad = (0.0, 0.15, 0.3, 0.45)  # fingers lean outwards where they are mounted
 _TENSION_OF_WEIGHT = 1.5
 _LEAST_TENSION_N = 1.0
 _SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
@@ -260,25 +269,18 @@ _PULL_OF_WEIGHT = 0.5
 @final
 @dataclass(frozen=True)
 class Effort:
-    """How much is sampled: at so many pressures, so many bent poses at each, splines of so many intervals.
-
-    With `folds`, poses of fingers, which are bent farther, with all that is on the way there.
-    """
+    """How much is sampled: at so many pressures, so many bent poses at each, splines of so many intervals."""
 
     levels: int = 14
     samples: int = 24
     intervals: int = 8
-    folds: bool = False
-
-
-FINGERS: Final = Effort(samples=14, folds=True)
-"""What is sampled of copies, which close around things."""
 
 
 def build_model(
     body: SoftBody,
     largest_Pa: float = LARGEST_PRESSURE_Pa,
     films: FilmContactLaw | None = None,
+    coarse: SoftBody | None = None,
     effort: Effort | None = None,
 ) -> SectionModel:
     """Return the section model of a body.
@@ -287,51 +289,33 @@ def build_model(
         body: one stack of units.
         largest_Pa: end of its range of pressure.
         films: law of contact between its units; None where they pass through one another.
+        coarse: the same on a mesh whose every triangle `body` divides into four: all poses are sampled there,
+            and some of them followed from there to `body`; None: all poses are sampled on `body`.
         effort: how much is sampled.
 
     Raises:
         InputError: there is no section model of such a body.
+        MeshError: `coarse` is not that mesh.
     """
-    frames = RingFrames.of(body)
-    effort = effort or Effort()
+    first, effort = coarse or body, effort or Effort()
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
-    samples = Sampler(body, frames, films).collect(
-        WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples, folds=effort.folds),
-        _SEED,
-    )
-    fits = [fit_model(samples, frames, spline, smoothing) for smoothing in _SMOOTHINGS]
-    # none whose equilibria are lost between the sampled pressures, and of the others the nearest to the film
-    leans = _SWEEP_FOLDS_rad if effort.folds else _SWEEP_LEANS_rad
-    lost = [_lost_equilibria(body, model, leans) for model in fits]
-    compared = [
-        _compared(body, model, films)
-        for model, failures in zip(fits, lost, strict=True)
-        if failures == min(lost)
-    ]
-    return min(compared, key=lambda model: model.tip_error)
+    work = WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples)
+    frames = RingFrames.of(first)
+    samples = Sampler(first, frames, films).collect(work, _SEED)
+    model = fit_model(samples, frames, spline)
+    if coarse is not None:
+        frames = RingFrames.of(body)
+        finer = Sampler(body, frames, films).finer(samples, parents(coarse, body))
+        model = fit_model(finer, frames, spline, model)
+    return replace(model, tips=_tips(body, model, films))
 
 
-def _lost_equilibria(body: SoftBody, model: SectionModel, leans: tuple[float, ...]) -> int:
-    """Return how often Newton's method fails while the hanging arm is inflated, upright and leaning."""
-    chain = ChainSolver(SectionBody(body, model))
-    free = np.arange(len(chain.section.frames)) > 0
-    slack, lost = (0.0,) * len(body.cables), 0
-    for lean in leans:
-        frames = chain.section.straight(0.0)
-        gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
-        for pressure in (0.0, *np.geomspace(5.0, 0.95 * model.spline.largest_Pa, _SWEEP).tolist()):
-            found = chain.solve(frames, free, Loads((pressure,), slack, gravity), 1e-6, 60)
-            lost += found.outcome is not Outcome.CONVERGED
-            frames = found.frames if found.outcome is Outcome.CONVERGED else frames
-    return lost
+def _tips(body: SoftBody, model: SectionModel, films: FilmContactLaw | None) -> Array:
+    """Return pressure [Pa], distance of the tips and length of the film [m] at some loads (k, 3).
 
-
-def _compared(body: SoftBody, model: SectionModel, films: FilmContactLaw | None) -> SectionModel:
-    """Return the model with the largest distance of its tip from the film's, and that over the film's length.
-
-    The film leans by gravity to the side and is pulled by its first cable; loads without an equilibrium of
-    the film do not count.
+    The film leans by gravity to the side and is pulled by its first cable. Loads at which the film has no
+    equilibrium, or bends out of the model's range, are left out.
     """
     system = SoftSystem(body)
     clamp = Clamp.of_base(body)
@@ -341,13 +325,12 @@ def _compared(body: SoftBody, model: SectionModel, films: FilmContactLaw | None)
     solver = EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
     chain = ChainSolver(SectionBody(body, model))
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
-    slack, along = (0.0,) * len(body.cables), (0.0, 0.0, 9.81)
-    error_m = error = 0.0
-    straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), slack, along))
-    for fraction in _SHARES:
-        here = straight = solver.follow(
-            straight, Pose(), replace(straight.loads, pressure_Pa=(fraction * model.spline.largest_Pa,))
-        )
+    slack = (0.0,) * len(body.cables)
+    straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), slack, (0.0, 0.0, 0.0)))
+    tips = []
+    for pressure in (fraction * model.spline.largest_Pa for fraction in _SHARES):
+        hanging = Loads((pressure,), slack, (0.0, 0.0, 9.81))
+        here = straight = solver.follow(straight, Pose(), hanging)
         for lean in _LEANS_rad:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()
             gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
@@ -357,17 +340,18 @@ def _compared(body: SoftBody, model: SectionModel, films: FilmContactLaw | None)
                 )
             except ConvergenceError:
                 break
-            off, length = _tip_error(chain, here)
-            error_m, error = max(error_m, off), max(error, off / length)
-    return replace(model, tip_error=error, tip_error_m=error_m)
+            tips += [(pressure, *off) for off in _tip_off(chain, here, pressure)]
+    return np.array(tips).reshape(-1, 3)
 
 
-def _tip_error(chain: ChainSolver, film: Equilibrium) -> tuple[float, float]:
-    """Return the distance of the tips and the film's length [m]."""
+def _tip_off(chain: ChainSolver, film: Equilibrium, pressure_Pa: float) -> list[tuple[float, float]]:
+    """Return the distance of the tips, infinite without an equilibrium, and the film's length [m], if any."""
     frames = chain.section.frames.fit(film.state.positions, Pose())
+    if place_in_range(chain.section, frames, pressure_Pa).fraction > 1.0:
+        return []
     free = np.arange(len(frames)) > 0
     found = chain.solve(frames, free, film.loads, 1e-6, 60)
     length = float(np.linalg.norm(np.diff(frames[:, 0], axis=0), axis=1).sum())
     if found.outcome is not Outcome.CONVERGED:
-        return np.inf, length
-    return float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])), length
+        return [(np.inf, length)]
+    return [(float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])), length)]

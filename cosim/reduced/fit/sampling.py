@@ -76,7 +76,7 @@ def _pairs(pattern: BlockPattern, ring: IntArray) -> tuple[IntArray, IntArray, I
 
 @final
 class RingGuides:
-    """Guides of all rings to wanted frames.
+    """Guides of all rings to wanted frames, which are its attribute `wanted`.
 
     Args:
         frames: of the body.
@@ -89,6 +89,7 @@ class RingGuides:
         self, frames: RingFrames, groups: tuple[RingGroup, ...], wanted: Array, stiffness: Array
     ) -> None:
         measures = frames.measures(wanted)
+        self.wanted = wanted
         self._groups, self._stiffness = groups, stiffness
         self._measures = [np.array([measures[f] for f in group.frame]) for group in groups]
         self._centers = [wanted[1 + group.frame, 0] for group in groups]
@@ -126,23 +127,16 @@ def _chosen(measure: Array, place: IntArray) -> Array:
     return np.asarray(measure.transpose(0, 2, 1, 3)[np.arange(len(place))[:, None], place])
 
 
-Sample: TypeAlias = tuple[float, Array, Array, float, Array, Array]
-"""Pressure, strains, forces, volume, frames and nodes, as in `Samples`."""
+Sample: TypeAlias = tuple[float, Array, Array, float, Array, Array, Array]
+"""Pressure, strains, forces, volume, frames, nodes and target, as in `Samples`."""
 
 _STILL = (0.0, 0.0, 0.0)
 _STRAIGHT = 5  # straight samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _BEND_MAX = 0.5
-# of sections that fold: bend relative to that at which corners meet, and at most, twist, shear
-_FOLDED_BEND, _FOLDED_MAX, _FOLDED_TWIST, _FOLDED_SHEAR_m = 1.5, 0.6, 0.1, 1.5e-3
-_ONE_WAY, _ANGLES = 0.5, 12  # share of ways that bend in one plane, at one of so many angles
-_TIP_SHARE = 0.1
-_BASE_REACH = 1.8  # nothing on the other side of the base meets the first ring
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _LEAST_STEP = 0.1  # of the way to a sample
-_BEND_STEP, _STEP = 0.06, 0.08  # bend, and share of the length, from one sample of a way to the next
-_LEAST_PIECE = 0.05  # of that
-_ROUNDING = 1e-9
+_FINER_OF = 5  # of so many poses one is sampled on the refined mesh as well
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
 
 
@@ -160,8 +154,6 @@ class WorkingRange:
         shear_m: largest shift between neighbouring frames.
         small: share of bend, twist and shear in samples that are almost straight.
         samples: at each pressure, besides straight and almost straight ones.
-        folds: whether sections fold, as those of fingers: samples are then all pieces of the ways to poses
-            that are bent farther, see `folded_strains`.
     """
 
     pressures_Pa: tuple[float, ...]
@@ -172,7 +164,6 @@ class WorkingRange:
     shear_m: float = 3e-4
     small: float = 0.15
     samples: int = 24
-    folds: bool = False
 
 
 @final
@@ -181,26 +172,31 @@ class Samples:
     """What was found; sections s between frames s and s + 1.
 
     Args:
+        length_m: (pressures, s), middle of the sampled lengths of each section.
+        failures: samples without a solution.
         pressure_Pa: (m,).
         strain: (m, s, 6).
         force: (m, s, 6), derivatives of the energy with respect to the strains.
         volume_m3: (m,).
         frames: (m, f, 4, 3), flange frame.
         positions: (m, n, 3) [m], of the nodes.
-        length_m: (pressures, s), middle of the sampled lengths of each section.
-        failures: samples without a solution.
-        folds: whether sections fold, see `WorkingRange`.
+        target: (m, f, 4, 3), frames to which the guides pull; without guides the frames themselves.
     """
 
+    length_m: Array
+    failures: int
     pressure_Pa: Array
     strain: Array
     force: Array
     volume_m3: Array
     frames: Array
     positions: Array
-    length_m: Array
-    failures: int
-    folds: bool = False
+    target: Array
+
+    @classmethod
+    def of(cls, rows: list[Sample], length_m: Array, failures: int) -> Samples:
+        """Return samples as columns."""
+        return cls(length_m, failures, *(np.array(column) for column in zip(*rows, strict=True)))
 
 
 @final
@@ -246,20 +242,12 @@ class Sampler:
         lengths, failures = [], 0
         for pressure in work.pressures_Pa:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
-            rows.append(self._sample(free, np.zeros_like(free.state.positions)))
+            rows.append(self._sample(free))
             low, high = self._lengths(free, work)
             lengths.append(0.5 * (low + high))
             straight = [
                 straight_strains(low, high, fraction) for fraction in np.linspace(0.0, 1.0, _STRAIGHT)
             ]
-            if work.folds:
-                ends = low, high, self._radii
-                small = [at + work.small * (folded_strains(random, *ends) * _ACROSS) for at in straight]
-                bent = [folded_strains(random, *ends) for _ in range(work.samples)]
-                ways = [self.way(free, wanted) for wanted in straight + small + bent]
-                rows += [sample for way in ways for sample in way]
-                failures += sum(not way for way in ways)
-                continue
             # small ones tell what a section resists shear, bending and twist with, apart from one another
             small = [
                 at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
@@ -272,11 +260,33 @@ class Sampler:
                     rows.append(self._guided(free, wanted))
                 except ConvergenceError:
                     failures += 1
-        pressures, strain, force, volume, frames, positions = (
-            np.array(column) for column in zip(*rows, strict=True)
-        )
-        lengths_m = np.array(lengths)
-        return Samples(pressures, strain, force, volume, frames, positions, lengths_m, failures, work.folds)
+        return Samples.of(rows, np.array(lengths), failures)
+
+    def finer(self, coarse: Samples, parents: IntArray) -> Samples:
+        """Return samples at some poses of a coarser mesh, each begun in the shape that was found there.
+
+        What refining has moved without guides is taken along with the frames.
+
+        Args:
+            coarse: samples of the mesh whose every triangle is divided into four.
+            parents: (n, 2) nodes of it that each node lies halfway between.
+        """
+        free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        rows, failures, layout = list[Sample](), 0, self._frames
+        for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):
+            first, *others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()
+            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
+            rows.append(self._sample(free))
+            moved = free.state.positions - coarse.positions[first][parents].mean(axis=1)
+            local = np.einsum("nar,nr->na", coarse.frames[first, layout.before, 1:], moved)
+            for k in others[level % _FINER_OF :: _FINER_OF]:
+                start = coarse.positions[k][parents].mean(axis=1)
+                start += np.einsum("na,nar->nr", local, coarse.frames[k, layout.before, 1:])
+                try:
+                    rows.append(self._near(free, coarse.target[k], start))
+                except ConvergenceError:
+                    failures += 1
+        return Samples.of(rows, coarse.length_m, failures)
 
     def _lengths(self, free: Equilibrium, work: WorkingRange) -> tuple[Array, Array]:
         """Return the shortest and the longest length (s,) [m] of each section to sample."""
@@ -300,52 +310,49 @@ class Sampler:
         found, guides, done, step = free, None, 0.0, 1.0
         while done < 1.0 and step > _LEAST_STEP:
             target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * (wanted - here))
-            tried = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
             x = found.state.positions
             start = frames.carried(x, frames.fit(x, Pose()), target)
             try:
-                found = self._solver.solve(found.state, Pose(), replace(free.loads, extra=tried), start)
+                found, guides = self._pulled(found.state, free.loads, target, start)
             except ConvergenceError:
                 step *= 0.5
                 continue
-            guides, done = tried, done + step
+            done += step
         if guides is None:
             raise ConvergenceError("no pose on the way to a sample has an equilibrium", float("nan"), 0)
         self.reached.append(min(1.0, done))
-        return self._sample(found, guides.force(found.state.positions))
+        return self._sample(found, guides)
 
-    def way(self, free: Equilibrium, wanted: Array) -> list[Sample]:
-        """Return samples on the way from the free shape to wanted strains (s, 6), as far as the film goes.
+    def _near(self, free: Equilibrium, target: Array, start: Array) -> Sample:
+        """Return the sample at target frames (f, 4, 3) from a start (n, 3) [m], or else on the way there.
 
-        Each begins in the shape of the one before: where films fold and meet, a shape that is guessed is one
-        that they do not come back from.
+        Raises:
+            ConvergenceError: the film goes nowhere.
         """
-        frames, rows = self._frames, list[Sample]()
-        here = frames.strains(frames.fit(free.state.positions, Pose()))
-        whole = wanted - here
-        pieces = max(np.abs(whole[:, 3:5]).max() / _BEND_STEP, np.abs(whole[:, 2] / here[:, 2]).max() / _STEP)
-        longest = step = 1.0 / max(1, int(np.ceil(pieces)))
-        found, done = free, 0.0
-        while done < 1.0 - _ROUNDING and step > _LEAST_PIECE * longest:
-            target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * whole)
-            guides = RingGuides(frames, self._groups, target, _GUIDE_STIFFNESS)
-            try:
-                found = self._solver.solve(found.state, Pose(), replace(free.loads, extra=guides))
-            except ConvergenceError:
-                step *= 0.5
-                continue
-            done = min(1.0, done + step)
-            step = min(longest, 2.0 * step)
-            rows.append(self._sample(found, guides.force(found.state.positions)))
-        self.reached.append(done)
-        return rows
+        try:
+            return self._sample(*self._pulled(free.state, free.loads, target, start))
+        except ConvergenceError:
+            return self._guided(free, self._frames.strains(target))
 
-    def _sample(self, found: Equilibrium, force: Array) -> Sample:
+    def _pulled(
+        self, near: SoftState, loads: Loads, target: Array, start: Array
+    ) -> tuple[Equilibrium, RingGuides]:
+        """Return the equilibrium under guides to target frames (f, 4, 3), from a start (n, 3) [m].
+
+        Raises:
+            ConvergenceError: none was found.
+        """
+        guides = RingGuides(self._frames, self._groups, target, _GUIDE_STIFFNESS)
+        return self._solver.solve(near, Pose(), replace(loads, extra=guides), start), guides
+
+    def _sample(self, found: Equilibrium, guides: RingGuides | None = None) -> Sample:
         x = found.state.positions
+        force = np.zeros_like(x) if guides is None else guides.force(x)
         here = self._frames.fit(x, Pose())
         volume = float(self._system.gas.enclosed_volumes(x[None]).sum())
         strain = strains(*self._pairs(here))
-        return found.loads.pressures(1)[0], strain, self._section_forces(x, here, force), volume, here, x
+        pressure, forces = found.loads.pressures(1)[0], self._section_forces(x, here, force)
+        return pressure, strain, forces, volume, here, x, here if guides is None else guides.wanted
 
     def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
         """Return the derivatives (s, 6) of the energy: what is beyond each section pulls at its far frame."""
@@ -402,40 +409,6 @@ def random_strains(
     largest = np.minimum(work.bend * result[:, 2] / radii[1:], _BEND_MAX)
     result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
     result[:, 5] = work.twist * field(1)[:, 0]
-    return result
-
-
-def folded_strains(random: np.random.Generator, low: Array, high: Array, radii: Array) -> Array:
-    """Return wanted strains (s, 6) of a finger that folds; see `random_strains`.
-
-    Half of them bend in one plane. What holds the base bends the first section by itself; nothing beyond the
-    last one shears it. Half a unit turns about its narrow end, which shifts the other one.
-    """
-    way = np.linspace(0.0, 1.0, len(low))[:, None]
-
-    def field(size: int) -> Array:
-        """Return (s, size): constant and linear parts and a little of anything, within about -1 to 1."""
-        ends = random.uniform(-1.0, 1.0, (2, size))
-        return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.1, (len(low), size)))
-
-    result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
-    result[:, :2] = _FOLDED_SHEAR_m * random.uniform(0.0, 1.0) ** 2 * field(2)
-    result[-1, :2] *= _TIP_SHARE
-    bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
-    if random.uniform() < _ONE_WAY:
-        angle = random.integers(_ANGLES) * np.pi / _ANGLES
-        bend = bend[:, :1] * np.array([np.cos(angle), np.sin(angle)])
-    # what holds the base bends the first section by itself; nothing beyond the last one shears it
-    bend[0] = 1.3 * random.uniform(-1.0, 1.0, 2)
-    reach = np.where(np.arange(len(low)) == 0, _BASE_REACH, 1.0) * _FOLDED_BEND
-    largest = np.minimum(reach * result[:, 2] / np.maximum(radii[1:], radii[:-1]), _FOLDED_MAX)
-    result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
-    # half a unit turns about its narrow end, which shifts the other one
-    narrow = (radii[1:] - radii[:-1]) / (radii[1:] + radii[:-1])
-    lever = 0.5 * result[:, 2] * narrow * random.uniform(0.7, 1.1)
-    result[:, 0] += lever * result[:, 4]
-    result[:, 1] -= lever * result[:, 3]
-    result[:, 5] = _FOLDED_TWIST * random.uniform(0.0, 1.0) ** 2 * field(1)[:, 0]
     return result
 
 

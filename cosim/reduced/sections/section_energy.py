@@ -52,12 +52,6 @@ class PressureSpline(NamedTuple):
         q = np.linspace(0.0, math.asinh(self.largest_Pa / _SCALE_Pa), count)
         return (*(_SCALE_Pa * np.sinh(q[:-1])).tolist(), self.largest_Pa)
 
-    @property
-    def centers(self) -> Array:
-        """Pressures (size,) [Pa] in the middle of the functions; below 0 that of the first."""
-        span = math.asinh(self.largest_Pa / _SCALE_Pa) / self.intervals
-        return np.asarray(_SCALE_Pa * np.sinh(span * (np.arange(self.size) - 1.0)))
-
     def basis(self, pressure_Pa: float) -> Array:
         """Return (2, size): values and slopes d/dp [1/Pa] of all functions.
 
@@ -138,10 +132,14 @@ class SplineTerms:
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
 COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4
+_LOWEST: Final = {"A": -1, "B": 0, "B2": 1, "B3": 2, "S": 0, "Q": 0, "Q2": 1, "T": 0}
+DEGREES: Final = (
+    *(max(0, power + _LOWEST[name]) for name, order in _ORDERS.items() for power in range(order + 1)),
+    *(3, 3, 3, 3),
+)
+"""How far each term's degree is above that of a linear spring: powers of z, products of invariants."""
 LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
-BENDING: Final = 7
-"""Column of the constant of B(z): bending stiffness over two."""
 
 
 @device_function

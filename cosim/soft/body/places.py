@@ -17,6 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import Blocks, Matrix, Vector, kernel, small_vector
+from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 
 
@@ -169,3 +170,32 @@ def place_of(body: SoftBody, positions: Array, node: int) -> str:
         for name, nodes in body.rings.items()
     }
     return f"node {node} near {min(away, key=lambda name: float(away[name]))}"
+
+
+_SAME_PLACE_M = 1e-9
+
+
+def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
+    """Return the two nodes (n, 2) of a mesh that each node of the refined one lies halfway between.
+
+    The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
+    middle one; see `cosim.soft.geometry.refinement`.
+
+    Args:
+        coarse: the body.
+        fine: the same with every triangle divided into four.
+
+    Raises:
+        MeshError: it is not that.
+    """
+    found = np.full((fine.nodes, 2), -1)
+    if len(fine.triangles) == 4 * len(coarse.triangles):
+        a, b, c = coarse.triangles.T
+        part = fine.triangles.reshape(-1, 4, 3)
+        ends = ((0, 0, a, a), (1, 1, b, b), (2, 2, c, c), (0, 1, a, b), (1, 2, b, c), (2, 0, c, a))
+        for child, corner, first, second in ends:
+            found[part[:, child, corner]] = np.stack([first, second], axis=1)
+    away = fine.positions - coarse.positions[found].mean(axis=1)
+    if (found < 0).any() or float(np.abs(away).max()) > _SAME_PLACE_M:
+        raise MeshError("the mesh is not the other one with every triangle divided into four")
+    return found
