@@ -206,7 +206,7 @@ class ErrorFinder:
         elif batch.contacts[-1]:
             why_not = _TOUCHES
         elif footing is not None and (stands := footing.stability(())) != "stable":
-            why_not = f"the soft robot ends it {stands}, where a small difference moves it far"
+            why_not = f"the soft robot is {stands} at its end, where a small difference may move it far"
         self.ends.append(PhaseEnd(phase, state, self._swings.ticks if self._swings else 0, why_not))
 
     def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
@@ -237,7 +237,7 @@ class ErrorFinder:
                 if len(found) == 1 and not everywhere:
                     dear = mesh.iterations / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
                 if dear and place not in self._pairs:  # what the last one has needed is there
-                    reason = "only at the end of the last phase, as more would cost over a third of the run"
+                    reason = "only of the last phase and those it needs, as more would cost over a third of the run"
                     continue
                 found[self.ends[place].phase] = self._of(place, mesh)
         except MeshError as error:
