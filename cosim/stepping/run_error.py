@@ -61,7 +61,8 @@ _BRANCHES: Final = "the soft robot branches in it, and figures jump there"
 _SNAPS: Final = "the soft robot snaps at its end, and figures jump there"
 _TOUCHES: Final = "the soft robot touches the scene, and contact with it is not modelled on the refined mesh"
 _NOT_AT_REST: Final = "no state at rest was found near its end, on the run's mesh or on the refined one"
-_HELD: Final = "rings are held where the run's mesh had them, and where the refined mesh has them is not known"
+_HELD: Final = "rings are held where the run's mesh had them, which on the refined mesh is not known"
+_DEAR: Final = "only of the last phase and those it needs, as more would cost over a third of the run"
 
 
 @final
@@ -237,7 +238,7 @@ class ErrorFinder:
                 if len(found) == 1 and not everywhere:
                     dear = mesh.iterations / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
                 if dear and place not in self._pairs:  # what the last one has needed is there
-                    reason = "only of the last phase and those it needs, as more would cost over a third of the run"
+                    reason = _DEAR
                     continue
                 found[self.ends[place].phase] = self._of(place, mesh)
         except MeshError as error:
