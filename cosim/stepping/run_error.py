@@ -47,7 +47,7 @@ from cosim.telemetry.tick_batch import TickBatch
 FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
 FACTORS: Final = dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.9), strict=True))
 """By which the difference of two meshes is multiplied; docs/run_error.md."""
-TICK_FACTOR: Final = 1.9
+TICK_FACTOR: Final = 2.2
 """By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
 _OF_SHAPE: Final = 0.5
 """Share of the differences of tip and volume that sag, length and tensions are off by: theirs may vanish."""
@@ -57,6 +57,12 @@ _LEAP: Final = 0.05
 """Of the length: a snap by less does not take the bars of its phase away."""
 _ELSEWHERE: Final = 0.6
 """Of the length: farther away, the refined mesh is on another branch."""
+_BRANCHES: Final = "the soft robot branches in it, and figures jump there"
+_SNAPS: Final = "the soft robot snaps at its end, and figures jump there"
+_TOUCHES: Final = "the soft robot touches the scene, and contact with it is not modelled on the refined mesh"
+_NOT_AT_REST: Final = "no state at rest was found near its end, on the run's mesh or on the refined one"
+_HELD: Final = "rings are held where the run's mesh had them, which on the refined mesh is not known"
+_DEAR: Final = "only of the last phase and those it needs, as more would cost over a third of the run"
 
 
 @final
@@ -189,7 +195,7 @@ class ErrorFinder:
             here: Any = side.shape_now()
             length_m = float(side.shape_reader().figures([here]).center_line_m[0])
             if any(_leaps(each, length_m) for passed in batch.branchings.values() for each in passed):
-                self._branched[phase] = "the soft robot branches in it"
+                self._branched[phase] = _BRANCHES
         if self._swings is not None:
             self._swings.observe(batch.film.node_position())
         if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm | SectionArm):
@@ -197,11 +203,11 @@ class ErrorFinder:
         state, footing = side.save_state(), batch.footing.get(len(batch) - 1)
         why_not = self._branched.get(phase, "")
         if batch.slides[-1]:
-            why_not = "the soft robot snaps at its end"
+            why_not = _SNAPS
         elif batch.contacts[-1]:
-            why_not = "the soft robot touches something, which the refined mesh knows nothing of"
+            why_not = _TOUCHES
         elif footing is not None and (stands := footing.stability(())) != "stable":
-            why_not = f"the soft robot ends {stands}"
+            why_not = f"the soft robot is {stands} at its end, where a small difference may move it far"
         self.ends.append(PhaseEnd(phase, state, self._swings.ticks if self._swings else 0, why_not))
 
     def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
@@ -232,7 +238,7 @@ class ErrorFinder:
                 if len(found) == 1 and not everywhere:
                     dear = mesh.iterations / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
                 if dear and place not in self._pairs:  # what the last one has needed is there
-                    reason = "only at the end of the last phase, as more would cost over a third of the run"
+                    reason = _DEAR
                     continue
                 found[self.ends[place].phase] = self._of(place, mesh)
         except MeshError as error:
@@ -257,7 +263,7 @@ class ErrorFinder:
         try:
             parts, why_not = self._compared(place, mesh)
         except ConvergenceError:
-            parts, why_not = {}, "no state at rest was found near it, here or on the refined mesh"
+            parts, why_not = {}, _NOT_AT_REST
         if why_not:
             return none | {"reason": why_not}
         bars = {key: sum(part.get(key, 0.0) for part in parts.values()) for key in parts["of_mesh"]}
@@ -329,7 +335,7 @@ class ErrorFinder:
         end, side = self.ends[place], self.side
         pair = None if end.why_not else self._pair(place, mesh)
         if pair is None:
-            return {}, end.why_not or "rings are held where the run's mesh had them"
+            return {}, end.why_not or _HELD
         film = self._film(place)
         side.restore_state(film)
         mesh.hold(pair.clamp)
@@ -337,9 +343,9 @@ class ErrorFinder:
         here = shape_figures(side, pair.rest.state.positions, frame)
         away = differences(here, shape_figures(mesh.side, pair.finer.state.positions, frame))
         if pair.rest.negative_pivots or pair.finer.negative_pivots:
-            return {}, "a state at rest near it is unstable"
+            return {}, "the state at rest near its end is unstable"
         if away["tip_m"] > _ELSEWHERE * here["length_m"]:
-            return {}, "the refined mesh is on another branch"
+            return {}, "the refined mesh comes to rest on another branch, far away"
         wanted = self._wanted(end)
         away = apart(away, here) | self._of_tension(wanted, pair, mesh, away["tip_m"])
         parts: dict[str, Any] = {}
@@ -433,14 +439,15 @@ def apart(away: dict[str, float], here: dict[str, Any]) -> dict[str, float]:
 def tension_apart(most_N: float, away_N: float, of_tip_N: float) -> float:
     """Return how far the tensions for a target are taken to be apart on two meshes [N].
 
-    Near the free height two meshes may agree by chance, though their tips do not.
+    Near the free height two meshes may agree by chance, though their tips do not. What each of three asks
+    for is added as independent errors are: root of the sum of squares.
 
     Args:
         most_N: the largest, on the run's mesh.
         away_N: difference of what was found on both.
         of_tip_N: what makes good for the difference of the tips under equal tensions, slope times difference.
     """
-    return max(away_N, _OF_SHAPE * of_tip_N, _OF_TENSION * most_N)
+    return math.hypot(away_N, _OF_SHAPE * of_tip_N, _OF_TENSION * most_N)
 
 
 def tension_difference(one: Loads, other: Loads) -> float:

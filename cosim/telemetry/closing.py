@@ -104,7 +104,7 @@ def error_line(summary: dict[str, Any]) -> str:
     for phase, row in rows:
         if row["reason"]:
             without.setdefault(row["reason"], []).append(f"'{phase}'")
-    more = [f"none in {_some(phases)}: {why}" for why, phases in without.items()]
+    more = [f"no bar in {_some(phases)}: {why}" for why, phases in without.items()]
     reason = summary["error"]["reason"]
     left = [reason if texts else f"not worked out: {reason}"] if reason else []
     return "; ".join([*([", ".join(texts)] if texts else []), *more, *left])

@@ -128,3 +128,16 @@ def test_lists_serve_units_that_are_carried_and_not_units_that_leave() -> None:
         assert np.array_equal(lists.long.before, x)
     pairs_at(films, x * (1.0, 1.0, -1.0))  # no rotation
     assert not np.array_equal(films.contacts.lists.long.before, x)
+
+
+def test_units_that_are_just_too_far_for_the_list_may_move_as_far_as_near_ones() -> None:
+    body, x = hexagon_arm(3), inflated_positions(3) * (1.0, 1.0, 0.5)
+    films = SelfContact(body, FilmContactLaw(ContactLaw()))
+    unit_nodes = films.faces.unit_nodes
+    last = np.setdiff1d(unit_nodes[2], unit_nodes[1])
+    films.static_pairs(np.ascontiguousarray(x))
+    for distance_m, stays in ((2.8e-3, True), (3.3e-3, True), (3.7e-3, False)):
+        moved = x.copy()
+        moved[last, 0] += distance_m
+        films.static_pairs(moved)
+        assert np.array_equal(films.contacts.lists.long.before, x) == stays

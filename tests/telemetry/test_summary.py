@@ -118,6 +118,6 @@ def test_why_phases_have_no_bar_is_said_for_each_reason() -> None:
     errors = [none | {"tip_m": 1e-3, "reason": None}, *[touches] * 4, none | {"reason": "it branches in it"}]
     phases = [{"name": name, "error": error} for name, error in zip("abcdef", errors, strict=True)]
     assert error_line({"phases": phases, "error": {"reason": None}}) == (
-        "tip 1 mm ('a'); none in 'b', 'c', 'd' and 1 more: it touches something; "
-        "none in 'f': it branches in it"
+        "tip 1 mm ('a'); no bar in 'b', 'c', 'd' and 1 more: it touches something; "
+        "no bar in 'f': it branches in it"
     )

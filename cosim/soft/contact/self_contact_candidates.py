@@ -304,7 +304,7 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
         near.bounds[0], near.bounds[1] = -1.0, -1.0
     if needed > long.listed.shape[0]:
         return needed
-    boxes = np.empty((rows.units_from.shape[0] - 1, 6))
+    boxes, least = np.empty((rows.units_from.shape[0] - 1, 6)), _MARGIN_M / FEET_FOLLOW - _MOTION_M
     for unit in range(boxes.shape[0]):
         low, high = boxes[unit], boxes[unit, 3:]
         low[:3], high[:] = np.inf, -np.inf
@@ -318,9 +318,9 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
             square = _square_between(boxes, a, low[0], low[1], low[2], high[0], high[1], high[2])
             further = max(np.sqrt(square) - room, 0.0) if lists.meet[a, b] else np.inf
             allowed = (_MARGIN_M + further) / FEET_FOLLOW
-            # where the long list has pairs, it leaves a little to the short one, elsewhere half
-            short.allowed[a, b] = 0.5 * allowed if further > 0.0 else _MOTION_M
-            long.allowed[a, b] = 0.5 * allowed if further > 0.0 else allowed - _MOTION_M
+            # where the long list has pairs, it leaves a little to the short one, far from there half
+            short.allowed[a, b] = min(0.5 * allowed, allowed - least)
+            long.allowed[a, b] = max(0.5 * allowed, least)
     copy_rows(x, long.before)
     long.bounds[0], long.bounds[1] = room_m, room_m
     return needed
