@@ -44,7 +44,7 @@ RATIO_BOUND: Final = 2.0
 A tick late, pads held a cube up to a ratio of 2.8 and threw it out at 8 (`benchmarks/strong_coupling.py`).
 """
 _HELD_RATIO = 10.0  # the same, of bodies that something holds besides
-AGREED_M: Final = 2e-5
+AGREED_M: Final = 2e-6
 """How far bodies may go from where the film has met them; the next tick knows of it."""
 _LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
