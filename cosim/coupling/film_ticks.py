@@ -196,7 +196,7 @@ def _may_give_way(contact: ContactArrays, found: int) -> int:
     bodies, body, near = contact.bodies, contact.touched.planes.body, 0
     for e in range(found):
         b = body[e]
-        if bodies.leads.ahead[b]:
+        if bodies.leads.ahead[b] > 0:
             unknown = contact.gives[b, 0] == UNKNOWN or contact.counts[MET] >= contact.numbers.renewed_after
             near = max(near, 2 if bodies.loaded[b] and unknown else 1)
     return near

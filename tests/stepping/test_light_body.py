@@ -31,7 +31,7 @@ mass_kg = 0.001
 
 [[phase]]
 name = "drop"
-duration_s = 0.196
+duration_s = 0.12
 pressure_Pa = 30e3
 """
 MASS_kg, DROP_M, RADIUS_M, TICK_S = 0.001, 0.012, 0.015, 0.004
@@ -62,9 +62,10 @@ def test_a_light_ball_takes_the_impulse_that_the_film_gives(dropped: Any, scheme
         result.body_contact_force[:, ball],
         np.diff(result.body_position[:, ball], axis=0) / TICK_S,
     )
-    if scheme == "staggered":  # the mean speed of a tick of several steps belongs to it in flight alone
-        assert not force[[0, 1, -2, -1]].any()
-    given = TICK_S * force[:-1].sum(axis=0)
+    assert not force[[0, 1]].any()
+    # a tick of n steps ends faster than it is in the mean, by (n - 1) / (2 n) of what its load adds
+    lag = 3.0 / 8.0 if scheme == "staggered" else 0.0
+    given = TICK_S * (force[:-2].sum(axis=0) + (1.0 - lag) * force[-2])
     weight = MASS_kg * 9.81 * TICK_S * (len(velocity) - 1)
     assert given[2] - weight == pytest.approx(MASS_kg * (velocity[-1] - velocity[0])[2], rel=1e-6)
     arriving = MASS_kg * np.sqrt(2.0 * 9.81 * DROP_M)

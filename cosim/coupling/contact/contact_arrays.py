@@ -36,7 +36,8 @@ class Leads(NamedTuple):
         root: (bodies,), where in them each body's is.
         mass: (bodies, 3) [m], centres of mass; MuJoCo's.
         flange: body that goes with it.
-        ahead: (bodies,), 1 for those that are met ahead.
+        ahead: (bodies,), 1 for those that are met ahead; -1 for those that are met where they will be in the
+            middle of the steps in which the load acts, a tick late.
         foresight: by which they are.
         lead: (bodies, 6), by what they are ahead: translation at the world's origin [m], then turn [rad].
     """

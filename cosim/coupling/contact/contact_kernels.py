@@ -310,7 +310,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     if near == 0:
         return 0, 0
     for k in range(near):
-        met += bodies.leads.ahead[body[bounds.near[k]]]
+        met += bodies.leads.ahead[body[bounds.near[k]]] > 0
     if ahead > 0.0 and met > 0:
         _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
@@ -445,7 +445,7 @@ def meet_touched(at: int, x: Matrix, tolerance: float) -> bool:
     end, bodies, touched = contact.end, contact.bodies, 0
     _conclude(contact, x)
     for b in range(bodies.loaded.shape[0]):
-        if not bodies.leads.ahead[b] or not (end.acting[b] or bodies.loaded[b]):
+        if bodies.leads.ahead[b] <= 0 or not (end.acting[b] or bodies.loaded[b]):
             continue
         gives, force, torque = contact.gives[b], _changed(contact, b, 0), _changed(contact, b, 3)
         off, inexact = max(gives[0] * force, gives[1] * torque), gives[0] * tolerance > _EXACTLY

@@ -18,15 +18,16 @@ from cosim.rigid.scene.native import ACCELERATE, CONSTRAIN, REBEGIN, REFACTORISE
 @device_function
 def fill_leads(leads: Any, h: float) -> None:
     """Fill by how much bodies are ahead at the velocities that they have."""
-    now, flange = small_vector(6), small_vector(6)
+    now, flange, steps = small_vector(6), small_vector(6), leads.foresight.ahead.pace[0]
     fill_speed(leads, leads.flange, flange)
     for b in range(leads.ahead.shape[0]):
         lead = leads.lead[b]
         lead[:] = 0.0
-        if leads.ahead[b]:
+        if leads.ahead[b] != 0:
             fill_speed(leads, b, now)
+            way = h if leads.ahead[b] > 0 else h * (steps - 1) / (2 * steps)
             for r in range(6):
-                lead[r] = h * (now[r] - flange[r])
+                lead[r] = way * (now[r] - flange[r])
 
 
 @device_function
@@ -60,7 +61,9 @@ def _take_ahead(leads: Any) -> None:
     _copy(here.applied, there.applied)
     _copy(here.control, there.control)
     now, flange = small_vector(6), small_vector(6)
-    leads.lead[:] = 0.0
+    for b in range(leads.ahead.shape[0]):
+        if leads.ahead[b] > 0:
+            leads.lead[b, :] = 0.0
     for _ in range(ahead.pace[0]):
         _begin_ahead(steps, ahead)
         for j in range(0, there.control.shape[0], 3):
@@ -69,7 +72,7 @@ def _take_ahead(leads: Any) -> None:
         call_native(steps[VELOCITIES], ahead.sides[0], ahead.sides[1])
         fill_velocity(ahead.spin, ahead.tree, leads.root, leads.flange, flange)
         for b in range(leads.ahead.shape[0]):
-            if leads.ahead[b]:
+            if leads.ahead[b] > 0:
                 fill_velocity(ahead.spin, ahead.tree, leads.root, b, now)
                 for r in range(6):
                     leads.lead[b, r] += h * (now[r] - flange[r])
