@@ -242,7 +242,7 @@ class Parts:
         return self.commands.next(step, lambda: self._robot(step.begin_s))
 
     def measured_now(self, time_s: float, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
-        """Return what is measured of the run, with tensions (cables,) of the last tick; see `SteeredCommands`."""
+        """Return what is measured now, with tensions (cables,) of the last tick; see `SteeredCommands`."""
         return self.commands.measured(self._robot(time_s), tension_N, sensors)
 
     def _robot(self, time_s: float) -> RobotState:

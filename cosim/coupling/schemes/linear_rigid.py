@@ -11,6 +11,7 @@ from cosim.coupling.half_ticks import take_rigid_half
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.errors import ConvergenceError
+from cosim.rigid.scene.scene import RigidScene
 
 _ANGLE, _SPEED, _ACCELERATION, _FIGURE = 1e-6, 1e-5, 1e-3, 1e-4
 
@@ -32,6 +33,7 @@ def rigid_slopes(
         reference: (joints,) [rad], present one of position.
     """
     scene = interface.scene
+    assert isinstance(scene, RigidScene), "linear models are of scenes that cosim steps"
     saved, ticks = scene.save_state(), interface.begin(1).ticks
     rigid, carries, past = interface.rigid(carried), len(carried.inertia), carried.past.copy()
     joints, last = len(scene.joint_names), np.vstack([scene.joint_acceleration, past])
