@@ -359,6 +359,32 @@ def hexagon_arm_torsion(axes: Axes, runs: Runs) -> list[Row]:
     return rows
 
 
+def hexagon_arm_deploys(axes: Axes, runs: Runs) -> list[Row]:
+    """Length from the stowed pack to the inflated arm and back, in time, statics, and from the drawn shape."""
+    name, ends = "hexagon_arm_deploys", dict[str, RunResult]()
+    drawn = {"soft_robot.stiffener.rest_on_one_another": False, "start.cable_tension_N": [0.0] * 3}
+    changes: dict[str, dict[str, Any]] = {
+        "in time": {},
+        "statics": {"mode": "quasistatic"},
+        "statics, drawn": {"mode": "quasistatic", "phase.stow.cable_tension_N": [0.0] * 3, **drawn},
+    }
+    rows = [Row(f"{phase}, length [mm]") for phase in ("carry", "deploy", "stow")]
+    rows += [Row("deploy, pack ratio"), Row("deploy, largest distance of a node from statics, drawn [mm]")]
+    for words, change in changes.items():
+        result = ends[words] = runs.run(name, "default", change)
+        phases = {phase["name"]: phase for phase in result.summary["phases"]}
+        for row, phase in zip(rows, ("carry", "deploy", "stow"), strict=False):
+            row.values[words] = 1e3 * phases[phase]["length_m"]
+        rows[3].values[words] = phases["deploy"]["pack_ratio"]
+        axes.plot(result.time_s, 1e3 * (result.flange_position - result.tip_position)[:, 2], label=words)
+    last = {words: run.node_position[in_phase(run, "deploy").stop - 1] for words, run in ends.items()}
+    for words in ("in time", "statics"):
+        away = np.linalg.norm(last[words] - last["statics, drawn"], axis=1).max()
+        rows[4].values[words] = 1e3 * float(away)
+    axes.set(xlabel="time [s]", ylabel="tip below the flange [mm]")
+    return rows
+
+
 def paper_figure_9(axes: Axes, runs: Runs) -> list[Row]:
     """Place of the tip of the arm on a UR5e: inflated, turned, lifted."""
     stages = {"inflate": "inflate", "turn": "rotate", "lift": "cable"}
@@ -394,4 +420,5 @@ FIGURES: Final[dict[str, Figure]] = {
     "gripper_finger_closing": gripper_finger_closing,
     "paper_figure_9": paper_figure_9,
     "hexagon_arm_torsion": hexagon_arm_torsion,
+    "hexagon_arm_deploys": hexagon_arm_deploys,
 }

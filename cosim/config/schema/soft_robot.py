@@ -215,8 +215,8 @@ class StiffenerTable:
         density_kg_m3: beam: of the material; its mass comes to that of the ring's nodes.
         strength_strain: beam: largest strain that the material bears; a phase that ends beyond it gives a
             warning; omitted: none is given.
-        rest_on_one_another: beam: neighbouring frames come no nearer than they are high, with two films between
-            them, as in a stowed pack; otherwise they pass through one another.
+        rest_on_one_another: beam: neighbouring frames come no nearer than they are high, with two films
+            between them, as in a stowed pack; otherwise they pass through one another.
     """
 
     kind: Literal["none", "stiff", "beam"] = "none"

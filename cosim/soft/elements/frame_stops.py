@@ -1,8 +1,8 @@
-"""Frames of a stack that rest on one another: facing nodes of neighbouring rims come no nearer than these allow.
+"""Frames of a stack that rest on one another: facing nodes of neighbouring rims keep a distance.
 
-Nodes a and b face each other on the rims of two neighbouring units, d apart. Frames of height h with two films
-of thickness t between them meet where d falls to g: rims straight above one another would be h + 2 t apart,
-and drawn ones that taper by r more to the side, so
+Nodes a and b face each other on the rims of two neighbouring units, d apart. Frames of height h with two
+films of thickness t between them meet where d falls to g: h + 2 t along the stack, and r to the side where
+the drawn units taper, so
     g^2 = (h + 2 t)^2 + r^2,   energy = k F(g - d),   gradient by b = -k f(g - d) (x_b - x_a) / d,
 with F and f the onset of a cable's tension (`cable`): no force beyond g, a spring of k below it. Forces are
 equal, opposite and on one line. Frames slide over one another without friction, on a sphere of radius g.
@@ -17,13 +17,22 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block
 
-STIFFNESS_N_m: Final = 1e6
-"""K, of two frames on each other: 10 N press them by 0.01 mm into one another."""
+STIFFNESS_N_m: Final = 1e5
+"""K, of two frames on each other: 10 N press them by 0.1 mm into one another."""
 
 onset = device_function(onset_of_tension)
 
