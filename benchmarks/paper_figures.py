@@ -360,7 +360,7 @@ def hexagon_arm_torsion(axes: Axes, runs: Runs) -> list[Row]:
 
 
 def hexagon_arm_deploys(axes: Axes, runs: Runs) -> list[Row]:
-    """Length from the stowed pack to the inflated arm and back, in time, statics, and from the drawn shape."""
+    """Length from the pack to the inflated arm and back, in time, in statics, and from the drawn shape."""
     name, ends = "hexagon_arm_deploys", dict[str, RunResult]()
     drawn = {"soft_robot.stiffener.rest_on_one_another": False, "start.cable_tension_N": [0.0] * 3}
     changes: dict[str, dict[str, Any]] = {
