@@ -385,6 +385,38 @@ def hexagon_arm_deploys(axes: Axes, runs: Runs) -> list[Row]:
     return rows
 
 
+def _open(scenario: Scenario) -> Scenario:
+    """Return a scenario without its loops."""
+    return replace(scenario, phases=tuple(replace(phase, control=()) for phase in scenario.phases))
+
+
+def tip_path_control(axes: Axes, runs: Runs) -> list[Row]:
+    """Error of the tip along a path: in closed loop, in open loop, and with the sag planned for."""
+    name, rows = "tip_path_control", [Row("error along the path, rms [mm]"), Row("largest [mm]")]
+    planned = {f"phase.{phase}.reach_with": "flange" for phase in ("reach.tip_target", "follow.tip_path")}
+    planned["phase.hold.tip_target.reach_with"] = "flange"
+    changes: dict[str, dict[str, Any]] = {
+        "closed loop": {},
+        "another seed": {"controller.tip.seed": 1},
+        "without noise": {"controller.tip.noise": 0.0},
+        "open loop": {},
+        "open loop, sag planned": planned,
+    }
+    for words, change in changes.items():
+        own = replace(runs, change=_open if words.startswith("open") else None)
+        result = own.run(name, "default", change)
+        path = own.scenario(name, "default", change).phases[-1].tip_path
+        assert path is not None
+        course, place = path.course(), in_phase(result, "follow")
+        time_s = result.time_s[place] - result.time_s[place][0]
+        away = np.linalg.norm(result.tip_position[place] - course.at(time_s).position, axis=1)
+        along = away[time_s <= course.duration_s]
+        rows[0].values[words], rows[1].values[words] = 1e3 * np.sqrt((along**2).mean()), 1e3 * along.max()
+        axes.plot(time_s, 1e3 * away, label=words)
+    axes.set(xlabel="time on the path [s]", ylabel="distance of the tip from its target [mm]", ylim=(0, None))
+    return rows
+
+
 def paper_figure_9(axes: Axes, runs: Runs) -> list[Row]:
     """Place of the tip of the arm on a UR5e: inflated, turned, lifted."""
     stages = {"inflate": "inflate", "turn": "rotate", "lift": "cable"}
@@ -421,4 +453,5 @@ FIGURES: Final[dict[str, Figure]] = {
     "paper_figure_9": paper_figure_9,
     "hexagon_arm_torsion": hexagon_arm_torsion,
     "hexagon_arm_deploys": hexagon_arm_deploys,
+    "tip_path_control": tip_path_control,
 }

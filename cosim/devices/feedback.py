@@ -1,6 +1,8 @@
 """Feedback: laws from an error to an output, and controllers that close one loop with them.
 
 A controller that closes one loop: a measured quantity, a feedback law, and the cables that it moves.
+
+A controller that leads the tip along a path by the flange's motion, from what it measures of the tip.
 """
 
 from __future__ import annotations
@@ -11,6 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
 
+import numpy as np
+
+from cosim.base.frames import Array
 from cosim.devices.controller import Command, Controller, Measurement
 from cosim.errors import InputError
 
@@ -113,6 +118,51 @@ def _limited(value: float, lowest: float, highest: float) -> float:
     return min(max(value, lowest), highest)
 
 
+@final
+@dataclass(frozen=True)
+class SensorState:
+    """Errors on their way from a sensor.
+
+    Args:
+        samples: measured so far.
+        waiting: the last errors, one for each sample of the delay, the oldest first.
+    """
+
+    samples: int = 0
+    waiting: tuple[tuple[float, ...], ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class SensorNoise:
+    """How a sensor reads an error: setpoint minus measured value, both at the instant of the measurement.
+
+    Args:
+        noise: standard deviation of white normal noise, in the measured unit, component by component.
+        delay: samples after which a measurement is read; before the first one the error is zero.
+        seed: of the noise; a sample's noise depends on its number alone.
+    """
+
+    noise: float = 0.0
+    delay: int = 0
+    seed: int = 0
+
+    def read(self, state: SensorState, error: Array) -> tuple[SensorState, Array]:
+        """Return the state after a sample, and the error (k,) that is read.
+
+        Args:
+            state: after the last sample.
+            error: (k,), true.
+        """
+        if self.noise > 0.0:
+            drawn = np.random.default_rng((self.seed, state.samples)).normal(size=error.size)
+            error = error - self.noise * drawn
+        line = (*state.waiting, tuple(error.tolist()))
+        late = len(line) > self.delay
+        read = np.array(line[0]) if late else np.zeros(error.size)
+        return SensorState(state.samples + 1, line[1:] if late else line), read
+
+
 Quantity: TypeAlias = Literal["bending_angle_rad", "tip_height_m"]
 Output: TypeAlias = Literal["cable_tension_N", "cable_shortening_m"]
 MEASURE: Final[dict[str, Callable[[Measurement], float]]] = {
@@ -129,10 +179,12 @@ class LoopState:
     Args:
         law: of its feedback law.
         unstretched_m: length of each cable at zero shortening; empty where tensions are commanded.
+        sensor: of its sensor.
     """
 
     law: LawState
     unstretched_m: tuple[float, ...] = ()
+    sensor: SensorState = SensorState()
 
 
 @final
@@ -145,12 +197,14 @@ class FeedbackLoop(Controller[LoopState]):
         law: from its error to the output.
         output: a tension, or how much shorter a cable is than it was at the start.
         cables: names.
+        sensor: how the quantity is measured.
     """
 
     quantity: Quantity
     law: FeedbackLaw
     output: Output
     cables: tuple[str, ...]
+    sensor: SensorNoise = SensorNoise()
 
     def start(self, seen: Measurement) -> LoopState:
         if self.output == "cable_tension_N":
@@ -160,9 +214,61 @@ class FeedbackLoop(Controller[LoopState]):
     def act(self, state: LoopState, seen: Measurement) -> tuple[LoopState, Command]:
         if seen.setpoint is None:
             raise InputError(f"a feedback loop needs a setpoint for {self.quantity}; none is given")
-        law = self.law.next(state.law, seen.setpoint - MEASURE[self.quantity](seen))
-        after = LoopState(law, state.unstretched_m)
+        sensor, (error,) = self.sensor.read(
+            state.sensor, np.array([seen.setpoint - MEASURE[self.quantity](seen)])
+        )
+        law = self.law.next(state.law, float(error))
+        after = LoopState(law, state.unstretched_m, sensor)
         if self.output == "cable_tension_N":
             return after, Command(cable_tension_N=dict.fromkeys(self.cables, law.output))
         pairs = zip(self.cables, state.unstretched_m, strict=True)
         return after, Command(cable_length_m={name: length - law.output for name, length in pairs})
+
+
+@final
+@dataclass(frozen=True)
+class FollowerState:
+    """What a tip follower remembers.
+
+    Args:
+        sensor: of its sensor.
+        error: (3,) [m], the last one read.
+    """
+
+    sensor: SensorState = SensorState()
+    error: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+@final
+@dataclass(frozen=True)
+class TipFollower(Controller[FollowerState]):
+    """Moves the flange besides its plan, without turning it, so that the tip is where a phase has it.
+
+    velocity = K_i e + K_p (e - e') / h: the flange is off its plan by K_p e plus the integral of K_i e.
+    e is where the phase has the tip less where it was measured, both at the instant of the measurement; e' is
+    that of the sample before.
+
+    Args:
+        proportional_gain: K_p.
+        integral_gain_per_s: K_i.
+        period_s: h, between samples.
+        sensor: how the tip's position is measured.
+    """
+
+    proportional_gain: float
+    integral_gain_per_s: float
+    period_s: float
+    sensor: SensorNoise = SensorNoise()
+
+    def start(self, seen: Measurement) -> FollowerState:
+        return FollowerState()
+
+    def act(self, state: FollowerState, seen: Measurement) -> tuple[FollowerState, Command]:
+        if seen.tip_wanted is None:
+            raise InputError("a tip follower needs a tip_path or tip_target in its phase; there is none")
+        true = np.nan_to_num(seen.tip_wanted - seen.tip_position)  # free components are none of its business
+        sensor, error = self.sensor.read(state.sensor, true)
+        rate = self.proportional_gain * (error - state.error) / self.period_s
+        velocity = self.integral_gain_per_s * error + rate
+        twist = (*velocity.tolist(), 0.0, 0.0, 0.0)
+        return FollowerState(sensor, tuple(error.tolist())), Command(flange_twist=twist)

@@ -421,9 +421,14 @@ class ControllerTable:
         kind: "bang_bang": raises or lowers its output by `increment` per period; "pi": proportional and
             integral; "python": handed to `cosim.run(..., controllers={name: controller})`.
         period_s: between two samples, a whole number of ticks; the command holds in between.
-        measures: what it keeps at its setpoint.
-        commands: its output.
+        measures: what it keeps at its setpoint; "tip_position_m": where the `tip_path` or `tip_target` of the
+            phase has the tip, with kind "pi" and commands "flange_twist".
+        commands: its output; "flange_twist": the flange moves besides its plan, without turning.
         cables: that it moves, all alike.
+        noise: standard deviation of white noise of the measured value, in its unit; of a position, of each
+            component.
+        delay_s: age of a measurement, a whole number of periods; its setpoint is that of the same instant.
+        seed: of the noise.
         increment: bang_bang: change of the output per period, in the output's unit.
         band: bang_bang: width about the setpoint in which the output stays, in the measured unit.
         proportional_gain: pi: output per error.
@@ -435,8 +440,8 @@ class ControllerTable:
     name: Name
     kind: Literal["bang_bang", "pi", "python"]
     period_s: Positive
-    measures: Literal["bending_angle_rad", "tip_height_m"] = "bending_angle_rad"
-    commands: Literal["cable_tension_N", "cable_shortening_m"] = "cable_tension_N"
+    measures: Literal["bending_angle_rad", "tip_height_m", "tip_position_m"] = "bending_angle_rad"
+    commands: Literal["cable_tension_N", "cable_shortening_m", "flange_twist"] = "cable_tension_N"
     cables: tuple[str, ...] = ()
     increment: Positive | None = None
     band: NonNegative = 0.0
@@ -444,18 +449,47 @@ class ControllerTable:
     integral_gain_per_s: NonNegative | None = None
     output_min: float = 0.0
     output_max: float | None = None
+    noise: NonNegative = 0.0
+    delay_s: NonNegative = 0.0
+    seed: Annotated[int, Interval(ge=0)] = 0
+
+    @property
+    def follows_tip(self) -> bool:
+        """Whether it moves the flange so that the tip is where the phase has it."""
+        return self.kind != "python" and self.measures == "tip_position_m"
 
     @rule
     def _acts_every_few_ticks(self, scenario: Scenario) -> Told:
         tick_s = scenario.clock.tick_s
-        ticks = self.period_s / tick_s
+        ticks, periods = self.period_s / tick_s, self.delay_s / self.period_s
         if round(ticks) < 1 or abs(ticks - round(ticks)) > _PERIOD_ROUNDING * ticks:
             yield "period_s", f"{self.period_s:g} must be a whole number of ticks of {tick_s:g} s"
+        if abs(periods - round(periods)) > _PERIOD_ROUNDING:
+            yield "delay_s", f"{self.delay_s:g} must be a whole number of periods of {self.period_s:g} s"
+
+    @rule
+    def _measures_for_itself(self) -> Told:
+        if self.kind == "python" and (self.noise or self.delay_s):
+            yield (
+                "noise" if self.noise else "delay_s",
+                "is of kinds 'pi' and 'bang_bang'; the kind is 'python'",
+            )
+
+    @rule
+    def _follows_a_tip_with_the_flange(self, scenario: Scenario) -> Told:
+        if self.follows_tip != (self.commands == "flange_twist"):
+            yield "commands", "'flange_twist' and measures = 'tip_position_m' go together"
+        elif self.follows_tip and self.kind != "pi":
+            yield "kind", f"is '{self.kind}'; measures = 'tip_position_m' needs 'pi'"
+        elif self.follows_tip and self.cables:
+            yield "cables", "are not moved by 'flange_twist'; leave them out"
+        elif self.follows_tip and scenario.robot == NO_ARM:
+            yield "commands", "'flange_twist' needs an arm; robot is 'none'"
 
     @rule
     def _moves_cables(self, scenario: Scenario) -> Told:
         yield from unknown_cables(self.cables, scenario, "cables")
-        if not self.cables and self.kind != "python":
+        if not self.cables and self.kind != "python" and not self.follows_tip:
             yield "cables", f"is missing; there are: {listing(scenario.soft_robot.cable_names())}"
 
     @rule
