@@ -359,6 +359,64 @@ def hexagon_arm_torsion(axes: Axes, runs: Runs) -> list[Row]:
     return rows
 
 
+def hexagon_arm_deploys(axes: Axes, runs: Runs) -> list[Row]:
+    """Length from the pack to the inflated arm and back, in time, in statics, and from the drawn shape."""
+    name, ends = "hexagon_arm_deploys", dict[str, RunResult]()
+    drawn = {"soft_robot.stiffener.rest_on_one_another": False, "start.cable_tension_N": [0.0] * 3}
+    changes: dict[str, dict[str, Any]] = {
+        "in time": {},
+        "statics": {"mode": "quasistatic"},
+        "statics, drawn": {"mode": "quasistatic", "phase.stow.cable_tension_N": [0.0] * 3, **drawn},
+    }
+    rows = [Row(f"{phase}, length [mm]") for phase in ("carry", "deploy", "stow")]
+    rows += [Row("deploy, pack ratio"), Row("deploy, largest distance of a node from statics, drawn [mm]")]
+    for words, change in changes.items():
+        result = ends[words] = runs.run(name, "default", change)
+        phases = {phase["name"]: phase for phase in result.summary["phases"]}
+        for row, phase in zip(rows, ("carry", "deploy", "stow"), strict=False):
+            row.values[words] = 1e3 * phases[phase]["length_m"]
+        rows[3].values[words] = phases["deploy"]["pack_ratio"]
+        axes.plot(result.time_s, 1e3 * (result.flange_position - result.tip_position)[:, 2], label=words)
+    last = {words: run.node_position[in_phase(run, "deploy").stop - 1] for words, run in ends.items()}
+    for words in ("in time", "statics"):
+        away = np.linalg.norm(last[words] - last["statics, drawn"], axis=1).max()
+        rows[4].values[words] = 1e3 * float(away)
+    axes.set(xlabel="time [s]", ylabel="tip below the flange [mm]")
+    return rows
+
+
+def _open(scenario: Scenario) -> Scenario:
+    """Return a scenario without its loops."""
+    return replace(scenario, phases=tuple(replace(phase, control=()) for phase in scenario.phases))
+
+
+def tip_path_control(axes: Axes, runs: Runs) -> list[Row]:
+    """Error of the tip along a path: in closed loop, in open loop, and with the sag planned for."""
+    name, rows = "tip_path_control", [Row("error along the path, rms [mm]"), Row("largest [mm]")]
+    planned = {f"phase.{phase}.reach_with": "flange" for phase in ("reach.tip_target", "follow.tip_path")}
+    planned["phase.hold.tip_target.reach_with"] = "flange"
+    changes: dict[str, dict[str, Any]] = {
+        "closed loop": {},
+        "another seed": {"sensor.tip_camera.seed": 1},
+        "without noise": {"sensor.tip_camera.noise": 0.0},
+        "open loop": {},
+        "open loop, sag planned": planned,
+    }
+    for words, change in changes.items():
+        own = replace(runs, change=_open if words.startswith("open") else None)
+        result = own.run(name, "default", change)
+        path = own.scenario(name, "default", change).phases[-1].tip_path
+        assert path is not None
+        course, place = path.course(), in_phase(result, "follow")
+        time_s = result.time_s[place] - result.time_s[place][0]
+        away = np.linalg.norm(result.tip_position[place] - course.at(time_s).position, axis=1)
+        along = away[time_s <= course.duration_s]
+        rows[0].values[words], rows[1].values[words] = 1e3 * np.sqrt((along**2).mean()), 1e3 * along.max()
+        axes.plot(time_s, 1e3 * away, label=words)
+    axes.set(xlabel="time on the path [s]", ylabel="distance of the tip from its target [mm]", ylim=(0, None))
+    return rows
+
+
 def paper_figure_9(axes: Axes, runs: Runs) -> list[Row]:
     """Place of the tip of the arm on a UR5e: inflated, turned, lifted."""
     stages = {"inflate": "inflate", "turn": "rotate", "lift": "cable"}
@@ -394,4 +452,6 @@ FIGURES: Final[dict[str, Figure]] = {
     "gripper_finger_closing": gripper_finger_closing,
     "paper_figure_9": paper_figure_9,
     "hexagon_arm_torsion": hexagon_arm_torsion,
+    "hexagon_arm_deploys": hexagon_arm_deploys,
+    "tip_path_control": tip_path_control,
 }

@@ -44,8 +44,10 @@ from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.element import Element
 from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
@@ -384,7 +386,7 @@ def build_soft_body(
         body, center_rings=mesh.center_rings, frame_rings=mesh.seam_rings, chambers=_chambers(robot, mesh)
     )
     if robot.stiffener.kind != "none":
-        body = body.with_elements(_stiffener(mesh, robot.stiffener))
+        body = body.with_elements(*_stiffeners(mesh, robot))
     body = body.with_elements(*(entry.element(body) for entry in robot.elements))
     if robot.copies is not None:
         c = robot.copies
@@ -536,11 +538,14 @@ def _shell(mesh: NamedMesh, places: IntArray, folds: IntArray, rigidity: Array) 
     return shell_stiffness(mesh.positions, triangles, folds, mean_beside(triangles, folds, rigidity[places]))
 
 
-def _stiffener(mesh: NamedMesh, table: StiffenerTable) -> FrameRings | BeamRings:
-    rings = np.array([mesh.ring(name) for name in mesh.seam_rings])
+def _stiffeners(mesh: NamedMesh, robot: SoftRobotTable) -> list[Element]:
+    rings, table = np.array([mesh.ring(name) for name in mesh.seam_rings]), robot.stiffener
     if table.kind == "stiff":
-        return FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)
-    return BeamRings.from_shape(mesh.positions, rings, _section(table))
+        return [FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)]
+    found: list[Element] = [BeamRings.from_shape(mesh.positions, rings, _section(table))]
+    if table.rest_on_one_another and len(rings) > 1:
+        found.append(FrameStops.from_shape(mesh.positions, rings, robot.frame_pitch_m))
+    return found
 
 
 def _section(table: StiffenerTable) -> RectangularSection:

@@ -558,8 +558,9 @@ def _commands_stand_alone(scenario: Scenario) -> Told:
 def _targets_come_before_what_acts(scenario: Scenario) -> Told:
     """No tip target comes after what the run alone can know."""
     moved, pumped = False, False
+    followers = {entry.name for entry in scenario.controllers if entry.follows_tip}
     for phase in scenario.phases:
-        moved = moved or phase.commands_lengths or bool(phase.acting())
+        moved = moved or phase.commands_lengths or bool(phase.acting().keys() - followers)
         pumped = pumped or phase.pump_pressure_Pa is not None
         if phase.tip_key is not None and (moved or pumped):
             cause = "pump" if pumped else "commanded cable length or controller"
@@ -620,6 +621,11 @@ def _controllers_act_as_named(phase: PhaseTable, scenario: Scenario) -> Told:
                 yield where, unknown_name_message("controller", name, tuple(known))
             elif controller.kind == "python":
                 continue
+            elif controller.follows_tip:
+                if key != "control":
+                    yield where, f"'{name}' follows the tip_path or tip_target; give control = ['{name}']"
+                elif phase.tip_key is None:
+                    yield where, f"'{name}' follows a tip_path or tip_target; this phase has neither"
             elif key == "control":
                 right = next(k for k, quantity in SETPOINTS.items() if quantity == controller.measures)
                 yield where, f"'{name}' needs a setpoint: give {right} = {{ {name} = ... }}"

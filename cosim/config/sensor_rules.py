@@ -10,7 +10,11 @@ from cosim.config.toml.keys import listing, unknown_name_message
 from cosim.config.toml.reading import Told, rule, rules_of
 
 _RATE_ROUNDING: Final = 1e-9
-_READ_BY: Final = {"bending_angle_rad": "bending_angle", "tip_height_m": "tip_position"}
+_READ_BY: Final = {
+    "bending_angle_rad": "bending_angle",
+    "tip_height_m": "tip_position",
+    "tip_position_m": "tip_position",
+}
 """By what a controller measures: the kind of sensor that reads it."""
 
 

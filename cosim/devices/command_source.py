@@ -258,6 +258,7 @@ def measured(
     cables: Mapping[str, Mapping[str, float]],
     *,
     setpoint: float | None = None,
+    tip_wanted: Array | None = None,
     limits: tuple[str, ...] = (),
 ) -> Measurement:
     """Return what is measured of a run.
@@ -268,6 +269,7 @@ def measured(
         gas: in the chambers.
         cables: those fields of a measurement that are by cable.
         setpoint: see `Measurement`.
+        tip_wanted: the same.
         limits: the same.
     """
     body, state = soft.body, soft.state
@@ -293,6 +295,7 @@ def measured(
         body_pose=robot.body_pose,
         limits=limits,
         sensors={},
+        tip_wanted=tip_wanted,
         **cables,
     )
 

@@ -36,6 +36,8 @@ class Measurement(Shown):
         time_s: simulated time.
         setpoint: what the phase asks of the controller that looks, in the unit of what it controls; None:
             nothing, or nobody does.
+        tip_wanted: (3,) [m], world, where the phase's tip path or tip target has the tip now; free components
+            are not numbers; None: nowhere, or no controller looks.
         tip_position: (3,) [m], world.
         tip_direction: (3,), unit normal of the tip ring, world.
         tip_twist: (6,) [m/s, rad/s], linear then angular, of the tip ring's centre, world axes; how fast the
@@ -85,6 +87,7 @@ class Measurement(Shown):
     body_pose: Mapping[str, Pose]
     limits: tuple[str, ...] = ()
     sensors: Mapping[str, Array] = field(default_factory=dict)
+    tip_wanted: Array | None = None
 
 
 @final

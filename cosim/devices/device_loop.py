@@ -43,7 +43,7 @@ from cosim.devices.controller import (
     over,
 )
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
-from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral
+from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral, TipFollower
 from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpDriveState, PumpState
 from cosim.devices.sensor import Sensors, SensorsState, sensor_report
 from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, drums_of, orders_of
@@ -100,6 +100,10 @@ def _controller(entry: ControllerTable, given: Mapping[str, AnyController]) -> A
                 f"'python' needs the controller itself: cosim.run(..., controllers={{'{entry.name}': ...}})",
             )
         return given[entry.name]
+    if entry.measures == "tip_position_m":
+        gains = entry.proportional_gain or 0.0, entry.integral_gain_per_s or 0.0
+        return TipFollower(*gains, entry.period_s)
+    assert entry.commands != "flange_twist", "checked with the scenario"
     return FeedbackLoop(entry.measures, _law(entry), entry.commands, entry.cables)
 
 
@@ -166,7 +170,7 @@ def _controllers(scenario: Scenario) -> str:
         if entry.kind == "python":
             texts.append(f"{entry.name}, in Python, {rate}")
         else:
-            moves = f"{entry.commands} of {', '.join(entry.cables)}"
+            moves = f"{entry.commands} of {', '.join(entry.cables)}" if entry.cables else entry.commands
             texts.append(f"{entry.name}, {entry.kind}, {entry.measures} by {moves}, {rate}")
     return "; ".join(texts)
 
@@ -266,6 +270,7 @@ class Actuation:
         soft: SoftSide,
         see: Callable[[], RobotState],
         load_factor: float,
+        done: int,
     ) -> tuple[float, ...] | None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
 
@@ -278,6 +283,7 @@ class Actuation:
             soft: soft side.
             see: looks at the rest of what controllers see.
             load_factor: of the phase's ramp at the end of the tick.
+            done: ticks of the phase then.
         """
         if not self.active:
             return None
@@ -286,8 +292,9 @@ class Actuation:
         commanded: list[Order | None] = [None] * len(self.cables)
         given = planned.phase.pump_pressure_Pa or {}
         pressures = [given.get(pump.name) for pump in self.pumps]
+        wanted = planned.tip_wanted(done, self._tick_s) if self._setpoints else None
         for name in self._setpoints:
-            held = self._ask(name, partial(self._measure, gas, soft, see, name))
+            held = self._ask(name, partial(self._measure, gas, soft, see, name, wanted))
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
                 order: Order | None = None if tension is None else ("tension", tension)
                 commanded[k] = order or (commanded[k] if length is None else ("length", length))
@@ -395,9 +402,15 @@ class Actuation:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
     def _measure(
-        self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], name: str
+        self,
+        gas: ChamberGas,
+        soft: SoftSide,
+        see: Callable[[], RobotState],
+        name: str,
+        wanted: Array | None,
     ) -> Measurement:
-        truth = measured(soft, see(), gas, self.measured_cables(soft), setpoint=self._setpoints[name])
+        cables, setpoint = self.measured_cables(soft), self._setpoints[name]
+        truth = measured(soft, see(), gas, cables, setpoint=setpoint, tip_wanted=wanted)
         if not self.sensors:
             return truth
         through = self.sensors.through(truth, self._looks_through[name])
@@ -468,7 +481,7 @@ class PlannedCommands(CommandSource):
         planned, (joints, load_factor) = references.planned, references.at(step.done)
         self.gas.advance(self._soft, step.length_s)
         if self.actuation.active:
-            twist = self.actuation.act(planned, self.gas, self._soft, see, load_factor)
+            twist = self.actuation.act(planned, self.gas, self._soft, see, load_factor, step.done)
             joints = self._offset.moved(joints, twist, see, step.length_s)
         asked = self.gas.between(planned.begin, planned.end, load_factor)
         return RobotCommand(joints, self.actuation.driven(asked))

@@ -1,6 +1,8 @@
 """Feedback: laws from an error to an output, and controllers that close one loop with them.
 
 A controller that closes one loop: a measured quantity, a feedback law, and the cables that it moves.
+
+A controller that leads the tip along a path by the flange's motion, from what it measures of the tip.
 """
 
 from __future__ import annotations
@@ -10,6 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
+
+import numpy as np
 
 from cosim.devices.controller import Command, Controller, Measurement
 from cosim.errors import InputError
@@ -166,3 +170,33 @@ class FeedbackLoop(Controller[LoopState]):
             return after, Command(cable_tension_N=dict.fromkeys(self.cables, law.output))
         pairs = zip(self.cables, state.unstretched_m, strict=True)
         return after, Command(cable_length_m={name: length - law.output for name, length in pairs})
+
+
+@final
+@dataclass(frozen=True)
+class TipFollower(Controller[tuple[float, ...]]):
+    """Moves the flange besides its plan, without turning it, so that the tip is where a phase has it.
+
+    velocity = K_i e + K_p (e - e') / h: the flange is off its plan by K_p e plus the integral of K_i e.
+    e is where the phase has the tip less where it was measured; e' (3,) [m], the state, that of the sample
+    before.
+
+    Args:
+        proportional_gain: K_p.
+        integral_gain_per_s: K_i.
+        period_s: h, between samples.
+    """
+
+    proportional_gain: float
+    integral_gain_per_s: float
+    period_s: float
+
+    def start(self, seen: Measurement) -> tuple[float, ...]:
+        return (0.0, 0.0, 0.0)
+
+    def act(self, state: tuple[float, ...], seen: Measurement) -> tuple[tuple[float, ...], Command]:
+        if seen.tip_wanted is None:
+            raise InputError("a tip follower needs a tip_path or tip_target in its phase; there is none")
+        error = np.nan_to_num(seen.tip_wanted - seen.tip_position)  # free components are left alone
+        velocity = self.integral_gain_per_s * error + self.proportional_gain * (error - state) / self.period_s
+        return tuple(error.tolist()), Command(flange_twist=(*velocity.tolist(), 0.0, 0.0, 0.0))

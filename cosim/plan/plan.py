@@ -328,6 +328,18 @@ class PhasePlan:
     flange: Pose
     tip_path: PlannedTipPath | None = None
 
+    def tip_wanted(self, done: int, tick_s: float) -> Array | None:
+        """Return where the tip is to be (3,) [m] at the start of a tick; None without a path or target.
+
+        Args:
+            done: ticks of the phase at its end, at least one.
+            tick_s: length of a tick [s].
+        """
+        if self.tip_path is None:
+            return self.tip_target
+        course, ticks = self.tip_path.course, max(1, round(self.phase.duration_s / tick_s))
+        return course.at((done - 1) / ticks * course.duration_s).position
+
 
 @final
 @dataclass(frozen=True)

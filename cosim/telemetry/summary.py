@@ -158,10 +158,13 @@ class SummaryBuilder:
         self._overlaps: list[dict[str, Any]] = []
         self._handovers: list[dict[str, Any]] = []
         self._devices = figures.DeviceFigures()
+        self._shortest_m = math.inf
 
     def observe(self, batch: TickBatch) -> TickBatch:
         """Take in ticks of one phase, in order, tick 0 first; return them with their energy balance."""
-        if self._last is not None and batch.phase[0] != self._last.phase:
+        if self._last is None:
+            self._shortest_m = batch.snapshot(0).film.center_line_m
+        elif batch.phase[0] != self._last.phase:
             self._close_phase(complete=True)
         self._last = batch.snapshot(-1)
         for key, (how, column, _) in _GATHERED.items():
@@ -294,6 +297,8 @@ class SummaryBuilder:
         row |= figures.elastic_figures(self._stage, self._last.node_position)
         stored_m = self._stage.stored_m
         row["extension_ratio"] = None if stored_m is None else row["length_m"] / stored_m
+        self._shortest_m = min(self._shortest_m, row["length_m"])
+        row["pack_ratio"] = row["length_m"] / self._shortest_m if self._shortest_m > 0.0 else None
         parts, energy = self._stage.energy, self._energy
         row["energy"] = None if parts is None or energy is None else energy.figures(parts)
         path = self._stage.tip_paths.get(self._last.phase)

@@ -10,6 +10,17 @@ import cosim
 from cosim.config.loading import load_scenario
 from tests.devices.device_parts import BASE, CONTROLLER, INFLATE, PULL, PUMP, SHORTER, WINCH
 
+FOLLOWER = """
+[[controller]]
+name = "bend"
+kind = "pi"
+period_s = 0.02
+measures = "tip_position_m"
+commands = "flange_twist"
+proportional_gain = 0.0
+integral_gain_per_s = 3.0
+"""
+
 
 @pytest.mark.parametrize(
     ("parts", "text"),
@@ -37,6 +48,9 @@ from tests.devices.device_parts import BASE, CONTROLLER, INFLATE, PULL, PUMP, SH
         ((CONTROLLER, PULL + "control_tip_height_m = { bend = 0.1 }\n"), "measures bending_angle_rad"),
         ((CONTROLLER, PULL + 'control = ["bend"]\n'), r"phase\.pull\.control: 'bend' needs a setpoint"),
         ((CONTROLLER, PULL + "control_bending_angle_rad = { x = 0.1 }\n"), r"control_bending_angle_rad\.x"),
+        ((CONTROLLER + 'commands = "flange_twist"\n', PULL), r"controller\.bend\.commands: .*go together"),
+        ((FOLLOWER, PULL), r"controller\.bend\.commands: .*needs an arm"),
+        ((FOLLOWER + 'cables = ["corner_0"]\n', PULL), r"controller\.bend\.cables: .*leave them out"),
         (
             (CONTROLLER, PULL + SHORTER + "control_bending_angle_rad = { bend = 0.1 }\n"),
             r"control_bending_angle_rad\.bend: moves cable 'corner_0'",

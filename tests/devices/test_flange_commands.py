@@ -119,7 +119,7 @@ def test_an_arm_that_cannot_follow_says_so() -> None:
     np.testing.assert_allclose(
         joint_rate(jacobian, np.array([1.0, 2.0, 0.0, 0.0, 0.0, 3.0])), [1, 2, 0, 0, 0, 3]
     )
-    with pytest.raises(cosim.InputError, match=r"told to move .* near a singular one"):
+    with pytest.raises(cosim.InputError, match=r"commanded to move .* near a singular one"):
         joint_rate(jacobian, np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]))
 
 

@@ -422,8 +422,9 @@ class ControllerTable:
         kind: "bang_bang": raises or lowers its output by `increment` per period; "pi": proportional and
             integral; "python": handed to `cosim.run(..., controllers={name: controller})`.
         period_s: between two samples, a whole number of ticks; the command holds in between.
-        measures: what it keeps at its setpoint.
-        commands: its output.
+        measures: what it keeps at its setpoint; "tip_position_m": where the `tip_path` or `tip_target` of the
+            phase has the tip, with kind "pi" and commands "flange_twist".
+        commands: its output; "flange_twist": the flange moves besides its plan, without turning.
         cables: that it moves, all alike.
         sensors: names of those whose readings it sees in place of the truth.
         increment: bang_bang: change of the output per period, in the output's unit.
@@ -437,8 +438,8 @@ class ControllerTable:
     name: Name
     kind: Literal["bang_bang", "pi", "python"]
     period_s: Positive
-    measures: Literal["bending_angle_rad", "tip_height_m"] = "bending_angle_rad"
-    commands: Literal["cable_tension_N", "cable_shortening_m"] = "cable_tension_N"
+    measures: Literal["bending_angle_rad", "tip_height_m", "tip_position_m"] = "bending_angle_rad"
+    commands: Literal["cable_tension_N", "cable_shortening_m", "flange_twist"] = "cable_tension_N"
     cables: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
     increment: Positive | None = None
@@ -448,6 +449,11 @@ class ControllerTable:
     output_min: float = 0.0
     output_max: float | None = None
 
+    @property
+    def follows_tip(self) -> bool:
+        """Whether it moves the flange so that the tip is where the phase has it."""
+        return self.kind != "python" and self.measures == "tip_position_m"
+
     @rule
     def _acts_every_few_ticks(self, scenario: Scenario) -> Told:
         tick_s = scenario.clock.tick_s
@@ -456,9 +462,20 @@ class ControllerTable:
             yield "period_s", f"{self.period_s:g} must be a whole number of ticks of {tick_s:g} s"
 
     @rule
+    def _follows_a_tip_with_the_flange(self, scenario: Scenario) -> Told:
+        if self.follows_tip != (self.commands == "flange_twist"):
+            yield "commands", "'flange_twist' and measures = 'tip_position_m' go together"
+        elif self.follows_tip and self.kind != "pi":
+            yield "kind", f"is '{self.kind}'; measures = 'tip_position_m' needs 'pi'"
+        elif self.follows_tip and self.cables:
+            yield "cables", "are not moved by 'flange_twist'; leave them out"
+        elif self.follows_tip and scenario.robot == NO_ARM:
+            yield "commands", "'flange_twist' needs an arm; robot is 'none'"
+
+    @rule
     def _moves_cables(self, scenario: Scenario) -> Told:
         yield from unknown_cables(self.cables, scenario, "cables")
-        if not self.cables and self.kind != "python":
+        if not self.cables and self.kind != "python" and not self.follows_tip:
             yield "cables", f"is missing; there are: {listing(scenario.soft_robot.cable_names())}"
 
     @rule

@@ -180,6 +180,8 @@ class StiffenerTable:
         density_kg_m3: beam: of the material; its mass comes to that of the ring's nodes.
         strength_strain: beam: largest strain that the material bears; a phase that ends beyond it gives a
             warning; omitted: none is given.
+        rest_on_one_another: beam: neighbouring frames come no nearer than they are high, with two films
+            between them, as in a stowed pack; otherwise they pass through one another.
     """
 
     kind: Literal["none", "stiff", "beam"] = "none"
@@ -190,6 +192,7 @@ class StiffenerTable:
     poisson_ratio: Annotated[float, Interval(gt=-1.0, le=0.5)] = 0.35
     density_kg_m3: NonNegative = 0.0
     strength_strain: Positive | None = None
+    rest_on_one_another: bool = False
 
     @rule
     def _is_a_beam(self) -> Told:
@@ -497,9 +500,13 @@ class SoftRobotTable:
         """
         if self.stack is None or self.copies is not None or self.attachments:
             return None
-        frame_m = self.stiffener.height_m
-        unit_m = self.stack.unit_height_m if frame_m is None else frame_m + 2.0 * self.film.thickness_m
+        unit_m = self.stack.unit_height_m if self.stiffener.height_m is None else self.frame_pitch_m
         return self.stack.units * unit_m
+
+    @property
+    def frame_pitch_m(self) -> float:
+        """Distance of the frames of neighbouring units that rest on one another: a frame and two films."""
+        return (self.stiffener.height_m or 0.0) + 2.0 * self.film.thickness_m
 
     def cable_names(self) -> tuple[str, ...]:
         """Return the names of all cables, copy by copy, then those of attachments."""

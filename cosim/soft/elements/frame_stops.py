@@ -1,0 +1,116 @@
+"""Frames of a stack that rest on one another: facing nodes of neighbouring rims keep a distance.
+
+Nodes a and b face each other on the rims of two neighbouring units, d apart. Frames of height h with two
+films of thickness t between them meet where d falls to g: h + 2 t along the stack, and r to the side where
+the drawn units taper, so
+    g^2 = (h + 2 t)^2 + r^2,   energy = k F(g - d),   gradient by b = -k f(g - d) (x_b - x_a) / d,
+with F and f the onset of a cable's tension (`cable`): no force beyond g, a spring of k below it. Forces are
+equal, opposite and on one line. Frames slide over one another without friction, on a sphere of radius g.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import (
+    Blocks,
+    IndexTable,
+    Matrix,
+    Vector,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+)
+from cosim.soft.elements.cable import onset as onset_of_tension
+from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+from cosim.soft.linear.pattern import add_block
+
+STIFFNESS_N_m: Final = 1e5
+"""K, of two frames on each other: 10 N press them by 0.1 mm into one another."""
+
+onset = device_function(onset_of_tension)
+
+
+@kernel
+def add_stops(
+    x: Matrix, pairs: IndexTable, gaps: Vector, k: float, slots: IndexTable, gradient: Matrix, blocks: Blocks
+) -> float:
+    """Add all pairs to gradient and, if slots is not empty, their Hessian to blocks.
+
+    Returns the energy [J].
+    """
+    u, block, minus, energy = small_vector(3), small_matrix(3, 3), small_matrix(3, 3), 0.0
+    for e in range(pairs.shape[0]):
+        a, b, square = pairs[e, 0], pairs[e, 1], 0.0
+        for r in range(3):
+            u[r] = x[b, r] - x[a, r]
+            square += u[r] * u[r]
+        d = math.sqrt(square)
+        level, force, slope = onset(gaps[e] - d)
+        if force == 0.0:
+            continue
+        energy += k * level
+        for r in range(3):
+            u[r] /= d
+            gradient[a, r] += k * force * u[r]
+            gradient[b, r] -= k * force * u[r]
+        if slots.shape[0] > 0:
+            across = -k * force / d
+            for r in range(3):
+                for c in range(3):
+                    block[r, c] = (k * slope - across) * u[r] * u[c]
+                block[r, r] += across
+            for r in range(3):
+                for c in range(3):
+                    minus[r, c] = -block[r, c]
+            add_block(blocks, slots[e, 0], block)
+            add_block(blocks, slots[e, 1], minus)
+            add_block(blocks, slots[e, 2], block)
+    return energy
+
+
+@final
+@dataclass(frozen=True)
+class FrameStops(DirectElement):
+    """Frames of one stack that rest on one another.
+
+    Args:
+        pairs: (p, 2) facing nodes of neighbouring rims.
+        gaps: (p,) [m], g.
+        stiffness_N_m: k, of a pair.
+    """
+
+    label: ClassVar[str] = "stops of frames"
+    far: ClassVar[bool] = True
+
+    pairs: Annotated[IntArray, NODES]
+    gaps: Annotated[Array, ROWS]
+    stiffness_N_m: float
+
+    @classmethod
+    def from_shape(cls, positions: Array, rings: IntArray, rest_m: float) -> FrameStops:
+        """Return the stops of a straight stack drawn along z.
+
+        Args:
+            positions: (n, 3) [m], drawn shape.
+            rings: (f, m) nodes of the rims, base to tip, which face one another in their order.
+            rest_m: h + 2 t, between rims at rest on one another.
+        """
+        pairs = np.stack([rings[:-1].ravel(), rings[1:].ravel()], axis=1)
+        aside = (positions[pairs[:, 1]] - positions[pairs[:, 0]])[:, :2]
+        gaps = np.sqrt(rest_m**2 + (aside**2).sum(axis=1))
+        return cls(pairs, gaps, STIFFNESS_N_m / rings.shape[1])
+
+    def add(
+        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
+    ) -> float:
+        energy: float = add_stops(
+            positions, self.pairs, self.gaps, self.stiffness_N_m, slots, gradient, blocks
+        )
+        return energy
