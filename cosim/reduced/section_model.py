@@ -34,7 +34,7 @@ class SectionModel:
         gas: (size,) [J], what the energies of the sections leave out of the gas' potential -int V dp.
         nodes: (size, n, 2, 4), each node as a combination of the points of the two frames beside it.
         held_out: (p, 9), of each sampled pressure [Pa] the median and the largest error of the forces of each
-            of `STRAINS`, at samples that were not fitted, over their root mean square at that pressure.
+            of `STRAINS`, at samples that were not fitted, over their root mean square there, of all sections.
         samples: that were solved.
         failures: poses at which the film had no equilibrium.
         tips: (k, 3), of loads that the model was not built from the pressure [Pa], the distance [m] of its

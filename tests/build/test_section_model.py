@@ -43,7 +43,8 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     assert [row["pressure_Pa"] for row in held_out] == pytest.approx(section().model.spline.pressures(12))
     # with little gas the paper's bare film hardly resists bending, and a fit knows it only roughly
     middle, most = (max(row["bending"][k] for row in held_out if row["pressure_Pa"] > 5e3) for k in (0, 1))
-    assert 0.001 < middle < most < 1.0
+    assert 0.001 < middle < 0.2
+    assert middle < most
     assert f"({1e2 * max(row['bending'][1] for row in held_out):.0f} % at" in run.stage.report
     monkeypatch.setattr(soft_model, "build_model", lambda *_: pytest.fail("the model has been built before"))
     assert cosim.run(path).summary["section_model"] == figures

@@ -91,13 +91,14 @@ def _held_out(samples: Samples, off: Array) -> Array:
         samples: of which one of `_HELD_OUT` is not fitted.
         off: (m, s, 6), by what a section's forces are off.
     """
-    apart, rows = _is_held_out(samples), []
+    # the free shape bears no forces, and tells nothing
+    apart, rows = _is_held_out(samples) & samples.force.any(axis=(1, 2)), []
     for level in np.unique(samples.pressure_Pa):
         here = samples.pressure_Pa == level
         row = [level]
         for group in _GROUPS:
-            usual = np.sqrt((samples.force[here][:, :, group] ** 2).sum(axis=2).mean(axis=0))
-            share = np.linalg.norm(off[here & apart][:, :, group], axis=2) / np.maximum(usual, 1e-12)
+            usual = float(np.sqrt((samples.force[here][:, :, group] ** 2).sum(axis=2).mean()))
+            share = np.linalg.norm(off[here & apart][:, :, group], axis=2) / max(usual, 1e-12)
             row += [float(np.median(share)), float(share.max())] if share.size else [np.nan, np.nan]
         rows.append(row)
     return np.array(rows)
