@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal, TypeAlias, final, get_args, get_type_hints
+from typing import Any, Final, Literal, TypeAlias, final, get_args
 
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
-from cosim.config.schema.film import FABRIC_LAWS, FilmTable
 from cosim.config.schema.scenario import NO_ARM, Fidelity, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.errors import InputError, ScenarioError
@@ -139,10 +138,7 @@ def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     if scenario.model.published:
         return {"robot as in its file": _AS_IN_FILE}
     robot = file_of(scenario, "a trade")
-    laws = get_args(get_type_hints(FilmTable)["law"]) if robot.film.fabric is None else FABRIC_LAWS
-    found: dict[str, dict[str, Any]] = {
-        f"film law {law}": {_LAW: law} for law in laws if law != robot.film.law
-    }
+    found: dict[str, dict[str, Any]] = {f"film law {law}": {_LAW: law} for law in robot.film.other_laws()}
     other = "shell" if robot.hinge.rule == "uniform" else "uniform"
     found[f"hinge rule {other}"] = {"soft_robot.hinge.rule": other}
     return found

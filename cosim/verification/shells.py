@@ -4,6 +4,8 @@ A thin sphere and a thin closed cylinder under pressure.
 
 A flat circular membrane, clamped at its edge, under pressure.
 
+A rubber balloon, and the largest pressure that it bears.
+
 A sphere filled with a given amount of gas: its pressure, and the frequency at which it breathes.
 
 A weight on a column of sealed gas between stiff walls.
@@ -170,6 +172,49 @@ def hencky_membrane() -> tuple[Figure, ...]:
     return tuple(Figure.all_refined(names, inflated(COARSE), inflated(FINE), exact, 1e-2))
 
 
+RUBBER = Film(1.5e6, 0.5, 5e-4, "neo_hookean")
+BALLOON_RINGS = 8, 16
+STRETCHES = (1.33, 1.38, 1.43)
+
+
+def limit_pressure(rings: int) -> float:
+    """Return the largest pressure [Pa] of a balloon, by gas that is filled in: it passes the limit.
+
+    The gas is isothermal, in a vacuum. A parabola through three fillings has the largest pressure.
+    """
+    shape, found = octant_sphere(RADIUS_M, rings), []
+    body = SoftBody.from_arrays(shape.positions, shape.triangles, RUBBER)
+    specimen = Specimen(body, shape.symmetry, NewtonOptions(tolerance_N=1e-9))
+    specimen.gradient(specimen.solve(specimen.drawn(), UNLOADED))
+    drawn_volume = specimen.system.volume
+    for stretch in STRETCHES:
+        gas = SealedGas(balloon_pressure(stretch), drawn_volume * stretch**3, 1.0, 0.0)
+        specimen.solve(specimen.drawn(shape.positions * stretch), replace(UNLOADED, gas=(gas,)))
+        found.append((specimen.system.volume ** (1.0 / 3.0), specimen.system.pressure_Pa))
+    radius, pressure = np.array(found).T
+    middle = radius[1]
+    square, slope, level = np.polyfit(radius / middle - 1.0, pressure, 2)
+    return float(level - 0.25 * slope**2 / square)
+
+
+def balloon_pressure(stretch: float) -> float:
+    """Return 2 mu t / R (1 / l - 1 / l^7) [Pa], mu a third of Young's modulus."""
+    shear = RUBBER.young_modulus_Pa * RUBBER.thickness_m / 3.0
+    return 2.0 * shear / RADIUS_M * (1.0 / stretch - stretch**-7.0)
+
+
+@case(
+    "rubber_balloon",
+    "Limit pressure of a rubber balloon",
+    "neo-Hookean sphere: p = 2 mu t / R (1 / l - 1 / l^7), largest at l = 7^(1/6)",
+)
+def rubber_balloon() -> tuple[Figure, ...]:
+    """Largest pressure of a sphere of incompressible rubber, and the stretch behind it."""
+    coarse, fine = map(limit_pressure, BALLOON_RINGS)
+    exact = balloon_pressure(7.0 ** (1.0 / 6.0))
+    return (Figure.refined("limit pressure", "Pa", coarse, fine, exact),)
+
+
 GAS_FILM = Film(20e6, 0.3, 1e-4)
 GAS_RADIUS_M = 0.04
 DENSITY = 1200.0
@@ -309,7 +354,7 @@ def chamber(law: FilmLaw = "plain") -> tuple[SoftBody, Array]:
     """
     mesh = PolygonalStack(6, 2, 0.05, 0.01, 0.002, 0.95).mesh()
     body = SoftBody.from_arrays(
-        mesh.positions, mesh.triangles, Film(1.3e9, 0.2, 1.1e-4, law),
+        mesh.positions, mesh.triangles, Film(1.3e9, 0.5 if law == "neo_hookean" else 0.2, 1.1e-4, law),
         wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
         hinge_nodes=interior_hinges(mesh.triangles, mesh.seam), hinge_stiffness=1.4e-3,
         fold_barrier_rad=0.02 * math.pi, caps=mesh.caps,

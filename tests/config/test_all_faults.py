@@ -164,6 +164,9 @@ WRONG_FABRICS: dict[str, tuple[dict[str, Any], dict[str, Any], str, str]] = {
     "softer": (
         {}, {**FABRIC, "straight_modulus_weft_Pa": 1e9}, "fabric.straight_modulus_weft_Pa", "2e+09, at least",
     ),
+    "rubber": (
+        {"law": "neo_hookean", "young_modulus_Pa": 1e6}, {}, "poisson_ratio", "is incompressible: give 0.5",
+    ),
     "shear": ({}, {**FABRIC, "shear_modulus_Pa": 0.0}, "fabric.shear_modulus_Pa", "above 0"),
 }  # fmt: skip
 

@@ -104,7 +104,7 @@ def test_a_key_is_told_with_unit_bounds_default_and_meaning() -> None:
     gravity = SCENARIO["properties"]["gravity_m_s2"]
     assert (gravity["x-unit"], gravity["default"]) == ("m/s^2", [0.0, 0.0, -9.81])
     law = ROBOT["$defs"]["FilmTable"]["properties"]["law"]
-    assert law["enum"] == ["plain", "tension_field", "edge_strain", "wrinkling"]
+    assert law["enum"] == ["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"]
     assert law["description"].startswith('"plain"; "tension_field": a film that wrinkles')
     assert ROBOT["$defs"]["FilmTable"]["description"] == "Elastic sheet of the chamber walls."
 

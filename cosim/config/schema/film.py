@@ -12,6 +12,8 @@ from cosim.config.toml.reading import Told, rule
 
 FABRIC_LAWS: Final = ("plain", "tension_field")
 """Laws of a film that is a fabric."""
+SHEET_LAWS: Final = ("plain", "tension_field", "edge_strain", "wrinkling")
+"""Laws of an isotropic film that stretches little."""
 
 
 @final
@@ -82,7 +84,7 @@ class FilmTable:
         law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
             as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":
             plain in tension; compressed, it wrinkles as panels from seam to hole do, on meshes too coarse
-            for it.
+            for it; "neo_hookean": incompressible rubber, which stretches far and does not wrinkle.
         wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
             sides of each unit's outer ring to those of its hole.
         loss_factor: tan delta of the sheet, as data sheets give it: in the dynamic mode it resists rates of
@@ -94,7 +96,7 @@ class FilmTable:
     poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=1.0)]
     thickness_m: Positive
     density_kg_m3: NonNegative = 0.0
-    law: Literal["plain", "tension_field", "edge_strain", "wrinkling"] = "plain"
+    law: Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"] = "plain"
     wrinkle_panel_m: Positive | None = None
     loss_factor: NonNegative = 0.0
     loss_frequency_Hz: Positive = 1.0
@@ -109,7 +111,10 @@ class FilmTable:
     @rule
     def _resists_all_strains(self) -> Told:
         nu, fabric = self.poisson_ratio, self.fabric
-        if fabric is None and not nu < 0.5:
+        if self.law == "neo_hookean":
+            if nu != 0.5:
+                yield "poisson_ratio", f"is {nu:g}; law = 'neo_hookean' is incompressible: give 0.5"
+        elif fabric is None and not nu < 0.5:
             yield "poisson_ratio", f"is {nu:g}; must be below 0.5"
         elif fabric is not None and not nu**2 < fabric.modulus_warp_Pa / fabric.modulus_weft_Pa:
             bound = (fabric.modulus_warp_Pa / fabric.modulus_weft_Pa) ** 0.5
@@ -124,3 +129,8 @@ class FilmTable:
     def _wrinkles_in_panels(self) -> Told:
         if self.wrinkle_panel_m is not None and self.law != "wrinkling":
             yield "wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{self.law}'"
+
+    def other_laws(self) -> tuple[str, ...]:
+        """Return the laws that the same sheet could have instead; of rubber none."""
+        laws = SHEET_LAWS if self.fabric is None else FABRIC_LAWS
+        return () if self.law == "neo_hookean" else tuple(law for law in laws if law != self.law)

@@ -12,18 +12,20 @@ from cosim.base.frames import Array
 from cosim.errors import InputError
 from cosim.soft.elements.fabric import Fabric
 
-FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain", "wrinkling"]
+FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"]
 
 PLAIN: Final = 0
 TENSION_FIELD: Final = 1
 EDGE_STRAIN: Final = 2
 WRINKLING: Final = 3
 STRAIGHTENING: Final = 4
+NEO_HOOKEAN: Final = 5
 _LAWS: dict[str, int] = {
     "plain": PLAIN,
     "tension_field": TENSION_FIELD,
     "edge_strain": EDGE_STRAIN,
     "wrinkling": WRINKLING,
+    "neo_hookean": NEO_HOOKEAN,
 }
 
 
@@ -70,6 +72,8 @@ class Film:
             raise InputError(f"loss_factor is {self.loss_factor}; it must be 0 or more, and finite")
         if self.law not in _LAWS:
             raise InputError(f"film law {self.law!r} is unknown; there are {', '.join(_LAWS)}")
+        if self.law == "neo_hookean" and self.poisson_ratio != 0.5:
+            raise InputError(f"film law 'neo_hookean' has poisson_ratio 0.5; it is {self.poisson_ratio}")
         if not 0.0 <= self.compressive_fraction <= 1.0:
             raise InputError(f"compressive_fraction is {self.compressive_fraction}; it must be 0 to 1")
         if self.compressive_fraction and self.law != "tension_field":

@@ -1,4 +1,4 @@
-"""Constant-strain film triangles in plane stress, under one of four laws on the Green strain.
+"""Constant-strain film triangles in plane stress, under one of five laws on the Green strain.
 
 Strain of a film triangle and the node blocks of its Hessian; formulas: see `membrane`.
 
@@ -9,9 +9,9 @@ force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     energy = A psi,
     gradient_a = A F N g_a,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
-Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain", see
-their files. The axes of E are along a triangle's first edge and across; of fabric they are warp and weft, so
-that all triangles have one C, and its yarns straighten, see `fabric`.
+Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field", "edge_strain" and
+"neo_hookean", see their files. The axes of E are along a triangle's first edge and across; of fabric they are
+warp and weft, so that all triangles have one C, and its yarns straighten, see `fabric`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 """
 
@@ -37,7 +37,8 @@ from cosim.base.kernels import (
 )
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
-from cosim.soft.elements.material import PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
+from cosim.soft.elements.material import NEO_HOOKEAN, PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
+from cosim.soft.elements.rubber import neo_hookean
 from cosim.soft.elements.wrinkling import (
     density,
     hide_across,
@@ -292,6 +293,8 @@ def film_law(
     if film.law == STRAIGHTENING:
         density = tension_field(strain, stiffness, film.fraction, n, tangent)
         return density + _straighten(strain, film.yarns, n, tangent)
+    if film.law == NEO_HOOKEAN:
+        return neo_hookean(strain, stiffness[2, 2], n, tangent)
     if film.law != PLAIN:
         return edge_strain(strain, film.gradients[e], stiffness, n, tangent)
     for r in range(3):
