@@ -57,11 +57,11 @@ class StepLoads:
             mujoco.set_mjcb_control(self._carry)
         self._on.append(scene)
 
-    def take_off(self, scene: HostScene) -> None:
+    def take_off(self, scene: HostScene) -> list[str]:
         """Undo `put_on`; what the loop has applied is there again once all have been taken off.
 
-        Raises:
-            InputError: somebody has written to it meanwhile.
+        Returns:
+            Names of the arrays that somebody has written to meanwhile.
         """
         assert self._left is not None, "put_on() comes before"
         if any(each.carries for each in self._on):
@@ -71,12 +71,8 @@ class StepLoads:
         if not self._on:
             assert self._given is not None, "put_on() has set it"
             self._data.xfrc_applied[:], self._data.qfrc_applied[:] = self._given
-        for name, one, other in zip(("xfrc_applied", "qfrc_applied"), here, left, strict=True):
-            if not np.array_equal(one, other):
-                raise InputError(
-                    f"data.{name} was written to between before() and after(), which has undone the load of "
-                    "the soft robot; write to it ahead of before()"
-                )
+        names = ("xfrc_applied", "qfrc_applied")
+        return [n for n, one, other in zip(names, here, left, strict=True) if not np.array_equal(one, other)]
 
     def _copy(self) -> tuple[Array, Array]:
         return self._data.xfrc_applied.copy(), self._data.qfrc_applied.copy()
@@ -100,7 +96,7 @@ class HostState:
 
     Args:
         integration: MuJoCo's own state vector, inputs and warm start included.
-        acceleration: (nv,) of the last step.
+        acceleration: (dofs,) of the last tick.
         load: (bodies, 6), of the soft robot on bodies.
         loaded: bodies that contact loads at present.
         carried: (dofs, dofs) [kg m^2], that the mount carries.
@@ -226,9 +222,15 @@ class HostScene(CoupledScene):
             InputError: MuJoCo has not taken one step, or loads have been written to meanwhile.
             InstabilityError: MuJoCo has begun anew, as its state was no longer finite.
         """
-        self._loads.take_off(self)
+        written = self._loads.take_off(self)
         began, now, step_s = self._began_s, float(self._data.time), float(self._model.opt.timestep)
-        if abs(now - began - step_s) <= _MOST_OFF * step_s:
+        in_time = abs(now - began - step_s) <= _MOST_OFF * step_s
+        if in_time and written:
+            raise InputError(
+                f"data.{written[0]} was written to between before() and after(), which undid the load of "
+                "the soft robot; write to it ahead of before()"
+            )
+        if in_time:
             return
         if now < began + 0.5 * step_s and np.count_nonzero(self._data.warning.number):
             raise InstabilityError(
@@ -273,7 +275,7 @@ class HostScene(CoupledScene):
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         on_arm = self.bodies.carried.on_arm.copy()
-        return HostState(integration, self._data.qacc.copy(), self.load.copy(), self.bodies.loaded, on_arm)
+        return HostState(integration, self._acceleration.copy(), self.load.copy(), self.bodies.loaded, on_arm)
 
     def restore_state(self, state: HostState) -> None:
         """Return to a state of `save_state`, MuJoCo's included; everything readable follows.
@@ -292,8 +294,7 @@ class HostScene(CoupledScene):
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.load[:] = state.load
         self.read()
-        self._data.qacc[:] = state.acceleration
-        self._acceleration[:] = state.acceleration[self._mounting.dofs]
+        self._acceleration[:] = state.acceleration
 
     def _as_native(self) -> NativeScene:
         """Return what kernels see: joints are not theirs to read, nor steps theirs to take."""
