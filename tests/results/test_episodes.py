@@ -1,4 +1,4 @@
-"""Episodes in LeRobot's layout, read with pyarrow alone: rows, pictures, where episodes are, how they spread."""
+"""Episodes in LeRobot's layout, read with pyarrow alone: rows, pictures, places of episodes, figures."""
 
 from __future__ import annotations
 
@@ -64,11 +64,8 @@ def test_every_step_is_read_back_with_its_episode_and_picture(
     assert index == len(steps) == 12
     told = parquet.read_table(root / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert [each["length"] for each in told] == [4, 3, 5]
-    assert [(each["dataset_from_index"], each["dataset_to_index"]) for each in told] == [
-        (0, 4),
-        (4, 7),
-        (7, 12),
-    ]
+    assert [each["dataset_from_index"] for each in told] == [0, 4, 7]
+    assert [each["dataset_to_index"] for each in told] == [4, 7, 12]
     assert [each["tasks"] for each in told] == [["reach"], ["lift"], ["reach"]]
     assert [each["data/file_index"] for each in told] == ([0, 0, 0] if file_MB else [0, 1, 2])
     for k, each in enumerate(told):
@@ -83,7 +80,7 @@ def test_the_description_says_what_columns_tasks_and_figures_are(tmp_path: Path)
     assert info["codebase_version"] == "v3.0"
     assert (info["total_episodes"], info["total_frames"], info["total_tasks"], info["fps"]) == (2, 7, 2, 50)
     schema = parquet.read_schema(tmp_path / "data/chunk-000/file-000.parquet")
-    assert schema.names == list(info["features"])
+    assert sorted(schema.names) == sorted(info["features"])
     assert info["features"]["action"] == {"dtype": "float32", "shape": [2], "names": ["left", "right"]}
     assert info["features"]["next.done"]["dtype"] == "bool"
     assert info["features"]["observation.images.eye"]["shape"] == [4, 5, 3]
@@ -100,9 +97,10 @@ def test_the_description_says_what_columns_tasks_and_figures_are(tmp_path: Path)
 
 
 def test_a_run_is_an_episode_of_states_and_what_was_asked_next(tmp_path: Path) -> None:
-    result = cosim.run(device_parts.scenario(tmp_path, device_parts.INFLATE))
+    short = {"phase.inflate.duration_s": 0.2}
+    result = cosim.run(device_parts.scenario(tmp_path, device_parts.INFLATE, overrides=short))
     episode = cosim.episode_of(result, 50.0)
-    ticks = np.arange(0, 100, 5)
+    ticks = np.arange(0, 50, 5)
     state, action = episode.columns["observation.state"], episode.columns["action"]
     names = list(episode.names["observation.state"])
     assert len(episode) == len(ticks)
