@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import warnings
 from collections.abc import Iterator
@@ -14,11 +15,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from pyarrow import parquet
 
 import cosim.gym
 from cosim.cli.main import main
 from cosim.errors import ConvergenceError, InputError
 from cosim.gym.policy import LinearPolicy, policy_of
+from cosim.gym.recorder import EpisodeRecorder
 from cosim.gym.tasks import GraspLift
 
 RIGID: dict[str, Any] = {"fidelity": "rigid"}
@@ -266,6 +269,32 @@ def test_sensors_and_cameras_of_a_scenario_are_what_is_observed() -> None:
     for each in eyes:
         assert seen[each["name"]].shape == (24, 32, 3)
         assert np.ptp(seen[each["name"]]) > 50
+
+
+def test_recorded_episodes_are_what_was_observed_and_done(tmp_path: Path) -> None:
+    recorder = EpisodeRecorder(gymnasium.make(ARMS[0], **RIGID), "reach the place")
+    seen, _ = recorder.reset(seed=2)
+    kept = []
+    for steps in (3, 2):
+        for _ in range(steps):
+            action = recorder.action_space.sample()
+            before = seen
+            seen, reward, *_ = recorder.step(action)
+            kept.append((before, action, reward))
+        if steps == 3:
+            seen, _ = recorder.reset()
+    recorder.write(tmp_path)
+    rows = parquet.read_table(tmp_path / "data/chunk-000/file-000.parquet").to_pylist()
+    assert [row["episode_index"] for row in rows] == [0, 0, 0, 1, 1]
+    for row, (before, action, reward) in zip(rows, kept, strict=True):
+        assert row["observation.state"] == pytest.approx(before["observation"].astype(np.float32))
+        goals = np.hstack([before["achieved_goal"], before["desired_goal"]])
+        assert row["observation.environment_state"] == pytest.approx(goals.astype(np.float32))
+        assert row["action"] == pytest.approx(action)
+        assert row["next.reward"] == pytest.approx(reward)
+        assert (row["next.done"], row["next.success"]) == (False, False)
+    features = json.loads((tmp_path / "meta/info.json").read_text())["features"]
+    assert features["action"]["names"][0].startswith("flange velocity along x")
 
 
 def test_a_step_takes_few_calls() -> None:

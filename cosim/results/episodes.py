@@ -1,0 +1,292 @@
+"""Episodes for learning in the layout of LeRobot's data sets, version 3.0: Parquet tables and JSON.
+
+`data/` has a row for every step, with the pictures of cameras as PNG in it; `meta/` says what the columns
+are, which rows belong to which episode, and how numbers are spread. Neither LeRobot nor a video is needed.
+Source: the format of LeRobotDataset v3.0, https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.files import whole_file, write_whole
+from cosim.base.frames import Array
+from cosim.base.resources import writing
+from cosim.errors import InputError
+from cosim.results.result import RunResult, array_texts, frame_rows
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+VERSION: Final = "v3.0"
+_DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
+_FILE_MB: Final = 100
+_FILES_A_CHUNK: Final = 1000
+_STATE: Final = (
+    "joint_position", "flange_position", "flange_quaternion", "tip_position", "chamber_pressure_Pa",
+    "cable_tension_N",
+)  # fmt: skip
+_ACTION: Final = ("joint_target", "chamber_pressure_Pa", "cable_tension_N")
+_IMAGE: Final = "observation.images."
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """Steps of one episode, a row each.
+
+    Args:
+        task: in words.
+        columns: by name, such as "observation.state", "action", "next.reward"; (steps,) or (steps, k) each.
+        images: by the name of the camera, (steps, height, width, 3), colours from 0 to 255.
+        names: of the numbers of a row, by column.
+    """
+
+    task: str
+    columns: Mapping[str, NDArray[Any]]
+    images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    names: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+
+def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) -> Episode:
+    """Return a run as an episode.
+
+    "observation.state" is joints, flange, tip, pressures and tensions at a step; "action" is the joints'
+    target, pressures and tensions at the next step, so the last one has none and is left out. Cameras with a
+    picture at every step are part of it.
+
+    Args:
+        result: of the run.
+        frames_per_s: steps per simulated second.
+        task: in words; None: the run's title.
+
+    Raises:
+        InputError: the run is shorter than two steps.
+    """
+    rows = frame_rows(result.time_s, frames_per_s)
+    if len(rows) < 2:
+        raise InputError(f"the run has {len(rows)} steps at {frames_per_s:g} /s; an episode needs two")
+
+    def joined(names: Sequence[str], at: Any) -> Array:
+        found = [getattr(result, name)[at].reshape(len(at), -1) for name in names]
+        return np.hstack(found).astype(np.float32)
+
+    def named(names: Sequence[str]) -> list[str]:
+        texts = array_texts(RunResult)
+        return [
+            f"{name}.{part}"
+            for name in names
+            for part in texts[name].components(result.stage, getattr(result, name).shape[1:])
+        ]
+
+    columns = {"observation.state": joined(_STATE, rows[:-1]), "action": joined(_ACTION, rows[1:])}
+    seen = {name: dict(zip(one.tick.tolist(), one.rgb, strict=True)) for name, one in result.images.items()}
+    ticks = result.tick[rows[:-1]].tolist()
+    whole = {name: found for name, found in seen.items() if found.keys() >= {*ticks}}
+    images = {name: np.array([found[tick] for tick in ticks]) for name, found in whole.items()}
+    names = {"observation.state": named(_STATE), "action": named(_ACTION)}
+    return Episode(task or result.stage.title, columns, images, names)
+
+
+def write_episodes(
+    directory: str | Path, episodes: Sequence[Episode], frames_per_s: float, robot: str = "cosim"
+) -> None:
+    """Write episodes to a new or empty directory.
+
+    Args:
+        directory: of the data set.
+        episodes: at least one, all with the same columns and cameras.
+        frames_per_s: steps per second of all of them.
+        robot: name of the robot.
+
+    Raises:
+        InputError: the directory holds something, or an episode does not fit.
+        OutputError: it cannot be written.
+    """
+    root = Path(directory)
+    _check(root, episodes)
+    with writing(root):
+        tasks = list(dict.fromkeys(episode.task for episode in episodes))
+        begins = np.cumsum([0, *map(len, episodes)]).tolist()
+        places = _write_data(root, episodes, tasks, begins, frames_per_s)
+        _write_parquet(root / _EPISODES, _episode_table(episodes, begins, places))
+        _write_parquet(root / "meta/tasks.parquet", _task_table(tasks))
+        write_whole(root / "meta/stats.json", json.dumps(_statistics(episodes), indent=2))
+        info = {
+            "codebase_version": VERSION,
+            "robot_type": robot,
+            "total_episodes": len(episodes),
+            "total_frames": begins[-1],
+            "total_tasks": len(tasks),
+            "chunks_size": _FILES_A_CHUNK,
+            "data_files_size_in_mb": _FILE_MB,
+            "video_files_size_in_mb": 0,
+            "fps": frames_per_s if frames_per_s % 1.0 else int(frames_per_s),
+            "splits": {"train": f"0:{len(episodes)}"},
+            "data_path": _DATA,
+            "video_path": None,
+            "features": _features(episodes[0]),
+        }
+        write_whole(root / "meta/info.json", json.dumps(info, indent=2))
+
+
+def _check(root: Path, episodes: Sequence[Episode]) -> None:
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        raise InputError(f"{root}: holds something; give a new or empty directory")
+    if not episodes:
+        raise InputError("there are no episodes to write")
+    wanted = _features(episodes[0])
+    for number, episode in enumerate(episodes):
+        if (found := _features(episode)) != wanted:
+            differing = next(key for key in {**wanted, **found} if wanted.get(key) != found.get(key))
+            raise InputError(f"episode {number}: {differing} is not as in episode 0; all need the same")
+        for name, rows in {**episode.columns, **episode.images}.items():
+            if len(rows) != len(episode) or not len(rows):
+                raise InputError(f"episode {number}: {name} has {len(rows)} rows, others {len(episode)}")
+
+
+def _features(episode: Episode) -> dict[str, Any]:
+    """Return what each column is."""
+    found: dict[str, Any] = {}
+    for name, rows in episode.columns.items():
+        kind = np.float32 if rows.dtype.kind == "f" else np.bool_ if rows.dtype.kind == "b" else np.int64
+        shape, names = list(rows.shape[1:]) or [1], episode.names.get(name)
+        found[name] = {"dtype": np.dtype(kind).name, "shape": shape, "names": names and list(names)}
+    for name, rows in episode.images.items():
+        axes = ["height", "width", "channels"]
+        found[f"{_IMAGE}{name}"] = {"dtype": "image", "shape": list(rows.shape[1:]), "names": axes}
+    found["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+    for name in ("frame_index", "episode_index", "index", "task_index"):
+        found[name] = {"dtype": "int64", "shape": [1], "names": None}
+    return found
+
+
+def _write_data(
+    root: Path, episodes: Sequence[Episode], tasks: list[str], begins: list[int], frames_per_s: float
+) -> list[tuple[int, int]]:
+    """Write the steps, some 100 MB a file and a row group each; return the file of every episode."""
+    from pyarrow import parquet
+
+    places: list[tuple[int, int]] = []
+    number, held, writer = -1, _FILE_MB * 2**20, None
+    try:
+        for k, episode in enumerate(episodes):
+            counts = np.arange(len(episode))
+            index: dict[str, NDArray[Any]] = {
+                "timestamp": (counts / frames_per_s).astype(np.float32),
+                "frame_index": counts,
+                "episode_index": np.full(len(episode), k),
+                "index": begins[k] + counts,
+                "task_index": np.full(len(episode), tasks.index(episode.task)),
+            }
+            table = _step_table(episode, index)
+            if writer is None or held + table.nbytes > _FILE_MB * 2**20:
+                if writer is not None:
+                    writer.close()
+                number, held = number + 1, 0
+                chunk, file = divmod(number, _FILES_A_CHUNK)
+                path = root / _DATA.format(chunk_index=chunk, file_index=file)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                writer = parquet.ParquetWriter(path, table.schema, compression="snappy")
+            writer.write_table(table)
+            held += table.nbytes
+            places.append(divmod(number, _FILES_A_CHUNK))
+    finally:
+        if writer is not None:
+            writer.close()
+    return places
+
+
+def _step_table(episode: Episode, index: Mapping[str, NDArray[Any]]) -> pa.Table:
+    import pyarrow as pa
+
+    features, columns = _features(episode), {}
+    for name, rows in {**episode.columns, **index}.items():
+        values = pa.array(np.ravel(rows).astype(features[name]["dtype"]))
+        columns[name] = values if rows.ndim == 1 else pa.FixedSizeListArray.from_arrays(values, rows.shape[1])
+    for name, rows in episode.images.items():
+        files = [{"bytes": png(one), "path": f"{name}-{k:06d}.png"} for k, one in enumerate(rows)]
+        kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+        columns[f"{_IMAGE}{name}"] = pa.array(files, kind)
+    return pa.table(columns)
+
+
+def _episode_table(episodes: Sequence[Episode], begins: list[int], places: list[tuple[int, int]]) -> pa.Table:
+    import pyarrow as pa
+
+    count = len(episodes)
+    return pa.table({
+        "episode_index": list(range(count)),
+        "tasks": [[episode.task] for episode in episodes],
+        "length": [len(episode) for episode in episodes],
+        "dataset_from_index": begins[:-1],
+        "dataset_to_index": begins[1:],
+        "data/chunk_index": [chunk for chunk, _ in places],
+        "data/file_index": [file for _, file in places],
+        "meta/episodes/chunk_index": [0] * count,
+        "meta/episodes/file_index": [0] * count,
+    })  # fmt: skip
+
+
+def _task_table(tasks: list[str]) -> pa.Table:
+    """Return the tasks as a table whose index pandas takes from the column of the texts."""
+    import pyarrow as pa
+
+    table = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
+    described = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": own, "metadata": None}
+        for name, kind, own in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+    ]
+    said = {"index_columns": ["task"], "column_indexes": [], "columns": described, "pandas_version": "2.0.0"}
+    return table.replace_schema_metadata({b"pandas": json.dumps(said).encode()})
+
+
+def _write_parquet(path: Path, table: pa.Table) -> None:
+    from pyarrow import parquet
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as file:
+        parquet.write_table(table, file)
+
+
+def _statistics(episodes: Sequence[Episode]) -> dict[str, Any]:
+    """Return least, largest, mean, standard deviation and count of every column; of pictures by channel."""
+
+    def spread(rows: Array, shape: Sequence[int], count: int) -> dict[str, Any]:
+        figures = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+        return {name: value.reshape(shape).tolist() for name, value in figures.items()} | {"count": [count]}
+
+    found = {}
+    for name in episodes[0].columns:
+        rows = np.concatenate([episode.columns[name] for episode in episodes]).astype(float)
+        found[name] = spread(rows, rows.shape[1:] or (1,), len(rows))
+    for name in episodes[0].images:
+        pixels = np.concatenate([episode.images[name] for episode in episodes])
+        found[f"{_IMAGE}{name}"] = spread(pixels.reshape(-1, 3) / 255.0, (3, 1, 1), len(pixels))
+    return found
+
+
+def png(rgb: NDArray[np.uint8]) -> bytes:
+    """Return a picture (height, width, 3) as a file: the PNG of ISO/IEC 15948, with unfiltered lines."""
+    height, width = rgb.shape[:2]
+
+    def chunks() -> Iterator[bytes]:
+        header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+        lines = np.hstack([np.zeros((height, 1), np.uint8), rgb.reshape(height, -1)])
+        for name, data in ((b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes(), 6)), (b"IEND", b"")):
+            yield struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks())
