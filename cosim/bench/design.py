@@ -8,7 +8,6 @@ refined mesh changes is added to goal and limits as a constant, and found again 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -25,6 +24,9 @@ from cosim.errors import ConvergenceError, InputError
 _MET: Final = 1e-3  # of a quantity's size, by which a limit may be missed
 _CLOSE: Final = 1e-3
 _ROUNDS: Final = 4
+_REACH, _LEAST_REACH = 0.25, 2e-3  # shares that a value moves in a step
+_GAINED: Final = 0.1  # of the predicted gain, with which a step is taken
+_WEIGHT: Final = 10.0  # of missed limits beside the goal
 _BAD: Final = 10.0  # sizes of the goal, of a design without an equilibrium
 
 Wanted = GoalTable | LimitTable
@@ -79,10 +81,6 @@ class Designed:
         return (self.study.goal, *self.study.limit)
 
 
-class _Spent(Exception):  # noqa: N818  # no error: the budget ends the search
-    """All evaluations are spent."""
-
-
 @final
 class DesignProblem:
     """Goal and limits as functions of shares (parameters,) of the way from low to high.
@@ -110,8 +108,10 @@ class DesignProblem:
         for name in self._quantities:
             if len(outputs_of([name], self.equilibria.model)) != 1:
                 raise InputError(f"{name}: means several numbers; name one, such as by .z")
-        self.low, high = (np.array([getattr(each, end) for each in study.parameter]) for end in ("low", "high"))
-        self.span = high - self.low
+        ends = np.array([(each.low, each.high) for each in study.parameter])
+        self._logs = ends[:, 0] > 0.0
+        self._low, high = self._scaled(ends[:, 0]), self._scaled(ends[:, 1])
+        self._span = high - self._low
         self.start = self.shares(self.equilibria.start)
         self.history: list[DesignValues] = []
         self._last: Array | None = None
@@ -136,7 +136,7 @@ class DesignProblem:
         """Return goal and limits (1 + limits,), corrected; not numbers where there is no equilibrium."""
         if self.is_at(shares):
             return self.history[-1].reached
-        values = self.low + self.span * shares
+        values = self.values(shares)
         self._last = shares.copy()
         try:
             found = self.solved(values) + self.shift
@@ -159,8 +159,16 @@ class DesignProblem:
         return self._picked(self.equilibria.read(self._quantities))
 
     def shares(self, values: Array) -> Array:
-        """Return values (parameters,) as shares."""
-        return np.asarray((values - self.low) / self.span)
+        """Return values (parameters,) as shares of the way from low to high, by logarithms if low is above 0."""
+        return np.asarray((self._scaled(values) - self._low) / self._span)
+
+    def values(self, shares: Array) -> Array:
+        """Return shares (parameters,) as values."""
+        scaled = self._low + self._span * shares
+        return np.where(self._logs, np.exp(np.where(self._logs, scaled, 0.0)), scaled)
+
+    def _scaled(self, values: Array) -> Array:
+        return np.where(self._logs, np.log(np.where(self._logs, values, 1.0)), values)
 
     def correct(self, shift: Array) -> None:
         """Add to goal and limits (1 + limits,) from now on what another mesh changes of them."""
@@ -175,7 +183,9 @@ class DesignProblem:
         """Return their derivatives (1 + limits, parameters)."""
         if not np.isfinite(self.reached(shares)).all():
             return np.zeros((len(self.wanted), len(shares)))
-        return self._picked(self.equilibria.jacobian(self._quantities, kinks=True)) * self.span
+        return self._picked(self.equilibria.jacobian(self._quantities, kinks=True)) * self._span * np.where(
+            self._logs, self.values(shares), 1.0
+        )
 
     def begin(self) -> None:
         """Solve the start, and divide by sizes there: of what a limit gives, or what is reached.
@@ -215,49 +225,76 @@ class DesignProblem:
 
         return min(self.history, key=rank)
 
-    def constraints(self) -> list[dict[str, object]]:
-        """Return the limits as scipy takes them."""
-        found: list[dict[str, object]] = []
-        for k, entry in enumerate(self.study.limit, start=1):
-            sign, size = -1.0 if entry.at_most is not None else 1.0, self.scale[k]
-
-            def value(x: Array, k: int = k, at: float = entry.bound, by: float = sign / size) -> float:
-                found = float(by * (self.reached(x)[k] - at))
-                return found if np.isfinite(found) else -_BAD
-
-            def slope(x: Array, k: int = k, by: float = sign / size) -> Array:
-                return np.asarray(by * self.slopes(x)[k])
-
-            kind = "eq" if entry.equal is not None else "ineq"
-            found.append({"type": kind, "fun": value, "jac": slope})
-        return found
+    def merit(self, reached: Array) -> float:
+        """Return the cost with what limits are missed by, by which steps are judged."""
+        return self.cost(reached) + _WEIGHT * float(np.minimum(self.missed(reached), _BAD).sum())
 
 
 def search(problem: DesignProblem, start: Array) -> DesignValues:
-    """Return where SLSQP ends, or the best design once the study's evaluations are spent.
+    """Return where steps of the linear model gain no more, or the best design once evaluations are spent.
 
     Args:
         problem: whose present sizes it takes.
         start: shares (parameters,) where it begins.
     """
-    from scipy.optimize import minimize  # here: it takes long to load
-
-    study, sign = problem.study, 1.0 if problem.study.goal.sense == "least" else -1.0
-
-    def cost(x: Array) -> float:
-        if len(problem.history) >= study.evaluations and not problem.is_at(x):
-            raise _Spent
-        return problem.cost(problem.reached(x))
-
-    def slope(x: Array) -> Array:
-        return np.asarray(sign * problem.slopes(x)[0] / problem.scale[0])
-
-    with suppress(_Spent):
-        minimize(
-            cost, np.clip(start, 0.0, 1.0), method="SLSQP", jac=slope, bounds=[(0.0, 1.0)] * len(start),
-            constraints=problem.constraints(), options={"ftol": _CLOSE, "maxiter": study.evaluations},
-        )  # fmt: skip
+    here, most = np.clip(start, 0.0, 1.0), problem.study.evaluations
+    reached = problem.reached(here)
+    slopes, reach = problem.slopes(here), _REACH
+    while reach > _LEAST_REACH and len(problem.history) < most:
+        step, predicted = _linear_step(problem, (reached, slopes), here, reach)
+        if predicted < _CLOSE:
+            break
+        ahead = problem.reached(here + step)
+        gain = problem.merit(reached) - problem.merit(ahead)
+        if gain > _GAINED * predicted:
+            here, reached = here + step, ahead
+            slopes = problem.slopes(here)
+            reach = min(2.0 * reach, _REACH) if gain > 0.7 * predicted else reach
+        else:
+            reach = 0.3 * float(np.abs(step).max())
     return problem.best()
+
+
+def _linear_step(
+    problem: DesignProblem, at: tuple[Array, Array], here: Array, reach: float
+) -> tuple[Array, float]:
+    """Return the step (parameters,) that is best by the linear model, and the gain of merit that it predicts.
+
+    at: goal and limits (1 + limits,), and their derivatives by shares.
+    """
+    from scipy.optimize import linprog  # here: it takes long to load
+
+    (reached, slopes), limits = at, problem.study.limit
+    sign = 1.0 if problem.study.goal.sense == "least" else -1.0
+    rows, ends = [], []
+    for k, entry in enumerate(limits, start=1):
+        value, slope, size = reached[k], slopes[k], problem.scale[k]
+        row, end = slope / size, (entry.bound - value) / size
+        if value > 0.0 and entry.bound > 0.0:  # strains and the like go by factors
+            row, end = slope / value, float(np.log(entry.bound / value))
+        ways = (1.0, -1.0) if entry.equal is not None else (1.0,) if entry.at_most is not None else (-1.0,)
+        for way in ways:
+            slack = -np.eye(len(limits))[k - 1]
+            rows.append(np.concatenate([way * row, slack]))
+            ends.append(way * end)
+    bounds = [*zip(np.maximum(-reach, -here), np.minimum(reach, 1.0 - here), strict=True)]
+    bounds += [(0.0, None)] * len(limits)
+    cost = np.concatenate([sign * slopes[0] / problem.scale[0], np.full(len(limits), _WEIGHT)])
+    found = linprog(cost, A_ub=np.array(rows) if rows else None, b_ub=ends or None, bounds=bounds)
+    if not found.success:
+        return np.zeros(len(here)), 0.0
+    slack = found.x[len(here) :]
+    before = _WEIGHT * float(sum(max(0.0, -end) for end in _worst(rows, ends, len(limits))))
+    return found.x[: len(here)], before - float(cost[: len(here)] @ found.x[: len(here)] + _WEIGHT * slack.sum())
+
+
+def _worst(rows: Sequence[Array], ends: Sequence[float], limits: int) -> list[float]:
+    """Return what is left to each limit without a step, the worse of both sides."""
+    found = [np.inf] * limits
+    for row, end in zip(rows, ends, strict=True):
+        k = int(np.argmin(row[-limits:]))
+        found[k] = min(found[k], end)
+    return found
 
 
 def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = True) -> Designed:
