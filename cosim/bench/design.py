@@ -115,6 +115,9 @@ class DesignProblem:
         self.start = self.shares(self.equilibria.start)
         self.history: list[DesignValues] = []
         self._last: Array | None = None
+        self._bounds = np.array([entry.bound for entry in study.limit])
+        ways = [1.0 if entry.at_least is None else -1.0 for entry in study.limit]
+        self.signs = np.array([1.0 if study.goal.sense == "least" else -1.0, *ways])
         self.scale, self.shift = np.ones(len(self.wanted)), np.zeros(len(self.wanted))
 
     @property
@@ -196,24 +199,23 @@ class DesignProblem:
         if not np.isfinite(self.reached(self.start)).all():
             self.equilibria.solve(self.equilibria.start)  # raises again
         last = np.nan_to_num(np.abs(self.history[-1].reached))
-        bounds = np.array([0.0, *(abs(entry.bound) for entry in self.study.limit)])
-        scale = np.maximum(last, bounds)
+        scale = np.maximum(last, np.abs([0.0, *self._bounds]))
         self.scale = np.where(scale > 0.0, scale, 1.0)
 
     def cost(self, reached: Array) -> float:
         """Return the goal over its size, to be made least."""
         value = float(reached[0] / self.scale[0])
-        value = value if self.study.goal.sense == "least" else -value
-        return value if np.isfinite(value) else _BAD
+        return float(self.signs[0]) * value if np.isfinite(value) else _BAD
+
+    def off(self, reached: Array) -> Array:
+        """Return by how much (limits,) limits are passed, over their size; below 0 what is left to them."""
+        return np.asarray(self.signs[1:] * (reached[1:] - self._bounds) / self.scale[1:])
 
     def missed(self, reached: Array) -> Array:
         """Return by how much (limits,) limits are missed, over their size; infinite without an equilibrium."""
-        left = []
-        for entry, value, scale in zip(self.study.limit, reached[1:], self.scale[1:], strict=True):
-            off = (value - entry.bound) / scale
-            off = abs(off) if entry.equal is not None else off if entry.at_most is not None else -off
-            left.append(off if np.isfinite(off) else np.inf)
-        return np.maximum(np.array(left), 0.0)
+        off = self.off(reached)
+        equal = np.array([entry.equal is not None for entry in self.study.limit], dtype=bool)
+        return np.where(np.isfinite(off), np.maximum(np.where(equal, np.abs(off), off), 0.0), np.inf)
 
     def best(self) -> DesignValues:
         """Return the design that meets all limits at least cost, or misses them least."""
@@ -230,71 +232,96 @@ class DesignProblem:
         return self.cost(reached) + _WEIGHT * float(np.minimum(self.missed(reached), _BAD).sum())
 
 
+@final
+class _Local:
+    """Goal and limits near a design, to second order: exact slopes, and what they have changed by so far.
+
+    Args:
+        problem: whose.
+        here: shares (parameters,).
+    """
+
+    def __init__(self, problem: DesignProblem, here: Array) -> None:
+        self.problem, self.here = problem, here
+        self.reached, self.slopes = problem.reached(here), problem.slopes(here)
+        self._bends = np.zeros((len(self.reached), len(here), len(here)))
+
+    def learn(self, step: Array, slopes: Array) -> None:
+        """Take in the slopes (1 + limits, parameters) a step away (symmetric rank-one update)."""
+        for bend, change in zip(self._bends, slopes - self.slopes, strict=True):
+            left = change - bend @ step
+            along = float(left @ step)
+            if abs(along) > 1e-8 * float(np.linalg.norm(left) * np.linalg.norm(step)):
+                bend += np.outer(left, left) / along
+
+    def at(self, step: Array) -> Array:
+        """Return goal and limits (1 + limits,) a step away."""
+        return np.asarray(self.reached + self.slopes @ step + 0.5 * (self._bends @ step) @ step)
+
+    def slopes_at(self, step: Array) -> Array:
+        """Return their derivatives (1 + limits, parameters) there."""
+        return np.asarray(self.slopes + self._bends @ step)
+
+    def best(self, reach: float) -> tuple[Array, float]:
+        """Return the step within reach of which most is expected, and the gain of merit that is.
+
+        By SLSQP, with a slack for each limit, so that steps exist where limits cannot be met yet.
+        """
+        from scipy.optimize import minimize  # here: it takes long to load
+
+        problem, count, limits = self.problem, len(self.here), len(self.problem.study.limit)
+        away = self.problem.off(self.reached)
+        least, most = np.maximum(-reach, -self.here), np.minimum(reach, 1.0 - self.here)
+        bounds = [*zip(least, most, strict=True), *[(0.0, None)] * limits]
+        weights = np.full(limits, _WEIGHT)
+
+        def room(z: Array, way: float) -> Array:
+            return np.asarray(z[count:] - way * problem.off(self.at(z[:count])))
+
+        def room_slope(z: Array, way: float) -> Array:
+            own = problem.signs[1:, None] * self.slopes_at(z[:count])[1:] / problem.scale[1:, None]
+            return np.concatenate([-way * own, np.eye(limits)], axis=1)
+
+        both = np.array([entry.equal is not None for entry in problem.study.limit], dtype=bool)
+        held = [{"type": "ineq", "fun": lambda z: room(z, 1.0), "jac": lambda z: room_slope(z, 1.0)}]
+        if both.any():
+            held.append({
+                "type": "ineq", "fun": lambda z: room(z, -1.0)[both],
+                "jac": lambda z: room_slope(z, -1.0)[both],
+            })  # fmt: skip
+        begin = np.concatenate([np.zeros(count), np.where(both, np.abs(away), np.maximum(away, 0.0))])
+        found = minimize(
+            lambda z: problem.cost(self.at(z[:count])) + float(weights @ z[count:]), begin, method="SLSQP",
+            jac=lambda z: np.concatenate([
+                problem.signs[0] * self.slopes_at(z[:count])[0] / problem.scale[0], weights
+            ]), bounds=bounds, constraints=held if limits else (), options={"ftol": 1e-8, "maxiter": 100},
+        )  # fmt: skip
+        step = np.clip(found.x[:count], least, most)
+        return step, problem.merit(self.reached) - problem.merit(self.at(step))
+
+
 def search(problem: DesignProblem, start: Array) -> DesignValues:
-    """Return where steps of the linear model gain no more, or the best design once evaluations are spent.
+    """Return where the local model expects no more gain, or the best design once evaluations are spent.
 
     Args:
         problem: whose present sizes it takes.
         start: shares (parameters,) where it begins.
     """
-    here, most = np.clip(start, 0.0, 1.0), problem.study.evaluations
-    reached = problem.reached(here)
-    slopes, reach = problem.slopes(here), _REACH
+    local, reach, most = _Local(problem, np.clip(start, 0.0, 1.0)), _REACH, problem.study.evaluations
     while reach > _LEAST_REACH and len(problem.history) < most:
-        step, predicted = _linear_step(problem, (reached, slopes), here, reach)
-        if predicted < _CLOSE:
+        step, expected = local.best(reach)
+        if expected < _CLOSE:
             break
-        ahead = problem.reached(here + step)
-        gain = problem.merit(reached) - problem.merit(ahead)
-        if gain > _GAINED * predicted:
-            here, reached = here + step, ahead
-            slopes = problem.slopes(here)
-            reach = min(2.0 * reach, _REACH) if gain > 0.7 * predicted else reach
+        ahead, size = problem.reached(local.here + step), float(np.abs(step).max())
+        gain, slopes = problem.merit(local.reached) - problem.merit(ahead), problem.slopes(local.here + step)
+        if np.isfinite(ahead).all():
+            local.learn(step, slopes)
+        if gain > _GAINED * expected:
+            local.here, local.reached, local.slopes = local.here + step, ahead, slopes
+            reach = min(2.0 * reach, _REACH) if gain > 0.7 * expected else reach
         else:
-            reach = 0.3 * float(np.abs(step).max())
+            reach = 0.4 * size
     return problem.best()
-
-
-def _linear_step(
-    problem: DesignProblem, at: tuple[Array, Array], here: Array, reach: float
-) -> tuple[Array, float]:
-    """Return the step (parameters,) that is best by the linear model, and the gain of merit that it predicts.
-
-    at: goal and limits (1 + limits,), and their derivatives by shares.
-    """
-    from scipy.optimize import linprog  # here: it takes long to load
-
-    (reached, slopes), limits = at, problem.study.limit
-    sign = 1.0 if problem.study.goal.sense == "least" else -1.0
-    rows, ends = [], []
-    for k, entry in enumerate(limits, start=1):
-        value, slope, size = reached[k], slopes[k], problem.scale[k]
-        row, end = slope / size, (entry.bound - value) / size
-        if value > 0.0 and entry.bound > 0.0:  # strains and the like go by factors
-            row, end = slope / value, float(np.log(entry.bound / value))
-        ways = (1.0, -1.0) if entry.equal is not None else (1.0,) if entry.at_most is not None else (-1.0,)
-        for way in ways:
-            slack = -np.eye(len(limits))[k - 1]
-            rows.append(np.concatenate([way * row, slack]))
-            ends.append(way * end)
-    bounds = [*zip(np.maximum(-reach, -here), np.minimum(reach, 1.0 - here), strict=True)]
-    bounds += [(0.0, None)] * len(limits)
-    cost = np.concatenate([sign * slopes[0] / problem.scale[0], np.full(len(limits), _WEIGHT)])
-    found = linprog(cost, A_ub=np.array(rows) if rows else None, b_ub=ends or None, bounds=bounds)
-    if not found.success:
-        return np.zeros(len(here)), 0.0
-    slack = found.x[len(here) :]
-    before = _WEIGHT * float(sum(max(0.0, -end) for end in _worst(rows, ends, len(limits))))
-    return found.x[: len(here)], before - float(cost[: len(here)] @ found.x[: len(here)] + _WEIGHT * slack.sum())
-
-
-def _worst(rows: Sequence[Array], ends: Sequence[float], limits: int) -> list[float]:
-    """Return what is left to each limit without a step, the worse of both sides."""
-    found = [np.inf] * limits
-    for row, end in zip(rows, ends, strict=True):
-        k = int(np.argmin(row[-limits:]))
-        found[k] = min(found[k], end)
-    return found
 
 
 def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = True) -> Designed:
