@@ -8,7 +8,6 @@ refined mesh changes is added to goal and limits as a constant, and found again 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -25,6 +24,9 @@ from cosim.errors import ConvergenceError, InputError
 _MET: Final = 1e-3  # of a quantity's size, by which a limit may be missed
 _CLOSE: Final = 1e-3
 _ROUNDS: Final = 4
+_REACH, _LEAST_REACH = 0.25, 2e-3  # shares that a value moves in a step
+_GAINED: Final = 0.1  # of the predicted gain, with which a step is taken
+_WEIGHT: Final = 10.0  # of missed limits beside the goal
 _BAD: Final = 10.0  # sizes of the goal, of a design without an equilibrium
 
 Wanted = GoalTable | LimitTable
@@ -79,10 +81,6 @@ class Designed:
         return (self.study.goal, *self.study.limit)
 
 
-class _Spent(Exception):  # noqa: N818  # no error: the budget ends the search
-    """All evaluations are spent."""
-
-
 @final
 class DesignProblem:
     """Goal and limits as functions of shares (parameters,) of the way from low to high.
@@ -110,11 +108,16 @@ class DesignProblem:
         for name in self._quantities:
             if len(outputs_of([name], self.equilibria.model)) != 1:
                 raise InputError(f"{name}: means several numbers; name one, such as by .z")
-        self.low, high = (np.array([getattr(each, end) for each in study.parameter]) for end in ("low", "high"))
-        self.span = high - self.low
+        ends = np.array([(each.low, each.high) for each in study.parameter])
+        self._logs = ends[:, 0] > 0.0
+        self._low, high = self._scaled(ends[:, 0]), self._scaled(ends[:, 1])
+        self._span = high - self._low
         self.start = self.shares(self.equilibria.start)
         self.history: list[DesignValues] = []
         self._last: Array | None = None
+        self._bounds = np.array([entry.bound for entry in study.limit])
+        ways = [1.0 if entry.at_least is None else -1.0 for entry in study.limit]
+        self.signs = np.array([1.0 if study.goal.sense == "least" else -1.0, *ways])
         self.scale, self.shift = np.ones(len(self.wanted)), np.zeros(len(self.wanted))
 
     @property
@@ -136,7 +139,7 @@ class DesignProblem:
         """Return goal and limits (1 + limits,), corrected; not numbers where there is no equilibrium."""
         if self.is_at(shares):
             return self.history[-1].reached
-        values = self.low + self.span * shares
+        values = self.values(shares)
         self._last = shares.copy()
         try:
             found = self.solved(values) + self.shift
@@ -159,8 +162,16 @@ class DesignProblem:
         return self._picked(self.equilibria.read(self._quantities))
 
     def shares(self, values: Array) -> Array:
-        """Return values (parameters,) as shares."""
-        return np.asarray((values - self.low) / self.span)
+        """Return values (parameters,) as shares of the way from low to high, by logarithms if low is above 0."""
+        return np.asarray((self._scaled(values) - self._low) / self._span)
+
+    def values(self, shares: Array) -> Array:
+        """Return shares (parameters,) as values."""
+        scaled = self._low + self._span * shares
+        return np.where(self._logs, np.exp(np.where(self._logs, scaled, 0.0)), scaled)
+
+    def _scaled(self, values: Array) -> Array:
+        return np.where(self._logs, np.log(np.where(self._logs, values, 1.0)), values)
 
     def correct(self, shift: Array) -> None:
         """Add to goal and limits (1 + limits,) from now on what another mesh changes of them."""
@@ -175,7 +186,9 @@ class DesignProblem:
         """Return their derivatives (1 + limits, parameters)."""
         if not np.isfinite(self.reached(shares)).all():
             return np.zeros((len(self.wanted), len(shares)))
-        return self._picked(self.equilibria.jacobian(self._quantities, kinks=True)) * self.span
+        return self._picked(self.equilibria.jacobian(self._quantities, kinks=True)) * self._span * np.where(
+            self._logs, self.values(shares), 1.0
+        )
 
     def begin(self) -> None:
         """Solve the start, and divide by sizes there: of what a limit gives, or what is reached.
@@ -186,24 +199,23 @@ class DesignProblem:
         if not np.isfinite(self.reached(self.start)).all():
             self.equilibria.solve(self.equilibria.start)  # raises again
         last = np.nan_to_num(np.abs(self.history[-1].reached))
-        bounds = np.array([0.0, *(abs(entry.bound) for entry in self.study.limit)])
-        scale = np.maximum(last, bounds)
+        scale = np.maximum(last, np.abs([0.0, *self._bounds]))
         self.scale = np.where(scale > 0.0, scale, 1.0)
 
     def cost(self, reached: Array) -> float:
         """Return the goal over its size, to be made least."""
         value = float(reached[0] / self.scale[0])
-        value = value if self.study.goal.sense == "least" else -value
-        return value if np.isfinite(value) else _BAD
+        return float(self.signs[0]) * value if np.isfinite(value) else _BAD
+
+    def off(self, reached: Array) -> Array:
+        """Return by how much (limits,) limits are passed, over their size; below 0 what is left to them."""
+        return np.asarray(self.signs[1:] * (reached[1:] - self._bounds) / self.scale[1:])
 
     def missed(self, reached: Array) -> Array:
         """Return by how much (limits,) limits are missed, over their size; infinite without an equilibrium."""
-        left = []
-        for entry, value, scale in zip(self.study.limit, reached[1:], self.scale[1:], strict=True):
-            off = (value - entry.bound) / scale
-            off = abs(off) if entry.equal is not None else off if entry.at_most is not None else -off
-            left.append(off if np.isfinite(off) else np.inf)
-        return np.maximum(np.array(left), 0.0)
+        off = self.off(reached)
+        equal = np.array([entry.equal is not None for entry in self.study.limit], dtype=bool)
+        return np.where(np.isfinite(off), np.maximum(np.where(equal, np.abs(off), off), 0.0), np.inf)
 
     def best(self) -> DesignValues:
         """Return the design that meets all limits at least cost, or misses them least."""
@@ -215,48 +227,100 @@ class DesignProblem:
 
         return min(self.history, key=rank)
 
-    def constraints(self) -> list[dict[str, object]]:
-        """Return the limits as scipy takes them."""
-        found: list[dict[str, object]] = []
-        for k, entry in enumerate(self.study.limit, start=1):
-            sign, size = -1.0 if entry.at_most is not None else 1.0, self.scale[k]
+    def merit(self, reached: Array) -> float:
+        """Return the cost with what limits are missed by, by which steps are judged."""
+        return self.cost(reached) + _WEIGHT * float(np.minimum(self.missed(reached), _BAD).sum())
 
-            def value(x: Array, k: int = k, at: float = entry.bound, by: float = sign / size) -> float:
-                found = float(by * (self.reached(x)[k] - at))
-                return found if np.isfinite(found) else -_BAD
 
-            def slope(x: Array, k: int = k, by: float = sign / size) -> Array:
-                return np.asarray(by * self.slopes(x)[k])
+@final
+class _Local:
+    """Goal and limits near a design, to second order: exact slopes, and what they have changed by so far.
 
-            kind = "eq" if entry.equal is not None else "ineq"
-            found.append({"type": kind, "fun": value, "jac": slope})
-        return found
+    Args:
+        problem: whose.
+        here: shares (parameters,).
+    """
+
+    def __init__(self, problem: DesignProblem, here: Array) -> None:
+        self.problem, self.here = problem, here
+        self.reached, self.slopes = problem.reached(here), problem.slopes(here)
+        self._bends = np.zeros((len(self.reached), len(here), len(here)))
+
+    def learn(self, step: Array, slopes: Array) -> None:
+        """Take in the slopes (1 + limits, parameters) a step away (symmetric rank-one update)."""
+        for bend, change in zip(self._bends, slopes - self.slopes, strict=True):
+            left = change - bend @ step
+            along = float(left @ step)
+            if abs(along) > 1e-8 * float(np.linalg.norm(left) * np.linalg.norm(step)):
+                bend += np.outer(left, left) / along
+
+    def at(self, step: Array) -> Array:
+        """Return goal and limits (1 + limits,) a step away."""
+        return np.asarray(self.reached + self.slopes @ step + 0.5 * (self._bends @ step) @ step)
+
+    def slopes_at(self, step: Array) -> Array:
+        """Return their derivatives (1 + limits, parameters) there."""
+        return np.asarray(self.slopes + self._bends @ step)
+
+    def best(self, reach: float) -> tuple[Array, float]:
+        """Return the step within reach of which most is expected, and the gain of merit that is.
+
+        By SLSQP, with a slack for each limit, so that steps exist where limits cannot be met yet.
+        """
+        from scipy.optimize import minimize  # here: it takes long to load
+
+        problem, count, limits = self.problem, len(self.here), len(self.problem.study.limit)
+        away = self.problem.off(self.reached)
+        least, most = np.maximum(-reach, -self.here), np.minimum(reach, 1.0 - self.here)
+        bounds = [*zip(least, most, strict=True), *[(0.0, None)] * limits]
+        weights = np.full(limits, _WEIGHT)
+
+        def room(z: Array, way: float) -> Array:
+            return np.asarray(z[count:] - way * problem.off(self.at(z[:count])))
+
+        def room_slope(z: Array, way: float) -> Array:
+            own = problem.signs[1:, None] * self.slopes_at(z[:count])[1:] / problem.scale[1:, None]
+            return np.concatenate([-way * own, np.eye(limits)], axis=1)
+
+        both = np.array([entry.equal is not None for entry in problem.study.limit], dtype=bool)
+        held = [{"type": "ineq", "fun": lambda z: room(z, 1.0), "jac": lambda z: room_slope(z, 1.0)}]
+        if both.any():
+            held.append({
+                "type": "ineq", "fun": lambda z: room(z, -1.0)[both],
+                "jac": lambda z: room_slope(z, -1.0)[both],
+            })  # fmt: skip
+        begin = np.concatenate([np.zeros(count), np.where(both, np.abs(away), np.maximum(away, 0.0))])
+        found = minimize(
+            lambda z: problem.cost(self.at(z[:count])) + float(weights @ z[count:]), begin, method="SLSQP",
+            jac=lambda z: np.concatenate([
+                problem.signs[0] * self.slopes_at(z[:count])[0] / problem.scale[0], weights
+            ]), bounds=bounds, constraints=held if limits else (), options={"ftol": 1e-8, "maxiter": 100},
+        )  # fmt: skip
+        step = np.clip(found.x[:count], least, most)
+        return step, problem.merit(self.reached) - problem.merit(self.at(step))
 
 
 def search(problem: DesignProblem, start: Array) -> DesignValues:
-    """Return where SLSQP ends, or the best design once the study's evaluations are spent.
+    """Return where the local model expects no more gain, or the best design once evaluations are spent.
 
     Args:
         problem: whose present sizes it takes.
         start: shares (parameters,) where it begins.
     """
-    from scipy.optimize import minimize  # here: it takes long to load
-
-    study, sign = problem.study, 1.0 if problem.study.goal.sense == "least" else -1.0
-
-    def cost(x: Array) -> float:
-        if len(problem.history) >= study.evaluations and not problem.is_at(x):
-            raise _Spent
-        return problem.cost(problem.reached(x))
-
-    def slope(x: Array) -> Array:
-        return np.asarray(sign * problem.slopes(x)[0] / problem.scale[0])
-
-    with suppress(_Spent):
-        minimize(
-            cost, np.clip(start, 0.0, 1.0), method="SLSQP", jac=slope, bounds=[(0.0, 1.0)] * len(start),
-            constraints=problem.constraints(), options={"ftol": _CLOSE, "maxiter": study.evaluations},
-        )  # fmt: skip
+    local, reach, most = _Local(problem, np.clip(start, 0.0, 1.0)), _REACH, problem.study.evaluations
+    while reach > _LEAST_REACH and len(problem.history) < most:
+        step, expected = local.best(reach)
+        if expected < _CLOSE:
+            break
+        ahead, size = problem.reached(local.here + step), float(np.abs(step).max())
+        gain, slopes = problem.merit(local.reached) - problem.merit(ahead), problem.slopes(local.here + step)
+        if np.isfinite(ahead).all():
+            local.learn(step, slopes)
+        if gain > _GAINED * expected:
+            local.here, local.reached, local.slopes = local.here + step, ahead, slopes
+            reach = min(2.0 * reach, _REACH) if gain > 0.7 * expected else reach
+        else:
+            reach = 0.4 * size
     return problem.best()
 
 
