@@ -136,7 +136,7 @@ WRONG_VALUES = {
         'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],mass_kg=1,'
         "hinge={axis=[0,0,1],anchor_m=[0,0,0]},slide={axis=[0,0,1]}}]",
         "object.lid.slide",
-        "beside hinge",
+        "combined with hinge",
     ),
     "hinge without mass": (
         'object=[{name="lid",shape="sphere",size_m=[1],position_m=[0,0,0],slide={axis=[0,0,1]}}]',
