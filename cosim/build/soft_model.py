@@ -78,9 +78,9 @@ def section_model(
     if math.isinf(model.tip_error) and not scenario.hands_over:
         raise ScenarioError(
             "fidelity",
-            f"the section model of '{robot.name}' does not hold: within its range it loses its "
-            "equilibrium at loads at which its film has one, as where fingers fold; take fidelity = "
-            "'lumped', or model.handover = true, by which the film takes over there",
+            f"the section model of '{robot.name}' does not hold: within its range it loses its equilibrium "
+            "at loads at which its film has one; take fidelity = 'lumped', or model.handover = true, by which "
+            "the film takes over there",
         )
     return model
 

@@ -305,7 +305,7 @@ def _time_candidates(
 def _can_be(scenario: Scenario, fidelity: str) -> bool:
     """Whether a scenario can be run at a fidelity; where not, one candidate says why."""
     try:
-        load_scenario(scenario, {"fidelity": fidelity})
+        load_scenario(scenario, rung_changes(fidelity))
     except ScenarioError:
         return False
     return True

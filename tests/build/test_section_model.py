@@ -81,6 +81,10 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
             {"soft_robot": "three_finger_gripper", "phase.hang.gas": {"copy_2": "sealed"}},
             "phase.hang.gas: is sealed; section models of copies need pressures",
         ),
+        (
+            {"soft_robot": "three_finger_gripper", "model.handover": True},
+            "model.handover: is of one stack of units, not of copies; use fidelity = 'lumped'",
+        ),
         ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
     ],
 )

@@ -94,6 +94,10 @@ class ChainEquilibria:
         """Return the equilibrium of a chain hung up without pressure, then loaded.
 
         Where films without gas do not hold themselves up, it hangs from the flange with gas, then leans.
+
+        Raises:
+            ConvergenceError: there is none.
+            OutOfRangeError: because the model ends before.
         """
         slack = (0.0,) * len(self._section.body.cables)
         hanging = Loads((), slack, loads.gravity)
@@ -107,8 +111,12 @@ class ChainEquilibria:
         pressure = self._section.pressure(loads)
         x, y, z = (float(np.linalg.norm(loads.gravity)) * flange.rotation[:, 2]).tolist()
         hanging = Loads((pressure,) * self._section.copies, slack, (x, y, z))
-        hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
-        return self.follow(hung, clamp, flange, loads)
+        try:
+            hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
+            return self.follow(hung, clamp, flange, loads)
+        except OutOfRangeError as error:
+            text = f"{error}; take fidelity = 'lumped', or start with more gas"
+            raise OutOfRangeError(text, error.residual_N, error.iterations, error.place) from error
 
     def _straight(self, pressure_Pa: float, flange: Pose) -> Array:
         return carried(self._section.straight(pressure_Pa), flange)

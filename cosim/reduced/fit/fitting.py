@@ -32,7 +32,8 @@ _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what tho
 # of what few samples on a refined mesh add to the coefficients of the coarse one, and how much more of each
 # degree, which few samples tell less of
 _FINER_RIDGE, _FINER_RISE = 0.1, 3.0
-_SMOOTHING = 1e-3  # weight of second differences over pressure
+# weight of second differences over pressure; of the first one, where films with little gas hardly resist
+_SMOOTHING, _FIRST_SMOOTHING = 3e-4, 1e-3
 _HELD_OUT = 8  # of so many samples one is not fitted
 _GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
@@ -151,7 +152,7 @@ def _fit_section(samples: Samples, s: int, over: Array, length: Array, known: Ar
     load = (left * weight)[kept].ravel()
     scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
     matrix = matrix / scale
-    rough = _SMOOTHING * _roughness(scale, over.shape[1])
+    rough = _roughness(scale, over.shape[1])
     normal = matrix.T @ matrix + len(load) * (np.diag(np.tile(ridge[1:], over.shape[1])) + rough)
     solution = np.linalg.solve(normal, matrix.T @ load) / scale
     coefficients = known.copy()
@@ -167,7 +168,8 @@ def _roughness(scale: Array, size: int) -> Array:
     """
     terms = len(scale) // size
     usual = scale.reshape(size, terms).mean(axis=0)
-    second = np.diff(np.eye(size), n=2, axis=0)
+    second = np.sqrt(_SMOOTHING) * np.diff(np.eye(size), n=2, axis=0)
+    second[0] *= np.sqrt(_FIRST_SMOOTHING / _SMOOTHING)
     full = np.einsum("ik,c->ikc", second, usual)
     # the unknowns are coefficients times their own scale
     penalty = np.einsum("ikc,ilc->kcl", full, full)
