@@ -170,7 +170,14 @@ FOUND_BY: dict[Fault, set[str]] = {
         "pouch_motor",
         "paper_mesh",
     },
-    stiff_film: {"pressurised_sphere", "pressurised_cylinder", "inflated_cantilever", "inflated_three_point"},
+    stiff_film: {
+        "pressurised_sphere",
+        "pressurised_cylinder",
+        "rubber_balloon",
+        "inflated_cantilever",
+        "inflated_three_point",
+        "woven_cylinder",
+    },
     film_without_wrinkles: {
         "square_airbag",
         "mylar_balloon",
