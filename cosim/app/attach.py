@@ -197,7 +197,7 @@ class Attached:
             data: its state; the soft robot's base may move, its start is computed for a mount at rest.
 
         Raises:
-            InputError: they are of another model.
+            InputError: they are of another model, or the soft robot begins inside of something.
             SolverError: there is no rest.
         """
         from cosim.build.simulation import build_hosted  # here, see above
@@ -207,6 +207,8 @@ class Attached:
         carrier, parts = build_hosted(self.scenario, self._model, scene)
         loads = parts.loads(parts.plan.command)
         found = parts.brought_to_rest(carrier.flange_pose, loads)
+        if self.scenario.contact.enabled:
+            scene.check_clear(found.state.positions)
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )
