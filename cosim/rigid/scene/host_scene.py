@@ -101,6 +101,7 @@ class HostState:
         load: (bodies, 6), of the soft robot on bodies.
         loaded: bodies that contact loads at present.
         carried: (dofs, dofs) [kg m^2], that the mount carries.
+        given_back: (dofs,) [N m], of that.
     """
 
     integration: Array
@@ -108,6 +109,7 @@ class HostState:
     load: Annotated[Array, ("bodies", 6)]
     loaded: Annotated[IntArray, ("k",)]
     carried: Array
+    given_back: Array
 
 
 @final
@@ -297,7 +299,10 @@ class HostScene(CoupledScene):
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         on_arm = self.bodies.carried.on_arm.copy()
-        return HostState(integration, self._acceleration.copy(), self.load.copy(), self.bodies.loaded, on_arm)
+        return HostState(
+            integration, self._acceleration.copy(), self.load.copy(), self.bodies.loaded, on_arm,
+            self._given_back.copy(),
+        )  # fmt: skip
 
     def restore_state(self, state: HostState) -> None:
         """Return to a state of `save_state`, MuJoCo's included; everything readable follows.
@@ -316,7 +321,7 @@ class HostScene(CoupledScene):
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.load[:] = state.load
         self.read()
-        self._acceleration[:] = state.acceleration
+        self._acceleration[:], self._given_back[:] = state.acceleration, state.given_back
 
     def _as_native(self) -> NativeScene:
         """Return what kernels see: joints are not theirs to read, nor steps theirs to take."""
