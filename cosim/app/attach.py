@@ -144,7 +144,7 @@ class Attached:
         """
         run = self._hung
         if run is None:
-            run = self.reset(model, data)
+            run = self._begun(model, data)
         _check(run, model, data)
         if run.stepping:
             raise InputError("before() was called twice; after mj_step comes after(model, data)")
@@ -189,7 +189,7 @@ class Attached:
         self._hung.scene.step()
         self.after(model, data)
 
-    def reset(self, model: Model, data: Data) -> _Hung:
+    def reset(self, model: Model, data: Data) -> None:
         """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
 
         Args:
@@ -200,6 +200,9 @@ class Attached:
             InputError: they are of another model, or the soft robot begins inside of something.
             SolverError: there is no rest.
         """
+        self._begun(model, data)
+
+    def _begun(self, model: Model, data: Data) -> _Hung:
         from cosim.build.simulation import build_hosted  # here, see above
         from cosim.coupling.schemes.ledger import LedgerEntry
 
