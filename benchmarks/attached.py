@@ -19,7 +19,9 @@ from cosim.app.simulation import stepped_run
 FREE = """
 <mujoco>
   <option timestep="0.002" gravity="0 0 0"/>
-  <worldbody><body name="base"><freejoint/><geom type="box" size="0.05 0.05 0.05" mass="2"/></body></worldbody>
+  <worldbody>
+    <body name="base"><freejoint/><geom type="box" size="0.05 0.05 0.05" mass="2"/></body>
+  </worldbody>
 </mujoco>
 """
 EXACT = {"solver.dynamic_tolerance_N": 1e-10, "solver.integrator": "implicit_euler"}
@@ -72,14 +74,13 @@ def loops(ticks: int, pairs: int = 3) -> None:
             mujoco.mj_step(model, data)
             soft.after(model, data)
         foreign = time.process_time() - began
-        print(
-            f"ms a tick: step(n) {1e3 * together / ticks:.3f}, step() {1e3 * each / ticks:.3f}, foreign loop "
-            f"{1e3 * foreign / ticks:.3f}: {foreign / each:.2f} of step(), {foreign / together:.2f} of step(n)"
-        )
+        times = [1e3 * spent / ticks for spent in (together, each, foreign)]
+        print("ms a tick: step(n) {:.3f}, step() {:.3f}, foreign loop {:.3f}".format(*times), end="")
+        print(f": {foreign / each:.2f} of step(), {foreign / together:.2f} of step(n)")
 
 
 def momentum(ticks: int) -> None:
-    """Print by how much the momentum of a free body with a soft robot changes, relative to what goes to and fro."""
+    """Print by how much the momentum of a free body with a soft robot changes."""
     spec = mujoco.MjSpec.from_string(FREE)
     soft = cosim.attach(spec, "base", "square_core", overrides=EXACT)
     model = spec.compile()
