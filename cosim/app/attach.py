@@ -144,7 +144,7 @@ class Attached:
         """
         run = self._hung
         if run is None:
-            run = self.reset(model, data)
+            run = self._begun(model, data)
         _check(run, model, data)
         if run.stepping:
             raise InputError("before() was called twice; after mj_step comes after(model, data)")
@@ -189,7 +189,7 @@ class Attached:
         self._hung.scene.step()
         self.after(model, data)
 
-    def reset(self, model: Model, data: Data) -> _Hung:
+    def reset(self, model: Model, data: Data) -> None:
         """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
 
         Args:
@@ -197,9 +197,12 @@ class Attached:
             data: its state; the soft robot's base may move, its start is computed for a mount at rest.
 
         Raises:
-            InputError: they are of another model.
+            InputError: they are of another model, or the soft robot begins inside of something.
             SolverError: there is no rest.
         """
+        self._begun(model, data)
+
+    def _begun(self, model: Model, data: Data) -> _Hung:
         from cosim.build.simulation import build_hosted  # here, see above
         from cosim.coupling.schemes.ledger import LedgerEntry
 
@@ -207,6 +210,8 @@ class Attached:
         carrier, parts = build_hosted(self.scenario, self._model, scene)
         loads = parts.loads(parts.plan.command)
         found = parts.brought_to_rest(carrier.flange_pose, loads)
+        if self.scenario.contact.enabled:
+            scene.check_clear(found.state.positions)
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )

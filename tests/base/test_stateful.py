@@ -28,6 +28,7 @@ SAVED_OTHERWISE = {
     "EquilibriumSlope": "counts the assemblies of one Jacobian",
     "ErrorFinder": "ends of phases that this part of a run has seen; errors of other phases are left out",
     "FilmLook": "lists that are made anew where they do not serve; what is found does not depend on them",
+    "FilmSides": "what is solved in a step, worked out anew for steps of another kind",
     "FilmShapes": "figures of shapes that never change",
     "FineTicks": "whether the next tick is a fine one, by the staggered scheme",
     "FinerMesh": "workspace of solutions after the run; each begins from the shape that it is given",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,7 +123,9 @@ def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
             f"spec is {type(source).__name__}; give a mujoco.MjSpec, a mujoco.MjModel, or the path of an MJCF"
         )
     try:
-        model = source.copy().compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # whoever compiles it sees them
+            model = source.copy().compile()
         check_finite(model)
     except ValueError as error:
         text = str(error).replace("\n", ", ")

@@ -26,6 +26,7 @@ from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.native import NativeScene, mass_places
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 _MOST_OFF: Final = 1e-6
 """Share of a step by which MuJoCo's clock may be elsewhere than one step later."""
 
@@ -100,6 +101,7 @@ class HostState:
         load: (bodies, 6), of the soft robot on bodies.
         loaded: bodies that contact loads at present.
         carried: (dofs, dofs) [kg m^2], that the mount carries.
+        given_back: (dofs,) [N m], of that.
     """
 
     integration: Array
@@ -107,6 +109,7 @@ class HostState:
     load: Annotated[Array, ("bodies", 6)]
     loaded: Annotated[IntArray, ("k",)]
     carried: Array
+    given_back: Array
 
 
 @final
@@ -181,6 +184,27 @@ class HostScene(CoupledScene):
                     'contype and conaffinity to 0, or attach with overrides={"contact.enabled": False}'
                 )
         return ContactQuery(self._model, self._data, geoms)
+
+    def check_clear(self, points: Array) -> None:
+        """Check that a film does not begin inside of what it touches.
+
+        Args:
+            points: (n, 3) [m], of the film, world.
+
+        Raises:
+            InputError: it is deep in something, and could only be thrown out of there.
+        """
+        query = self.contact_query()
+        hits = query.distances(points, -_DEEP_M)
+        if not len(hits):
+            return
+        k = int(np.argmin(hits.distance))
+        geom = int(query.geoms[hits.shape[k]])
+        name = self._model.geom(geom).name or self.body_names[self._model.geom_bodyid[geom]]
+        raise InputError(
+            f"the soft robot begins {-1e3 * hits.distance[k]:.1f} mm deep in {name!r}; move the mount, whose "
+            'z axis it hangs along, or attach with overrides={"contact.enabled": False}'
+        )
 
     def carry(self) -> None:
         """Add what is carried to a mass matrix that MuJoCo has computed for new positions."""
@@ -275,7 +299,10 @@ class HostScene(CoupledScene):
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         on_arm = self.bodies.carried.on_arm.copy()
-        return HostState(integration, self._acceleration.copy(), self.load.copy(), self.bodies.loaded, on_arm)
+        return HostState(
+            integration, self._acceleration.copy(), self.load.copy(), self.bodies.loaded, on_arm,
+            self._given_back.copy(),
+        )  # fmt: skip
 
     def restore_state(self, state: HostState) -> None:
         """Return to a state of `save_state`, MuJoCo's included; everything readable follows.
@@ -294,7 +321,7 @@ class HostScene(CoupledScene):
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.load[:] = state.load
         self.read()
-        self._acceleration[:] = state.acceleration
+        self._acceleration[:], self._given_back[:] = state.acceleration, state.given_back
 
     def _as_native(self) -> NativeScene:
         """Return what kernels see: joints are not theirs to read, nor steps theirs to take."""

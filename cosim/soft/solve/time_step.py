@@ -78,6 +78,7 @@ class FilmSides:
         self._rates = StrainRates.of(solver.system.body, solver.system.film)
         self.rates = 0 if self._rates is None else self._rates.address  # of what a step resists rates with
         self._plain = Loads((), (0.0,) * len(solver.system.body.cables))
+        self._last: tuple[StepScheme, float, bool, NewtonTask] | None = None
 
     @cached_property
     def _share(self) -> Array:
@@ -131,7 +132,11 @@ class FilmSides:
             step_s: h [s].
             pressed: whether films press on one another before it.
         """
-        return self._solver.side(self.task(self._plain, self._share, scheme, step_s, pressed=pressed))
+        last = self._last
+        if last is None or last[0] is not scheme or last[1:3] != (step_s, pressed):
+            task = self.task(self._plain, self._share, scheme, step_s, pressed=pressed)
+            last = self._last = scheme, step_s, pressed, task
+        return self._solver.side(last[3])
 
     def address(self, side: FilmSide) -> int:
         """Return where the kernels read it, until the next one."""
