@@ -330,8 +330,8 @@ def search(problem: DesignProblem, start: Array) -> DesignValues:
 def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = True) -> Designed:
     """Return the best design of one choice.
 
-    With `verify`, it is solved on the refined mesh. What that mesh changes is then added to goal and limits,
-    and the search goes on from there, until the refined mesh meets the limits.
+    With `verify`, one that meets its limits is solved on the refined mesh. What that mesh changes is then
+    added to goal and limits, and the search goes on from there, until the refined mesh meets the limits.
 
     Args:
         study: with the choice in `set`.
@@ -346,7 +346,7 @@ def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = Tr
     problem.begin()
     first, found = problem.history[0], search(problem, problem.start)
     refined: tuple[Array, ...] = ()
-    if verify:
+    if verify and (problem.missed(found.reached) <= _MET).all():
         fine = DesignProblem(study, "refined")
         before, after = fine.solved(first.values), fine.solved(found.values)
         for _ in range(_ROUNDS):
