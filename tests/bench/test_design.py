@@ -53,7 +53,11 @@ WIDTH = """
 quantity = "mass_kg"
 equal = {bound}
 """
-LIGHT = 'soft_robot.film.density_kg_m3 = 1400.0\nsoft_robot.mass.node_mass_kg = 0.0\nsoft_robot.stiffener.density_kg_m3 = 1270.0\n'
+LIGHT = """
+soft_robot.film.density_kg_m3 = 1400.0
+soft_robot.mass.node_mass_kg = 0.0
+soft_robot.stiffener.density_kg_m3 = 1270.0
+"""
 
 
 def study(folder: Path, text: str) -> DesignStudyTable:
@@ -108,7 +112,7 @@ def test_wrong_studies_are_refused_by_name(tmp_path: Path) -> None:
         study(tmp_path, STUDY.replace('case = "bent"', 'case = "bend"'))
     with pytest.raises(ScenarioError, match="needs one of at_least, at_most and equal"):
         study(tmp_path, STUDY + LENGTH.format(bound=0.0) + "at_least = 1.0\n")
-    with pytest.raises(InputError, match="pul: is no parameter|pull: is a parameter that no load names"):
+    with pytest.raises(InputError, match=r"(pul|pull): is (no parameter|a parameter that no load names)"):
         DesignProblem(study(tmp_path, STUDY.replace('= "pull" }', '= "pul" }').replace('"pull",', '"pul",')))
     with pytest.raises(InputError, match="tip_position_m: means several numbers"):
-        DesignProblem(study(tmp_path, STUDY.replace("cable_tension_N.corner_0\"\nc", "tip_position_m\"\nc")))
+        DesignProblem(study(tmp_path, STUDY.replace('cable_tension_N.corner_0"\nc', 'tip_position_m"\nc')))
