@@ -30,10 +30,10 @@ class LinearModel:
     The inputs act through the tick that leads to x+ and y+; y is the change of the tip.
 
     Args:
-        a: (n, n).
+        a: (n, n) [state per state].
         b: (n, inputs) [state per input].
-        c: (3, n).
-        d: (3, inputs), of a pressure, by which the film swells at once.
+        c: (3, n) [m per state].
+        d: (3, inputs) [m per input]: of a pressure, by which the film swells at once.
         inputs: names: "pressure_Pa", "cable_tension_N.NAME", and with an arm "flange_twist.vx" to ".wz", see
             `cosim.Command`.
         outputs: names, "tip_position_m.x" and so on, world axes.
