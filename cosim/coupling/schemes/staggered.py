@@ -442,7 +442,9 @@ class StaggeredCoupling(Coupling):
             self._update_stability_ratio()
         most = interface.ticks_to_weighing
         taken.algorithmic_mass[first : first + most] = self._carries
-        rigid = interface.rigid(self.carried()._replace(past=self._past))
+        joints = len(self._added) if self._carries else 0
+        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
+        rigid = interface.rigid(carried)
         if self._fine.on:
             self._halves.end(taken)
             self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
@@ -463,8 +465,8 @@ class StaggeredCoupling(Coupling):
 
     def carried(self) -> CarriedInertia:
         """Return a copy of what rides on the joints."""
-        joints = len(self._added) if self._carries else 0
-        return CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past.copy())
+        added = self._added if self._carries else np.zeros((0, 0))
+        return CarriedInertia(added.copy(), self._weights, self._past.copy())
 
     @property
     def fine(self) -> FineTicks:
