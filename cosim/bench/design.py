@@ -16,13 +16,14 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario
 from cosim.bench.outputs import outputs_of
+from cosim.config.benches import FreeTable
 from cosim.config.design_studies import DesignStudyTable, GoalTable, LimitTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import ConvergenceError, InputError
 
 _MET: Final = 1e-3  # of a quantity's size, by which a limit may be missed
-_CLOSE: Final = 1e-3
+_CLOSE: Final = 5e-4
 _ROUNDS: Final = 4
 _REACH, _LEAST_REACH = 0.25, 2e-3  # shares that a value moves in a step
 _GAINED: Final = 0.1  # of the predicted gain, with which a step is taken
@@ -162,7 +163,7 @@ class DesignProblem:
         return self._picked(self.equilibria.read(self._quantities))
 
     def shares(self, values: Array) -> Array:
-        """Return values (parameters,) as shares of the way from low to high, by logarithms if low is above 0."""
+        """Return values (parameters,) as shares of the way to high, by logarithms if low is above 0."""
         return np.asarray((self._scaled(values) - self._low) / self._span)
 
     def values(self, shares: Array) -> Array:
@@ -186,8 +187,10 @@ class DesignProblem:
         """Return their derivatives (1 + limits, parameters)."""
         if not np.isfinite(self.reached(shares)).all():
             return np.zeros((len(self.wanted), len(shares)))
-        return self._picked(self.equilibria.jacobian(self._quantities, kinks=True)) * self._span * np.where(
-            self._logs, self.values(shares), 1.0
+        return (
+            self._picked(self.equilibria.jacobian(self._quantities, kinks=True))
+            * self._span
+            * np.where(self._logs, self.values(shares), 1.0)
         )
 
     def begin(self) -> None:
@@ -212,7 +215,7 @@ class DesignProblem:
         return np.asarray(self.signs[1:] * (reached[1:] - self._bounds) / self.scale[1:])
 
     def missed(self, reached: Array) -> Array:
-        """Return by how much (limits,) limits are missed, over their size; infinite without an equilibrium."""
+        """Return by how much (limits,) limits are missed, over their size; infinite without equilibrium."""
         off = self.off(reached)
         equal = np.array([entry.equal is not None for entry in self.study.limit], dtype=bool)
         return np.where(np.isfinite(off), np.maximum(np.where(equal, np.abs(off), off), 0.0), np.inf)
@@ -327,8 +330,8 @@ def search(problem: DesignProblem, start: Array) -> DesignValues:
 def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = True) -> Designed:
     """Return the best design of one choice.
 
-    With `verify`, it is solved on the refined mesh. What that mesh changes is then added to goal and limits,
-    and the search goes on from there, until the refined mesh meets the limits.
+    With `verify`, one that meets its limits is solved on the refined mesh. What that mesh changes is then
+    added to goal and limits, and the search goes on from there, until the refined mesh meets the limits.
 
     Args:
         study: with the choice in `set`.
@@ -343,7 +346,7 @@ def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = Tr
     problem.begin()
     first, found = problem.history[0], search(problem, problem.start)
     refined: tuple[Array, ...] = ()
-    if verify:
+    if verify and (problem.missed(found.reached) <= _MET).all():
         fine = DesignProblem(study, "refined")
         before, after = fine.solved(first.values), fine.solved(found.values)
         for _ in range(_ROUNDS):
@@ -409,10 +412,13 @@ def design_lines(found: Designed) -> list[str]:
     pairs = zip(found.study.parameter, found.start.values, found.found.values, strict=True)
     for entry, before, after in pairs:
         names = ", ".join((entry.key, *entry.also))
-        end = "; at its bound" if min(after - entry.low, entry.high - after) < _MET * (entry.high - entry.low) else ""
+        end = "; at its bound" if _at_bound(entry, after) else ""
         lines.append(f"{names}: {before:.6g} -> {after:.6g} {unit_of_key(found.study, entry.key)}{end}")
-    lines += [row for row in _quantity_lines(found)]
-    return lines
+    return [*lines, *_quantity_lines(found)]
+
+
+def _at_bound(entry: FreeTable, value: float) -> bool:
+    return min(value - entry.low, entry.high - value) < _MET * (entry.high - entry.low)
 
 
 def _quantity_lines(found: Designed) -> Sequence[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol, final
+from typing import Any, Final, final
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from cosim.bench.parameters import (
     with_values,
 )
 from cosim.build.options import dynamic_options, fidelity_body, static_options
+from cosim.config.benches import FreeTable
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
@@ -35,21 +36,6 @@ _ROBOT: Final = "soft_robot."
 _STILL: Final[dict[str, Any]] = {
     "robot": "none", "mode": "quasistatic", "phase": [{"name": "bench", "duration_s": 1.0}]
 }  # fmt: skip
-
-
-class Unknown(Protocol):
-    """A value that is looked for, see `UnknownTable`; one that is no key of the soft robot is a load."""
-
-    @property
-    def key(self) -> str: ...  # noqa: D102
-    @property
-    def also(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def low(self) -> float: ...  # noqa: D102
-    @property
-    def high(self) -> float: ...  # noqa: D102
-    @property
-    def start(self) -> float | None: ...  # noqa: D102
 
 
 @final
@@ -91,7 +77,7 @@ class Equilibria:
         InputError: a parameter or load does not exist, or a start is outside its bounds.
     """
 
-    def __init__(self, scenario: Scenario, unknowns: Sequence[Unknown], rows: Sequence[LoadRow]) -> None:
+    def __init__(self, scenario: Scenario, unknowns: Sequence[FreeTable], rows: Sequence[LoadRow]) -> None:
         self.scenario, self.rows, self.solved = scenario, tuple(rows), 0
         self.keys = [(entry.key, *entry.also) for entry in unknowns]
         self._robot = [k for k, keys in enumerate(self.keys) if keys[0].startswith(_ROBOT)]
@@ -108,7 +94,7 @@ class Equilibria:
         self._arm, self.model = self._built(self.start)
         self._acting = [self._loads(row) for row in self.rows]
 
-    def _start(self, entry: Unknown) -> float:
+    def _start(self, entry: FreeTable) -> float:
         if entry.start is not None:
             value = entry.start
         elif entry.key.startswith(_ROBOT):
@@ -230,7 +216,9 @@ class Equilibria:
                 ring, _, axis = of.rpartition(".")
                 if ring not in body.rings or axis not in tuple(_XYZ):
                     rings = ", ".join(body.rings)
-                    raise ScenarioError(key, f"names no ring and axis; give force_N.RING.x; rings are {rings}")
+                    raise ScenarioError(
+                        key, f"names no ring and axis; give force_N.RING.x; rings are {rings}"
+                    )
                 force = np.zeros((body.nodes, 3)) if loads.nodal_force is None else loads.nodal_force
                 force[body.rings[ring], _XYZ.index(axis)] += value / len(body.rings[ring])
                 loads = replace(loads, nodal_force=force)

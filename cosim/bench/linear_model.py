@@ -30,14 +30,14 @@ class LinearModel:
     The inputs act through the tick that leads to x+ and y+; y is the change of the tip.
 
     Args:
-        a: (n, n).
+        a: (n, n) [state per state].
         b: (n, inputs) [state per input].
-        c: (3, n).
-        d: (3, inputs), of a pressure, by which the film swells at once.
+        c: (3, n) [m per state].
+        d: (3, inputs) [m per input]: of a pressure, by which the film swells at once.
         inputs: names: "pressure_Pa", "cable_tension_N.NAME", and with an arm "flange_twist.vx" to ".wz", see
             `cosim.Command`.
         outputs: names, "tip_position_m.x" and so on, world axes.
-        parts: of the run's state, each (rows, n) by x: "joint_position" [rad], "joint_velocity" [rad/s],
+        parts: (rows, n) each, of the run's state by x: "joint_position" [rad], "joint_velocity" [rad/s],
             "joint_acceleration" (of the last ticks, where joints carry algorithmic mass), "joint_reference"
             [rad], "wrench" (force and torque on the flange, centre and inertia of the soft robot), "shape"
             (of the section model's frames), and "film" [m], all coordinates of the film's nodes.

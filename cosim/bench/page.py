@@ -1,21 +1,22 @@
-"""What an identification leaves: an HTML page with its curves, and the robot's file with the values found."""
+"""What an identification or a design leaves: an HTML page, and the robot's file with the values found."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from cosim.base.files import write_whole
 from cosim.base.frames import Array
 from cosim.base.resources import writing
+from cosim.bench.design import Designed, design_lines
+from cosim.bench.equilibria import bench_scenario
 from cosim.bench.fitting import Identified
 from cosim.bench.parameters import with_values
-from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
@@ -75,59 +76,99 @@ def _systematic(scaled: Array) -> bool:
     return float((scaled[1:] * scaled[:-1]).mean() / (scaled**2).mean()) > 0.3
 
 
-def write_results(result: Identified, scenario: Scenario, directory: Path, source: str) -> list[Path]:
+def write_results(result: Identified, directory: Path, source: str) -> list[Path]:
     """Write `identified.html` and the robot's file with its values; return their paths.
 
     Args:
         result: of a fit.
-        scenario: that was fitted.
         directory: where to.
         source: name of the bench file.
 
     Raises:
         OutputError: they cannot be written.
     """
-    with writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-    robot, page = directory / "robot.toml", directory / "identified.html"
-    with writing(robot):
-        write_whole(robot, robot_text(result, scenario, source))
-    with writing(page):
-        write_whole(page, page_text(result, source))
-    return [page, robot]
-
-
-def fitted_scenario(result: Identified) -> Scenario:
-    """Return the bench's scenario."""
-    still = {"robot": "none", "mode": "quasistatic", "phase": [{"name": "bench", "duration_s": 1.0}]}
-    return load_scenario(result.bench.scenario, {**still, **result.bench.set})
-
-
-def robot_text(result: Identified, scenario: Scenario, source: str) -> str:
-    """Return the soft robot's file with the values found, their intervals and where they are from."""
     keys = {
         key: found.value
         for entry, found in zip(result.bench.parameter, result.found, strict=True)
         for key in (entry.key, *entry.also)
     }
-    robot = with_values(scenario, keys).soft_robot
+    head = [
+        f"values that `cosim identify` has found from {source}:",
+        *value_lines(result),
+        *series_lines(result),
+    ]
+    scenario = bench_scenario(result.bench.scenario, result.bench.set)
+    robot = robot_text(scenario, keys, "measured", head)
+    return _written(directory, robot, ("identified.html", page_text(result, source)))
+
+
+def write_designs(results: Sequence[Designed], directory: Path, source: str) -> list[Path]:
+    """Write `designed.html` and the file of the best choice's robot; return their paths.
+
+    Args:
+        results: of `design`, the best choice first.
+        directory: where to.
+        source: name of the study's file.
+
+    Raises:
+        OutputError: they cannot be written.
+    """
+    best = results[0]
+    keys = {
+        key: value
+        for entry, value in zip(best.study.parameter, best.found.values.tolist(), strict=True)
+        for key in (entry.key, *entry.also)
+        if key.startswith("soft_robot.")
+    }
+    head = [f"values that `cosim design` has found for {source}:", *design_lines(best)]
+    robot = robot_text(bench_scenario(best.study.scenario, best.study.set), keys, "assumed", head)
+    parts = [f"<h1>Designed for {escape(source)}</h1>"]
+    for found in results:
+        met = "" if found.feasible else ": limits are NOT met"
+        parts.append(f"<h2>{escape(found.choice or 'Before and after')}{met}</h2>")
+        parts += [_list(design_lines(found)), f"<p>{found.evaluations} designs solved.</p>"]
+    return _written(directory, robot, ("designed.html", _page(source, parts)))
+
+
+def _written(directory: Path, robot: str, page: tuple[str, str]) -> list[Path]:
+    paths = [directory / page[0], directory / "robot.toml"]
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    for path, text in zip(paths, (page[1], robot), strict=True):
+        with writing(path):
+            write_whole(path, text)
+    return paths
+
+
+def robot_text(
+    scenario: Scenario, keys: Mapping[str, float], known: Literal["measured", "assumed"], head: Sequence[str]
+) -> str:
+    """Return a scenario's soft robot as a file, with values by key, and how these are known.
+
+    Args:
+        scenario: whose robot.
+        keys: values by key path.
+        known: where `[known]` lists them.
+        head: what is said of them: first lines of the file.
+    """
+    robot = with_values(scenario, dict(keys)).soft_robot
     if not isinstance(robot, SoftRobotTable):
         raise InputError("the soft body is given as arrays, which are in no file")
-    measured = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
-    known = robot.known
-    others = {
-        name: tuple(key for key in getattr(known, name) if key not in measured)
-        for name in ("published", "assumed")
+    own = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
+    lists = {
+        name: tuple(key for key in getattr(robot.known, name) if key not in own)
+        for name in ("published", "measured", "assumed")
     }
-    both = (*(key for key in known.measured if key not in measured), *measured)
-    robot = replace(robot, known=KnownTable(measured=both, **others))
-    head = [
-        f"# {robot.name}, with values that `cosim identify` has found from {source}:",
-        *(f"# {line}" for line in value_lines(result)),
-        *(f"# {line}" for line in series_lines(result)),
-        "# Every other value is spelled out as it was.",
-    ]
-    return "\n".join(head) + "\n" + table_text(to_table(robot))
+    lists[known] = (*lists[known], *own)
+    robot = replace(robot, known=KnownTable(**lists))
+    lines = [f"# {robot.name}, with {head[0]}", *(f"# {line}" for line in head[1:])]
+    lines.append("# Every other value is spelled out as it was.")
+    return "\n".join(lines) + "\n" + table_text(to_table(robot))
+
+
+def _page(source: str, parts: Sequence[str]) -> str:
+    begin = f"<!doctype html><meta charset='utf-8'><title>{escape(source)}</title><style>{_STYLE}</style>"
+    return "\n".join((begin, *parts)) + "\n"
 
 
 def _plain(key: str, table: Any) -> str:
@@ -151,7 +192,6 @@ def page_text(result: Identified, source: str) -> str:
         for entry, found in zip(result.bench.parameter, result.found, strict=True)
     )
     parts = [
-        f"<!doctype html><meta charset='utf-8'><title>{escape(source)}</title><style>{_STYLE}</style>",
         f"<h1>Values identified from {escape(source)}</h1>",
         "<table><tr><th>value</th><th>found</th><th>95 % from</th><th>to</th><th>unit</th></tr>",
         values, "</table>", "<h2>Curves</h2>", _list(series_lines(result)),
@@ -160,7 +200,7 @@ def page_text(result: Identified, source: str) -> str:
         f"<p>{int(result.fitted.sum())} rows fitted, {int(result.held_out.sum())} held out, "
         f"{int(result.outliers.sum())} set aside; {result.equilibria} equilibria.</p>",
     ]  # fmt: skip
-    return "\n".join(parts) + "\n"
+    return _page(source, parts)
 
 
 def _list(lines: Sequence[str]) -> str:

@@ -108,7 +108,8 @@ def sensitivity(
             is commanded; without .NAME those of all. A tuple of keys is one value that they share.
         outputs: "tip_position_m", "tip_direction", "bending_angle_rad", "length_m" (of the centre line),
             "volume_m3", "pressure_Pa", "cable_length_m" (of the route), "cable_tension_N" (at the base end),
-            "frame_strain" (largest of the printed frames), "mass_kg", "flange_force_N", "flange_torque_Nm", "ring_position_m.RING", "node_position_m.NODE"; world axes;
+            "frame_strain" (largest of the printed frames), "mass_kg", "flange_force_N", "flange_torque_Nm",
+            "ring_position_m.RING", "node_position_m.NODE"; world axes;
             an entry alone by .x, .y, .z or the name of its chamber or cable.
         overrides: of the scenario, values by key path.
 

@@ -36,6 +36,7 @@ def parser() -> argparse.ArgumentParser:
     _add_trade(commands)
     _add_sweep(commands)
     _add_identify(commands)
+    _add_design(commands)
     _add_replay(commands)
     for name in ("run", "check", "schema", "trade", "sweep"):
         known = "register custom kinds: a module, or a .py file; may be repeated"
@@ -71,6 +72,15 @@ def _add_identify(commands: Any) -> None:
     )
     bench.add_argument("--check", action="store_true", help="only say what the data can tell")
     bench.add_argument("--force", action="store_true", help="fit whatever the check says")
+
+
+def _add_design(commands: Any) -> None:
+    design = commands.add_parser("design", help="find a robot's values that make a quantity least in limits")
+    design.add_argument("study", metavar="STUDY", type=Path, help="path of a .toml file")
+    design.add_argument(
+        "--out", metavar="DIR", type=Path, help="where to (default: runs/ and the file's name)"
+    )
+    design.add_argument("--unverified", action="store_true", help="without the refined mesh")
 
 
 def _add_replay(commands: Any) -> None:

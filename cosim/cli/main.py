@@ -127,6 +127,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _sweep(options)
         case "identify":
             return _identify(options)
+        case "design":
+            return _design(options)
         case "replay":
             return _replay(options)
         case "pattern":
@@ -319,9 +321,27 @@ def _identify(options: argparse.Namespace) -> int:
     for line in (*page.value_lines(result), *page.series_lines(result)):
         print(printable(line))
     out = options.out or Path("runs") / options.bench.stem
-    for path in page.write_results(result, page.fitted_scenario(result), out, options.bench.name):
+    for path in page.write_results(result, out, options.bench.name):
         tell(str(path))
     return EXIT_DONE
+
+
+def _design(options: argparse.Namespace) -> int:
+    from cosim.bench import page  # here, because they load numpy and pydantic
+    from cosim.bench.design import design, design_lines
+    from cosim.config.design_studies import load_design_study
+
+    study = load_design_study(options.study)
+    results = design(study, verify=not options.unverified, tell=tell)
+    for found in results:
+        if found.choice:
+            print(printable(f"{found.choice}:"))
+        for line in design_lines(found):
+            print(printable(line))
+    out = options.out or Path("runs") / options.study.stem
+    for path in page.write_designs(results, out, options.study.name):
+        tell(str(path))
+    return EXIT_DONE if results[0].feasible else EXIT_UNSOLVED
 
 
 def _overrides(options: argparse.Namespace) -> dict[str, Any]:

@@ -34,18 +34,17 @@ def unit_of_column(column: str) -> tuple[str, float]:
     return _UNITS.get(column.rpartition("_")[2], ("1", 1.0))
 
 
-@final
 @dataclass(frozen=True)
-class UnknownTable:
-    """A value that is looked for.
+class FreeTable:
+    """A value that may change.
 
     Args:
-        key: of the soft robot, such as "soft_robot.film.young_modulus_Pa".
-        also: further keys that have the same value, such as the factors of several cables.
+        key: of the soft robot, such as "soft_robot.film.young_modulus_Pa"; in a design study also a name that
+            loads have in place of a number.
         low: the least that it may be.
         high: the most that it may be, above low.
+        also: further keys that have the same value, such as the factors of several cables.
         start: where the search begins; omitted: what the robot's file says.
-        prior_sd: standard deviation of what is known of it besides, about start; omitted: nothing is.
     """
 
     key: Text
@@ -53,12 +52,23 @@ class UnknownTable:
     high: float
     also: tuple[Text, ...] = ()
     start: float | None = None
-    prior_sd: Positive | None = None
 
     @rule
     def _has_room(self) -> Told:
         if not self.low < self.high:
             yield Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
+
+
+@final
+@dataclass(frozen=True)
+class UnknownTable(FreeTable):
+    """A value that is looked for.
+
+    Args:
+        prior_sd: standard deviation of what is known of it besides, about start; omitted: nothing is.
+    """
+
+    prior_sd: Positive | None = None
 
 
 @final

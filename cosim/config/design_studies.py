@@ -10,37 +10,12 @@ from typing import Annotated, Any, Literal, final
 from annotated_types import Interval, Len
 
 from cosim.base.resources import is_file, list_scenarios
+from cosim.config.benches import FreeTable
 from cosim.config.studies import flat
-from cosim.config.toml.keys import Name, Text, listing, unknown_name_message
+from cosim.config.toml.keys import Name, Text, unknown_name_message
 from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import Fault, Faults, Told, check, copy_with, read_table, rule
 from cosim.errors import InputError, ScenarioError
-
-
-@final
-@dataclass(frozen=True)
-class FreeTable:
-    """A value that may change.
-
-    Args:
-        key: of the soft robot, such as "soft_robot.stack.corner_radius_m"; any other name is one that loads
-            have in place of a number.
-        also: further keys that have the same value.
-        low: the least that it may be.
-        high: the most that it may be, above low.
-        start: where the search begins; omitted: what the robot's file says.
-    """
-
-    key: Text
-    low: float
-    high: float
-    also: tuple[Text, ...] = ()
-    start: float | None = None
-
-    @rule
-    def _has_room(self) -> Told:
-        if not self.low < self.high:
-            yield Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
 
 
 @final
@@ -175,13 +150,12 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
                 raise ScenarioError(
                     f"case.{case.name}.loads.{load}", f"is {value!r:.40}; give a number or a parameter"
                 )
-    for entry in (study.goal, *study.limit):
+    wanted: tuple[GoalTable | LimitTable, ...] = (study.goal, *study.limit)
+    for entry in wanted:
         for key in ("case", "minus"):
             name = getattr(entry, key)
             if name is not None and name not in names:
                 raise ScenarioError(f"{entry.quantity}: {key}", unknown_name_message("case", name, names))
-    if len(set(names)) < len(names):
-        raise ScenarioError("case", f"has a name twice: {listing(names)}")
     changes: dict[str, Any] = {
         "set": flat(study.set),
         "case": cases,

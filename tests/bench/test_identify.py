@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.bench.checks import identifiability, oddities
 from cosim.bench.curves import Curves
 from cosim.bench.fitting import Fit, Identified, identify
-from cosim.bench.page import fitted_scenario, page_text, series_lines, write_results
+from cosim.bench.page import page_text, series_lines, write_results
 from cosim.config.benches import BenchTable, Series, SeriesTable, UnknownTable, load_bench
 from cosim.config.loading import load_soft_robot
 from tests.derivatives import differences, relative_error
@@ -85,7 +85,7 @@ def test_values_are_found_again_and_an_outlier_is_set_aside(tmp_path: Path) -> N
 
 
 def check_files(found: Identified, folder: Path) -> None:
-    page, robot = write_results(found, fitted_scenario(found), folder / "out", "bench.toml")
+    page, robot = write_results(found, folder / "out", "bench.toml")
     assert page.read_text() == page_text(found, "bench.toml")
     read = load_soft_robot(robot)
     assert read.film.young_modulus_Pa == pytest.approx(1.3e9, rel=1e-6)

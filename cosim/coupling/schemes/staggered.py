@@ -450,7 +450,8 @@ class StaggeredCoupling(Coupling):
         if interface.to_be_weighed:
             self._update_stability_ratio()
         taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
-        return interface.rigid(self.carried()._replace(past=self._past))
+        joints = len(self._added) if self._carries else 0
+        return interface.rigid(CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past))
 
     def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
@@ -482,8 +483,8 @@ class StaggeredCoupling(Coupling):
 
     def carried(self) -> CarriedInertia:
         """Return a copy of what rides on the joints."""
-        joints = len(self._added) if self._carries else 0
-        return CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past.copy())
+        added = self._added if self._carries else np.zeros((0, 0))
+        return CarriedInertia(added.copy(), self._weights, self._past.copy())
 
     @property
     def fine(self) -> FineTicks:

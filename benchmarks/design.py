@@ -1,0 +1,93 @@
+"""Designs solved until goal and limits are as good as those of `cosim design`, without derivatives.
+
+    python benchmarks/design.py --most 300
+
+The studies are those of docs/design.md, their last choice, on the film's own mesh. Without derivatives:
+scipy's COBYQA on the same variables, quantities and sizes. A design is as good once its goal is within 1 %
+of that of `cosim design` and its limits are missed by less than 1 % of their size.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from scipy.optimize import NonlinearConstraint, minimize
+
+from cosim.bench.design import DesignProblem, search
+from cosim.config.design_studies import DesignStudyTable, load_design_study
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "design.md"
+CLOSE = 0.01
+
+
+class Spent(Exception):  # noqa: N818  # no error: the budget is spent
+    """All designs are solved."""
+
+
+def studies() -> dict[str, DesignStudyTable]:
+    """Return the studies of the page, each with its last choice."""
+    found = {}
+    with TemporaryDirectory() as folder:
+        for name, text in re.findall(r"^```toml\n# (\w+)\.toml\n(.*?)^```$", PAGE.read_text(), re.M | re.S):
+            path = Path(folder) / f"{name}.toml"
+            path.write_text(text)
+            study = load_design_study(path)
+            chosen = study.choice[-1].set if study.choice else {}
+            found[name] = replace(study, set={**study.set, **chosen}, choice=())
+    return found
+
+
+def needed(problem: DesignProblem, goal: float) -> int | None:
+    """Return how many designs were solved until one was as good; None where none was."""
+    for count, each in enumerate(problem.history, start=1):
+        cost, missed = problem.cost(each.reached), problem.missed(each.reached)
+        if cost <= goal + CLOSE * abs(goal) and (missed <= CLOSE).all():
+            return count
+    return None
+
+
+def without_derivatives(study: DesignStudyTable, most: int) -> DesignProblem:
+    """Return the problem with the designs that COBYQA has solved."""
+    problem = DesignProblem(study)
+    problem.begin()
+
+    def solved(x: np.ndarray) -> np.ndarray:
+        if len(problem.history) >= most and not problem.is_at(x):
+            raise Spent
+        return problem.reached(x)
+
+    def limits(x: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(problem.off(solved(x)), nan=10.0)
+
+    both = [entry.equal is not None for entry in study.limit]
+    bounds = NonlinearConstraint(limits, np.where(both, 0.0, -np.inf), 0.0)
+    with suppress(Spent):
+        minimize(
+            lambda x: problem.cost(solved(x)), problem.start, method="COBYQA",
+            bounds=[(0.0, 1.0)] * len(problem.start), constraints=bounds, options={"maxfev": most},
+        )  # fmt: skip
+    return problem
+
+
+def main() -> None:
+    """Print a row for each study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--most", type=int, default=300, help="designs that COBYQA may solve")
+    options = parser.parse_args()
+    for name, study in studies().items():
+        exact = DesignProblem(study)
+        exact.begin()
+        goal = exact.cost(search(exact, exact.start).reached)
+        own = needed(exact, goal)
+        other = needed(without_derivatives(study, options.most), goal)
+        print(f"| `{name}.toml` | {own} | {other or f'not within {options.most}'} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
