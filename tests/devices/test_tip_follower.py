@@ -51,7 +51,9 @@ def test_the_flange_goes_by_the_gains_times_the_error() -> None:
 
 
 def test_the_loop_takes_out_a_sag_that_nobody_has_planned() -> None:
-    scenario = load_scenario(NAME, {"phase.reach.duration_s": 0.4, "phase.reach.settle_s": 0.1, "clock.tick_s": 0.01})
+    scenario = load_scenario(
+        NAME, {"phase.reach.duration_s": 0.4, "phase.reach.settle_s": 0.1, "clock.tick_s": 0.01}
+    )
     path = scenario.phases[2].tip_path
     assert path is not None
     simulation, course, errors = cosim.Simulation(scenario), path.course(), []
