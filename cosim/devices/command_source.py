@@ -239,7 +239,6 @@ def measured(
     cables: Mapping[str, Mapping[str, float]],
     *,
     setpoint: float | None = None,
-    tip_wanted: Array | None = None,
     limits: tuple[str, ...] = (),
 ) -> Measurement:
     """Return what is measured of a run.
@@ -250,7 +249,6 @@ def measured(
         gas: in the chambers.
         cables: those fields of a measurement that are by cable.
         setpoint: see `Measurement`.
-        tip_wanted: the same.
         limits: the same.
     """
     body, state = soft.body, soft.state
@@ -275,7 +273,6 @@ def measured(
         contact_force_N=robot.contact_force,
         body_pose=robot.body_pose,
         limits=limits,
-        tip_wanted=tip_wanted,
         **cables,
     )
 

@@ -278,8 +278,7 @@ class Actuation:
         gas: ChamberGas,
         soft: SoftSide,
         see: Callable[[], RobotState],
-        load_factor: float,
-        done: int,
+        reached: tuple[int, float],
     ) -> tuple[float, ...] | None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
 
@@ -291,12 +290,12 @@ class Actuation:
             gas: in the chambers; pumps change it.
             soft: soft side.
             see: looks at the rest of what controllers see.
-            load_factor: of the phase's ramp at the end of the tick.
-            done: ticks of the phase then.
+            reached: ticks of the phase at the end of the tick, and load factor of its ramp then.
         """
         if not self.active:
             return None
         self._take_over(planned)
+        done, load_factor = reached
         twist: tuple[float, ...] | None = None
         commanded: list[Order | None] = [None] * len(self.cables)
         given = planned.phase.pump_pressure_Pa or {}
@@ -421,7 +420,7 @@ class Actuation:
         wanted: Array | None,
     ) -> Measurement:
         cables = self.measured_cables(soft)
-        return measured(soft, see(), gas, cables, setpoint=setpoint, tip_wanted=wanted)
+        return replace(measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted)
 
     def measured_cables(
         self, soft: SoftSide, tension_N: Sequence[float] | None = None
@@ -485,7 +484,7 @@ class PlannedCommands(CommandSource):
         planned, (joints, load_factor) = references.planned, references.at(step.done)
         self.gas.advance(self._soft, step.length_s)
         if self.actuation.active:
-            twist = self.actuation.act(planned, self.gas, self._soft, see, load_factor, step.done)
+            twist = self.actuation.act(planned, self.gas, self._soft, see, (step.done, load_factor))
             joints = self._offset.moved(joints, twist, see, step.length_s)
         asked = self.gas.between(planned.begin, planned.end, load_factor)
         return RobotCommand(joints, self.actuation.driven(asked))

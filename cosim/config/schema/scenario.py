@@ -468,14 +468,6 @@ class ControllerTable:
             yield "delay_s", f"{self.delay_s:g} must be a whole number of periods of {self.period_s:g} s"
 
     @rule
-    def _measures_for_itself(self) -> Told:
-        if self.kind == "python" and (self.noise or self.delay_s):
-            yield (
-                "noise" if self.noise else "delay_s",
-                "is of kinds 'pi' and 'bang_bang'; the kind is 'python'",
-            )
-
-    @rule
     def _follows_a_tip_with_the_flange(self, scenario: Scenario) -> Told:
         if self.follows_tip != (self.commands == "flange_twist"):
             yield "commands", "'flange_twist' and measures = 'tip_position_m' go together"
@@ -494,6 +486,8 @@ class ControllerTable:
 
     @rule
     def _has_what_its_kind_needs(self) -> Told:
+        if self.kind == "python" and (self.noise or self.delay_s):
+            yield "noise" if self.noise else "delay_s", "goes with 'pi' and 'bang_bang'; the kind is 'python'"
         for key in [key for key in _NEEDED[self.kind] if getattr(self, key) is None]:
             yield key, f"is missing; kind '{self.kind}' needs it"
 
