@@ -273,6 +273,7 @@ def measured(
         contact_force_N=robot.contact_force,
         body_pose=robot.body_pose,
         limits=limits,
+        tip_wanted=None,
         **cables,
     )
 
