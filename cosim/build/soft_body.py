@@ -497,6 +497,7 @@ def _cable(mesh: NamedMesh, entry: CableTable) -> Cable:
         entry.stiffness_N_m,
         entry.eyelet_loss_N,
         entry.losses == "directed",
+        entry.damping_Ns_m,
     )
 
 

@@ -258,7 +258,6 @@ def measured(
     cables: Mapping[str, Mapping[str, float]],
     *,
     setpoint: float | None = None,
-    tip_wanted: Array | None = None,
     limits: tuple[str, ...] = (),
 ) -> Measurement:
     """Return what is measured of a run.
@@ -269,7 +268,6 @@ def measured(
         gas: in the chambers.
         cables: those fields of a measurement that are by cable.
         setpoint: see `Measurement`.
-        tip_wanted: the same.
         limits: the same.
     """
     body, state = soft.body, soft.state
@@ -295,7 +293,7 @@ def measured(
         body_pose=robot.body_pose,
         limits=limits,
         sensors={},
-        tip_wanted=tip_wanted,
+        tip_wanted=None,
         **cables,
     )
 

@@ -121,13 +121,14 @@ def device_names(scenario: Scenario) -> DeviceNames | None:
     lengths = any(phase.commands_lengths for phase in scenario.phases) or any(
         entry.kind == "python" or entry.commands == "cable_shortening_m" for entry in scenario.controllers
     )
+    lengths = lengths or bool(scenario.winches)
     if not (lengths or scenario.pumps or scenario.controllers):
         return None
     controllers = tuple(
         (entry.name, "" if entry.kind == "python" else entry.measures) for entry in scenario.controllers
     )
     pumps = tuple(entry.name for entry in scenario.pumps)
-    return DeviceNames(pumps, controllers, lengths, lengths and bool(scenario.winches))
+    return DeviceNames(pumps, controllers, lengths, bool(scenario.winches))
 
 
 def device_report(scenario: Scenario) -> dict[str, str]:
@@ -215,7 +216,11 @@ class Actuation:
         winches = {name: entry for entry in scenario.winches for name in entry.cables}
         tensions = scenario.start.cable_tension_N or (0.0,) * len(self._names)
         triples = zip(body.cables, self._names, tensions, strict=True)
-        self.cables = [CableDrive(cable, winches.get(name), tension) for cable, name, tension in triples]
+        step_s = self._tick_s if scenario.mode == "dynamic" else math.inf
+        self.cables = [
+            CableDrive(cable, winches.get(name), tension, step_s) for cable, name, tension in triples
+        ]
+        self._creep = any(cable.damping_Ns_m for cable in body.cables)
         self._drums = drums_of(scenario.winches, dict(zip(self._names, self.cables, strict=True)))
         chambers = scenario.soft_robot.chamber_names()
         places = [chambers.index(entry.chamber or chambers[0]) for entry in scenario.pumps]
@@ -247,7 +252,7 @@ class Actuation:
         """Drive cables from now on that nothing drove before, at these tensions."""
         self._held = True
         for drive, tension in zip(self.cables, tension_N, strict=True):
-            drive.state = CableDriveState(tension, tension)
+            drive.state = drive.at_rest(tension)
 
     def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
         """Take over what a phase asks; nothing moves at this instant."""
@@ -269,8 +274,7 @@ class Actuation:
         gas: ChamberGas,
         soft: SoftSide,
         see: Callable[[], RobotState],
-        load_factor: float,
-        done: int,
+        reached: tuple[int, float],
     ) -> tuple[float, ...] | None:
         """Let controllers, pumps and winches act for one tick, from the state before it.
 
@@ -282,12 +286,12 @@ class Actuation:
             gas: in the chambers; pumps change it.
             soft: soft side.
             see: looks at the rest of what controllers see.
-            load_factor: of the phase's ramp at the end of the tick.
-            done: ticks of the phase then.
+            reached: ticks of the phase at the end of the tick, and load factor of its ramp then.
         """
         if not self.active:
             return None
         self._take_over(planned)
+        done, load_factor = reached
         twist: tuple[float, ...] | None = None
         commanded: list[Order | None] = [None] * len(self.cables)
         given = planned.phase.pump_pressure_Pa or {}
@@ -316,8 +320,9 @@ class Actuation:
         if not self.active:
             return planned
         tension = tuple(drive.given_tension_N for drive in self.cables)
-        lengths = tuple(drive.state.length_m for drive in self.cables)
-        return replace(planned, cable_tension_N=tension, cable_length_m=lengths)
+        lengths = tuple(drive.step_length_m for drive in self.cables)
+        stiffening = tuple(drive.spring[0] for drive in self.cables) if self._creep else ()
+        return replace(planned, cable_tension_N=tension, cable_length_m=lengths, cable_stiffening=stiffening)
 
     def report(self, soft: SoftSide, flange: Pose) -> ActuationReport | None:
         """Return what the devices do at present; None where there are none."""
@@ -332,6 +337,7 @@ class Actuation:
             cable_tension_N=np.array([drive.tension_N(x) for drive in drives]),
             cable_length_m=np.array([drive.cable.length(x) for drive in drives]),
             unstretched_m=np.array([d.state.length_m for d in drives], dtype=float),
+            off_drum_m=np.array([drive.off_drum_m(x) for drive in drives]),
             lost_steps=np.array([drive.lost_steps for drive in drives], dtype=np.int64),
             bending_angle_rad=angle,
             pumps=tuple(_pump_report(drive) for drive in self.pumps),
@@ -410,7 +416,7 @@ class Actuation:
         wanted: Array | None,
     ) -> Measurement:
         cables, setpoint = self.measured_cables(soft), self._setpoints[name]
-        truth = measured(soft, see(), gas, cables, setpoint=setpoint, tip_wanted=wanted)
+        truth = replace(measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted)
         if not self.sensors:
             return truth
         through = self.sensors.through(truth, self._looks_through[name])
@@ -481,7 +487,7 @@ class PlannedCommands(CommandSource):
         planned, (joints, load_factor) = references.planned, references.at(step.done)
         self.gas.advance(self._soft, step.length_s)
         if self.actuation.active:
-            twist = self.actuation.act(planned, self.gas, self._soft, see, load_factor, step.done)
+            twist = self.actuation.act(planned, self.gas, self._soft, see, (step.done, load_factor))
             joints = self._offset.moved(joints, twist, see, step.length_s)
         asked = self.gas.between(planned.begin, planned.end, load_factor)
         return RobotCommand(joints, self.actuation.driven(asked))

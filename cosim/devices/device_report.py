@@ -89,6 +89,7 @@ class ActuationReport(Shown):
         cable_tension_N: (cables,) at the base end.
         cable_length_m: (cables,) of the routes.
         unstretched_m: (cables,) of the cable off the drum; not a number while the tension is commanded.
+        off_drum_m: (cables,) the same; while the tension is commanded, the length by which it is the same.
         lost_steps: (cables,) of the winches.
         bending_angle_rad: between the tip's direction and the flange's z axis.
         pumps: in the order of the scenario.
@@ -98,6 +99,7 @@ class ActuationReport(Shown):
     cable_tension_N: Annotated[Array, ("cables",)]
     cable_length_m: Annotated[Array, ("cables",)]
     unstretched_m: Annotated[Array, ("cables",)]
+    off_drum_m: Annotated[Array, ("cables",)]
     lost_steps: Annotated[IntArray, ("cables",)]
     bending_angle_rad: float
     pumps: tuple[PumpReport, ...] = ()

@@ -26,7 +26,7 @@ from cosim.base.frames import Array
 from cosim.config.schema.scenario import WinchTable
 from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan
-from cosim.soft.elements.cable import Cable, base_tension, stretch_at
+from cosim.soft.elements.cable import Cable, base_tension, step_spring, stretch_at
 
 _MOST_STEPS: Final = 2.0**53
 """That whole numbers count; a winch that is asked for more winds for ever anyway."""
@@ -97,12 +97,14 @@ class CableDriveState:
         wanted: now.
         length_m: unstretched length off the drum; None while the tension is commanded.
         winch: of the winch while the length is commanded.
+        stretch_m: of the cable where the tick begins; of a slack one 0.
     """
 
     begin: float
     wanted: float
     length_m: float | None = None
     winch: WinchState | None = None
+    stretch_m: float = 0.0
 
 
 @final
@@ -113,12 +115,31 @@ class CableDrive:
         cable: of the soft body.
         winch: that winds it; None: a commanded length is there at once.
         tension_N: before the first phase.
+        tick_s: length of a tick; infinite in statics.
     """
 
-    def __init__(self, cable: Cable, winch: WinchTable | None, tension_N: float) -> None:
-        self.cable, self.winch = cable, winch
-        self.state = CableDriveState(tension_N, tension_N)
+    def __init__(
+        self, cable: Cable, winch: WinchTable | None, tension_N: float, tick_s: float = math.inf
+    ) -> None:
+        self.cable, self.winch, self._tick_s = cable, winch, tick_s
+        self.state = self.at_rest(tension_N)
         """What the next tick depends on."""
+
+    def at_rest(self, tension_N: float) -> CableDriveState:
+        """Return the state under a commanded tension at which the cable has crept to rest."""
+        stretch = max(stretch_at(tension_N, self.cable.stiffness_N_m), 0.0)
+        return CableDriveState(tension_N, tension_N, stretch_m=stretch)
+
+    @property
+    def spring(self) -> tuple[float, float]:
+        """q of this tick, and by how much L_0' is longer than L_0 [m], see `step_spring`."""
+        return step_spring(self.cable, self.state.stretch_m, self._tick_s)
+
+    @property
+    def step_length_m(self) -> float | None:
+        """L_0' of this tick; None while the tension is commanded."""
+        length = self.state.length_m
+        return None if length is None else length + self.spring[1]
 
     @property
     def lost_steps(self) -> int:
@@ -132,14 +153,22 @@ class CableDrive:
 
     def tension_N(self, positions: Array) -> float:
         """Return the tension at the base end at the given shape (n, 3) [m]."""
-        length = self.state.length_m
-        return self.state.wanted if length is None else base_tension(self.cable, positions, length)
+        length = self.step_length_m
+        if length is None:
+            return self.state.wanted
+        return base_tension(self.cable, positions, length, self.spring[0])
 
     def unstretched_m(self, positions: Array) -> float:
-        """Return the commanded length; while the tension is, that by which it would be the same."""
+        """Return the commanded length; while the tension is, that off the drum."""
+        return self.off_drum_m(positions) if self.state.length_m is None else self.state.wanted
+
+    def off_drum_m(self, positions: Array) -> float:
+        """Return the unstretched length off the drum; under a commanded tension what its stretch leaves."""
         if self.state.length_m is not None:
-            return self.state.wanted
-        return self.cable.length(positions) - stretch_at(self.state.wanted, self.cable.stiffness_N_m)
+            return self.state.length_m
+        stiffening, longer = self.spring
+        stretch = stretch_at(self.state.wanted, self.cable.stiffness_N_m) / stiffening
+        return self.cable.length(positions) - longer - stretch
 
     def begin(self, order: Order | None, positions: Array) -> None:
         """Begin a phase; nothing changes at this instant.
@@ -162,6 +191,8 @@ class CableDrive:
             commanded: by a controller, in place of the ramp; None: the ramp.
             positions: (n, 3) [m], at the start of the tick.
         """
+        stretch = max(self.cable.length(positions) - self.off_drum_m(positions), 0.0)
+        self.state = replace(self.state, stretch_m=stretch)
         if commanded is not None:
             state, wanted = self._prepared(commanded, positions), commanded[1]
             state = replace(state, begin=wanted)
@@ -180,10 +211,10 @@ class CableDrive:
             return self.state
         if order[0] == "tension":
             tension = self.tension_N(positions)
-            return CableDriveState(tension, tension)
+            return replace(self.state, begin=tension, wanted=tension, length_m=None, winch=None)
         length = self.unstretched_m(positions)
         winch = None if self.winch is None else WinchState(length)
-        return CableDriveState(length, length, length, winch)
+        return replace(self.state, begin=length, wanted=length, length_m=length, winch=winch)
 
 
 @final
@@ -223,7 +254,7 @@ class Drum:
                 "differently; command the same shortening of all of them"
             )
         tension = sum(drive.tension_N(positions) for drive in self.drives)
-        stiffness = sum(drive.cable.stiffness_N_m for drive in self.drives)
+        stiffness = sum(drive.cable.stiffness_N_m * drive.spring[0] for drive in self.drives)
         turned = wound[0].advanced(self.winch, states[0].wanted, tension, stiffness, step_s)
         for drive, own in zip(self.drives, wound, strict=True):
             after = replace(turned, unwound_m=own.unwound_m)

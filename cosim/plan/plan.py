@@ -38,6 +38,7 @@ class SoftCommand:
         cable_tension_N: of each cable at its base end; without meaning where its length is commanded.
         cable_length_m: unstretched, of each cable; None where its tension is commanded.
         nodal_force: (nodes, 3) [N], dead load that a phase puts on it, world axes; None for none.
+        cable_stiffening: q of each cable in a step, see `cable`; empty: 1 of all.
     """
 
     pressure_Pa: Annotated[tuple[float, ...], ("chambers",)]
@@ -45,6 +46,7 @@ class SoftCommand:
     cable_tension_N: Annotated[tuple[float, ...], ("cables",)]
     cable_length_m: Annotated[tuple[float | None, ...], ("cables",)]
     nodal_force: Annotated[Array, ("nodes", 3)] | None = None
+    cable_stiffening: tuple[float, ...] = ()
 
     def unsealed(self) -> SoftCommand:
         """Return the same with its pressures given, whatever gas is sealed."""

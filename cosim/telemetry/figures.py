@@ -307,6 +307,7 @@ class DeviceFigures:
         figures: dict[str, Any] = {
             "cable_length_m": devices.cable_length_m,
             "cable_unstretched_m": devices.unstretched_m,
+            "cable_off_drum_m": devices.off_drum_m,
             "bending_angle_rad": devices.bending_angle_rad,
         }
         if names.winches:

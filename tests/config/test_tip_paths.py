@@ -58,7 +58,7 @@ def test_a_run_has_its_path_spelled_out(tmp_path: Path) -> None:
         ({**FOLLOW, "duration_s": 3.0}, "phase.follow.duration_s", "takes 10."),
         ({**FOLLOW, "ramp": "smooth"}, "phase.follow.ramp", "has its own ramps"),
         ({**FOLLOW, "flange_shift_m": [0, 0, 0.1]}, "phase.follow.flange_shift_m", "combined with tip_path"),
-        ({**FOLLOW, "tip_target": {"position_m": [0, 0, 1]}}, "phase.follow.tip_target", "combined with tip_path"),
+        ({**FOLLOW, "tip_target": {"position_m": [0, 0, 1]}}, "phase.follow.tip_target", "with tip_path"),
         (with_path(speed_m_s=0.0), "phase.follow.tip_path.speed_m_s", "above 0"),
         (with_path(speed_m_s=0.5), "phase.follow.tip_path", "too short to reach 0.5 m/s"),
         (with_path(points_m=POINTS[:1]), "phase.follow.tip_path", "two points at least"),

@@ -51,6 +51,8 @@ def test_a_shortened_cable_pulls_alike_in_statics_and_at_rest_in_dynamics(tmp_pa
         assert tension > 0.05
         assert tension == pytest.approx(STIFFNESS * (length - end["cable_unstretched_m"][0]), rel=1e-6)
         assert end["cable_unstretched_m"][1] is None  # its tension is commanded: none
+        assert end["cable_off_drum_m"][0] == end["cable_unstretched_m"][0]
+        assert end["cable_off_drum_m"][1] == pytest.approx(end["cable_length_m"][1], abs=2e-5)  # slack
         assert end["cable_tension_N"][1] == 0.0
     assert ends[0]["bending_angle_rad"] > 0.05
     assert ends[1]["bending_angle_rad"] == pytest.approx(ends[0]["bending_angle_rad"], rel=0.01)

@@ -19,6 +19,7 @@ REPORT = ActuationReport(
     cable_tension_N=np.array([1.0]),
     cable_length_m=np.array([0.2]),
     unstretched_m=np.array([np.nan]),
+    off_drum_m=np.array([0.19]),
     lost_steps=np.array([3]),
     bending_angle_rad=np.pi / 6.0,
     pumps=(PumpReport(1e4, True, False, 2, 0.5, 1e-6),),

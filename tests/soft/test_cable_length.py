@@ -74,11 +74,15 @@ def test_stretch_is_the_inverse_of_the_onset(tension: float) -> None:
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("stretch", [2e-3, 0.2 * TRANSITION_m])
-def test_derivatives_with_a_cable_of_commanded_length(stretch: float, friction: float) -> None:
+@pytest.mark.parametrize("stiffening", [1.0, 2.0])
+def test_derivatives_with_a_cable_of_commanded_length(
+    stretch: float, friction: float, stiffening: float
+) -> None:
     points = 0.03 * np.random.default_rng(0).normal(size=(5, 3)) + (0.3, 0.0, 0.7)
     body = bare_cable(points, loss_factor=0.8, friction_coefficient=friction, stiffness_N_m=STIFFNESS)
     x, length = body.positions, body.cables[0].length(body.positions) - stretch
-    loads = Loads((), (0.0,), (0.0, 0.0, 0.0), cable_length_m=(length,))
+    q = (stiffening,)
+    loads = Loads((), (0.0,), (0.0, 0.0, 0.0), cable_length_m=(length,), cable_stiffening=q)
     # within the transition the stiffness changes over micrometres
     step = 1e-6 if stretch > TRANSITION_m else 1e-7
     assert max(derivative_errors(evaluation(body, x, loads), x, step)) < RELATIVE

@@ -243,6 +243,7 @@ class CableTable:
         line: a set of nodes in order, base to tip, where no stack draws the film: without corner and units.
         stiffness_N_m: tension per stretch of the whole cable; matters where its length is commanded, and
             where it sticks at eyelets.
+        damping_Ns_m: tension per rate of that stretch, of a cable that creeps (Kelvin-Voigt), in time.
         eyelet_loss_N: tension lost at each eyelet besides, whatever the tension.
         losses: "one_way": tension falls from the base on, whichever way the cable slides, as in the paper's
             model; "directed": against the way it slides, with stick and slip of its own at each eyelet.
@@ -256,6 +257,7 @@ class CableTable:
     capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
     friction_coefficient: NonNegative | None = None
     stiffness_N_m: Positive = 1e4
+    damping_Ns_m: NonNegative = 0.0
     eyelet_loss_N: NonNegative = 0.0
     losses: Literal["directed", "one_way"] = "one_way"
 

@@ -451,7 +451,8 @@ class StaggeredCoupling(Coupling):
             self._update_stability_ratio()
         taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
         joints = len(self._added) if self._carries else 0
-        return interface.rigid(CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past))
+        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
+        return interface.rigid(carried)
 
     def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.

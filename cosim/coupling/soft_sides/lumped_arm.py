@@ -96,8 +96,9 @@ class SoftArmState:
         if len(self.soft.positions) != nodes:
             raise InputError(f"the saved soft robot has {len(self.soft.positions)} nodes, this one {nodes}")
         check_indices(self.clamp.nodes, nodes, "nodes")
-        if len(self.loads.cable_length_m) not in (0, len(self.loads.cable_tension_N)):
-            raise InputError(f"the saved loads have {len(self.loads.cable_length_m)} cables with a length")
+        for given in (self.loads.cable_length_m, self.loads.cable_stiffening):
+            if len(given) not in (0, len(self.loads.cable_tension_N)):
+                raise InputError(f"the saved loads have {len(given)} cables with a length")
 
 
 _WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed

@@ -58,8 +58,9 @@ def tensions_at(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: f
     if not chosen:
         return loads.cable_tension_N
     tension, x = list(loads.cable_tension_N), solver.section.positions(frames, pressure_Pa)
+    cables, q = solver.section.body.cables, loads.cable_stiffening or (1.0,) * len(tension)
     for c in chosen:
-        tension[c] = base_tension(solver.section.body.cables[c], x, float(loads.cable_length_m[c] or 0.0))
+        tension[c] = base_tension(cables[c], x, float(loads.cable_length_m[c] or 0.0), q[c])
     return tuple(tension)
 
 
@@ -95,17 +96,19 @@ class Pulls:
             gradient.append(solver.evaluate(frames, with_tensions(loads, unit), pressure_Pa) - still)
             cable, lengths = cables[c], cables[c].segment_lengths(x)
             mean_ratio.append(float(cable.tension_ratio(x) @ lengths / lengths.sum()))
-            stretch = float(lengths.sum()) - float(loads.cable_length_m[c] or 0.0)
+            q = loads.cable_stiffening[c] if loads.cable_stiffening else 1.0
+            stretch = q * (float(lengths.sum()) - float(loads.cable_length_m[c] or 0.0))
             _, force, slope = onset(stretch)
-            stiffness.append(cable.stiffness_N_m * slope)
+            stiffness.append(cable.stiffness_N_m * q * slope)
             tension.append(cable.stiffness_N_m * force)
             missing.append(-cable.stiffness_N_m * stretch if force == 0.0 else 0.0)
         figures = (np.array(row) for row in (mean_ratio, stiffness, tension, missing))
         return cls(np.array(gradient), *figures)
 
-    def taut(self, solver: ChainSolver, chosen: list[int]) -> Array:
+    def taut(self, solver: ChainSolver, loads: Loads) -> Array:
         """Return the stiffness (c,) [N/m] with slack cables as taut ones."""
-        whole = np.array([solver.section.body.cables[c].stiffness_N_m for c in chosen])
+        q = loads.cable_stiffening or (1.0,) * len(loads.cable_length_m)
+        whole = np.array([solver.section.body.cables[c].stiffness_N_m * q[c] for c in commanded(loads)])
         return np.where(self.missing_N > 0.0, whole, self.stiffness)
 
 
@@ -171,7 +174,7 @@ def solve_loaded(
             return replace(found, outcome=Outcome.INDEFINITE, iterations=spent)
         shortened = np.einsum("cfi,dfi->cd", pulls.gradient, tangent.solve(pulls.gradient))
         # one that is pulled and found slack is on the taut side of the onset's bend, too far
-        matrix = np.eye(len(chosen)) + (pulls.taut(solver, chosen) / pulls.mean_ratio)[:, None] * shortened
+        matrix = np.eye(len(chosen)) + (pulls.taut(solver, loads) / pulls.mean_ratio)[:, None] * shortened
         off, tension = off + pulls.missing_N, tension.copy()
         tension[chosen] = np.maximum(tension[chosen] - np.linalg.solve(matrix, off), 0.0)
         found = attempt(tension, found)

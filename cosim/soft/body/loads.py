@@ -72,6 +72,7 @@ class Loads:
         contact: what may be touched; None for nothing.
         cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
             is; empty where no length is.
+        cable_stiffening: q of each cable in a step, see `cable`; empty: 1 of all.
         self_contact: films that may touch one another; None for none.
         extra: a further potential, such as springs; None for none.
 
@@ -86,6 +87,7 @@ class Loads:
     gas: tuple[SealedGas | None, ...] = ()
     contact: ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()
+    cable_stiffening: tuple[float, ...] = ()
     self_contact: FilmPairs | None = None
     extra: NodalPotential | None = None
 

@@ -10,6 +10,11 @@ with w_i = c_i / m and m = sum c_i L_i / sum L_i at its start, the term has the 
     energy = k m F(L_w - L_0), L_w = sum w_i L_i, F' = f,
     gradient = T_i t_i on the far node and -T_i t_i on the near one, T_i = k m f w_i,
     Hessian = T_i / L_i (1 - t_i t_i^T) + k m f' g g^T, g the gradient of L_w: one dense term per cable.
+A cable that creeps (Kelvin-Voigt) carries T_0 = k s + c ds/dt, s = L - L_0. In an implicit Euler step h from
+the stretch s_n >= 0 that is a cable q times as stiff, of another length, and with a transition of d / q,
+    q = 1 + c / (h k),   L_0' = L_0 + (1 - 1 / q) s_n,
+    T_0 = k f(q (L - L_0')),   energy = k m F(q (L_w - L_0')) / q.
+A stretch below zero counts as zero: a slack cable has no rate.
 L_w is L wherever the losses were frozen, so that a command means the length of the cable itself. A solution
 that moves away from there is repeated from where it ends, until it moves no more (as for capstan friction).
 
@@ -195,6 +200,7 @@ class Cable(Element):
         loss_N: F, constant loss per eyelet, of a cable that knows which way it slides.
         directed: whether losses oppose the way it slides, see `eyelets`; otherwise tension falls from the
             base on whichever way that is.
+        damping_Ns_m: c, tension per rate of that stretch.
     """
 
     label: ClassVar[str] = "cable"
@@ -207,6 +213,7 @@ class Cable(Element):
     stiffness_N_m: float = 1e4
     loss_N: float = 0.0
     directed: bool = False
+    damping_Ns_m: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.nodes) < 2 or len(set(np.asarray(self.nodes).tolist())) != len(self.nodes):
@@ -222,6 +229,8 @@ class Cable(Element):
             raise InputError(f"cable stiffness {self.stiffness_N_m} N/m must be positive and finite")
         if not 0.0 <= self.loss_N < np.inf:
             raise InputError(f"cable loss {self.loss_N} N per eyelet must be 0 or more, and finite")
+        if not 0.0 <= self.damping_Ns_m < np.inf:
+            raise InputError(f"cable damping {self.damping_Ns_m} N s/m must be 0 or more, and finite")
 
     @property
     def coupled(self) -> IntArray:
@@ -293,9 +302,28 @@ class Cable(Element):
         return np.asarray(np.where(s < 1.0, ROUNDED_m * (0.375 + s * s * (0.75 - 0.125 * s * s)), length))
 
 
-def base_tension(cable: Cable, positions: Array, length_m: float) -> float:
-    """Return T_0 [N] of a cable of commanded length [m] at the given shape (n, 3) [m]."""
-    return cable.stiffness_N_m * onset(cable.length(positions) - length_m)[1]
+def base_tension(cable: Cable, positions: Array, length_m: float, stiffening: float = 1.0) -> float:
+    """Return T_0 [N] of a cable of commanded length [m] at the given shape (n, 3) [m].
+
+    Args:
+        cable: which one.
+        positions: (n, 3) [m].
+        length_m: L_0, or L_0' of a step.
+        stiffening: q of a step.
+    """
+    return cable.stiffness_N_m * onset(stiffening * (cable.length(positions) - length_m))[1]
+
+
+def step_spring(cable: Cable, stretch_m: float, step_s: float) -> tuple[float, float]:
+    """Return q of a cable in a step, and by how much L_0' is longer than L_0 [m].
+
+    Args:
+        cable: which one.
+        stretch_m: s_n, where the step begins.
+        step_s: h; infinite in statics.
+    """
+    stiffening = 1.0 + cable.damping_Ns_m / (step_s * cable.stiffness_N_m)
+    return stiffening, (1.0 - 1.0 / stiffening) * stretch_m
 
 
 def losses_follow(cables: tuple[Cable, ...], lengths_m: tuple[float | None, ...]) -> bool:

@@ -66,7 +66,7 @@ a commanded length: weight w_i, see `cable`), r_i, and of the eyelet where it be
 of d is in r_i T_0 as a solution begins [N], and whether it sticks, which is filled as forces are."""
 COLUMNS: Final = STICKS + 1
 
-Pulls: TypeAlias = tuple[tuple[float, ...], tuple[float | None, ...]]
+Pulls: TypeAlias = tuple[tuple[float, ...], tuple[float | None, ...], tuple[float, ...]]
 
 _SLIPS: Final = 1.0 - 1e-9  # of a limit: what has slid up to here goes on to slide
 
@@ -275,15 +275,17 @@ def frozen_losses(
         cables: of a body.
         positions: (n, 3) [m].
         memory: (values,), what elements remember of the last accepted state.
-        pulls: commanded tensions [N], and lengths [m] or None; the latter empty where none is.
+        pulls: commanded tensions [N], lengths [m] or None, and q of a step; the second is empty where no
+            length is commanded, the third where q is 1 of all.
     """
     tension, lengths = pulls[0] or (0.0,) * len(cables), pulls[1] or (None,) * len(cables)
+    stiffening = pulls[2] or (1.0,) * len(cables)
     rows = np.zeros((len(eyelets.segments), COLUMNS))
     given = list(zip(cables, tension, lengths, pairwise(eyelets.routes.tolist()), strict=True))
     if any(cable.remembers for cable in cables):
         base = [
-            pull if length is None else base_tension(cable, positions, length)
-            for cable, pull, length, _ in given
+            pull if length is None else base_tension(cable, positions, length, q)
+            for (cable, pull, length, _), q in zip(given, stiffening, strict=True)
         ]
         freeze_losses(positions, eyelets, memory, np.array(base), rows)
     for cable, _, length, (first, last) in given:

@@ -17,16 +17,7 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernels import Blocks, IndexTable, Matrix, device_function, kernel, small_matrix, small_vector
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block
@@ -39,7 +30,7 @@ onset = device_function(onset_of_tension)
 
 @kernel
 def add_stops(
-    x: Matrix, pairs: IndexTable, gaps: Vector, k: float, slots: IndexTable, gradient: Matrix, blocks: Blocks
+    x: Matrix, pairs: IndexTable, springs: Matrix, slots: IndexTable, gradient: Matrix, blocks: Blocks
 ) -> float:
     """Add all pairs to gradient and, if slots is not empty, their Hessian to blocks.
 
@@ -47,12 +38,12 @@ def add_stops(
     """
     u, block, minus, energy = small_vector(3), small_matrix(3, 3), small_matrix(3, 3), 0.0
     for e in range(pairs.shape[0]):
-        a, b, square = pairs[e, 0], pairs[e, 1], 0.0
+        a, b, k, square = pairs[e, 0], pairs[e, 1], springs[e, 1], 0.0
         for r in range(3):
             u[r] = x[b, r] - x[a, r]
             square += u[r] * u[r]
         d = math.sqrt(square)
-        level, force, slope = onset(gaps[e] - d)
+        level, force, slope = onset(springs[e, 0] - d)
         if force == 0.0:
             continue
         energy += k * level
@@ -82,16 +73,14 @@ class FrameStops(DirectElement):
 
     Args:
         pairs: (p, 2) facing nodes of neighbouring rims.
-        gaps: (p,) [m], g.
-        stiffness_N_m: k, of a pair.
+        springs: (p, 2), g [m] and k [N/m].
     """
 
     label: ClassVar[str] = "stops of frames"
     far: ClassVar[bool] = True
 
     pairs: Annotated[IntArray, NODES]
-    gaps: Annotated[Array, ROWS]
-    stiffness_N_m: float
+    springs: Annotated[Array, ROWS]
 
     @classmethod
     def from_shape(cls, positions: Array, rings: IntArray, rest_m: float) -> FrameStops:
@@ -105,12 +94,11 @@ class FrameStops(DirectElement):
         pairs = np.stack([rings[:-1].ravel(), rings[1:].ravel()], axis=1)
         aside = (positions[pairs[:, 1]] - positions[pairs[:, 0]])[:, :2]
         gaps = np.sqrt(rest_m**2 + (aside**2).sum(axis=1))
-        return cls(pairs, gaps, STIFFNESS_N_m / rings.shape[1])
+        springs = np.stack([gaps, np.full(len(gaps), STIFFNESS_N_m / rings.shape[1])], axis=1)
+        return cls(pairs, springs)
 
     def add(
         self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
     ) -> float:
-        energy: float = add_stops(
-            positions, self.pairs, self.gaps, self.stiffness_N_m, slots, gradient, blocks
-        )
+        energy: float = add_stops(positions, self.pairs, self.springs, slots, gradient, blocks)
         return energy

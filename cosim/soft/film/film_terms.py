@@ -167,17 +167,18 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
             begin, end, weighted = routes[c], routes[c + 1], 0.0
             for s in range(begin, end):
                 weighted += more.share[s] * segment_length(point.x, film.segments[s, 0], film.segments[s, 1])
-            level, force, slope = onset(weighted - more.length[c])
+            q = more.stiffening[c]
+            level, force, slope = onset(q * (weighted - more.length[c]))
             for s in range(begin, end):
                 pull[s] = more.spring[c] * force * more.share[s]
             if with_hessian:
-                more.coefficients[c] = more.spring[c] * slope
+                more.coefficients[c] = more.spring[c] * q * slope
                 more.vectors[c, :, :] = 0.0
                 if slope > 0.0:
                     weights = film.segments[begin:end], more.share[begin:end], film.no_slots.segments
                     added = point.x, *weights, more.vectors[c], film.no_blocks
                     _add_segments(film.calls[_SEGMENTS], added)
-            energy += more.spring[c] * (level - force * weighted)  # less sum T_i L_i
+            energy += more.spring[c] * (level / q - force * weighted)  # less sum T_i L_i
     for c in range(routes.shape[0] - 1 if more.eyelets.shape[0] > 0 else 0):
         if first <= routes[c] < last and film.eyelets.places[routes[c]] >= 0:
             lost = point.x, film.eyelets, more.eyelets, c, point.tracked, pull

@@ -208,6 +208,7 @@ class FilmLoads(NamedTuple):
             pressure; zero where the pressure is given; empty where it is in all.
         eyelets: (s, COLUMNS), losses frozen as well; empty where no cable remembers, see `eyelets`.
         force: (n, 3) [N], on the nodes; empty for none.
+        stiffening: (cables,), q of those of a commanded length in a step, see `cable`.
         found: (chambers, 2), filled with gauge pressure [Pa] and volume [m^3] of each.
         vectors: (cables + chambers, n, 3), filled with what a Hessian has of dense terms.
         coefficients: (cables + chambers,), of these; 0 for none.
@@ -219,6 +220,7 @@ class FilmLoads(NamedTuple):
     gas: Matrix
     eyelets: Matrix
     force: Matrix
+    stiffening: Vector
     found: Matrix
     vectors: Blocks
     coefficients: Vector

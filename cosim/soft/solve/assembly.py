@@ -164,7 +164,7 @@ class SoftSystem:
         """
         body = self.body
         before = body.first_memory() if memory is None and self.slides else memory
-        pulls = loads.cable_tension_N, loads.cable_length_m
+        pulls = loads.cable_tension_N, loads.cable_length_m, loads.cable_stiffening
         return frozen_losses(
             self.film.eyelets, body.cables, positions, _NO_MEMORY if before is None else before, pulls
         )
@@ -386,6 +386,7 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
     return FilmLoads(
         rows[:, SHARE].copy(), np.array([np.nan if length is None else length for length in lengths]), spring,
         gas, eyelets, force,
+        np.array(loads.cable_stiffening or np.ones(len(lengths))),
         np.zeros((chambers, 2)), np.zeros((dense, body.nodes if dense else 0, 3)), np.zeros(dense),
     )  # fmt: skip
 
