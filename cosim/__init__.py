@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from cosim.errors import SolverError as SolverError
     from cosim.errors import UnreachableError as UnreachableError
     from cosim.errors import WorkerError as WorkerError
-    from cosim.results.episodes import Episode as Episode
+    from cosim.results.episodes import LearningEpisode as LearningEpisode
     from cosim.results.episodes import episode_of as episode_of
     from cosim.results.episodes import write_episodes as write_episodes
     from cosim.results.joint_table import JointTable as JointTable
@@ -87,7 +87,7 @@ _NAMES = {
         "OutputError RunInterrupted ScenarioError SceneError SensitivityError SolverError "
         "UnreachableError WorkerError"
     ),
-    "cosim.results.episodes": "Episode episode_of write_episodes",
+    "cosim.results.episodes": "LearningEpisode episode_of write_episodes",
     "cosim.results.joint_table": "JointTable",
     "cosim.results.result": "RunResult",
     "cosim.sweeps.sweeping": "sweep SweepOutcome SweepProgress",

@@ -183,7 +183,16 @@ class Attached:
         run.tick, run.ledger = run.tick + 1, taken.last_entry
 
     def step(self, model: Model, data: Data) -> None:
-        """Take one step of MuJoCo with the soft robot: `before`, `mj_step`, `after`."""
+        """Take one step of MuJoCo with the soft robot: `before`, `mj_step`, `after`.
+
+        Args:
+            model: as of `before`.
+            data: its state.
+
+        Raises:
+            InputError: as of `before` and `after`.
+            SolverError: the same.
+        """
         self.before(model, data)
         assert self._hung is not None, "before() has made it"
         self._hung.scene.step()

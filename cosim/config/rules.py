@@ -8,6 +8,7 @@ from typing import Final, final
 
 from cosim.base.resources import list_arms
 from cosim.config.arms.arm_files import is_arm_path, unknown_arm
+from cosim.config.device_rules import DEVICE_RULES
 from cosim.config.schema.objects import ObjectTable, WireTable
 from cosim.config.schema.phase import (
     CELL_KEYS,
@@ -23,7 +24,6 @@ from cosim.config.schema.phase import (
 from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario, unknown_cables
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.schema.stack import FIRST_RING
-from cosim.config.sensor_rules import SENSOR_RULES
 from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.reading import Fault, Faults, Told, check, rule, rules_of
 from cosim.errors import ScenarioError
@@ -612,42 +612,4 @@ def _pumps_act_on_sealed_gas(phase: PhaseTable, scenario: Scenario) -> Told:
             )
 
 
-@rule
-def _controllers_act_as_named(phase: PhaseTable, scenario: Scenario) -> Told:
-    known = {controller.name: controller for controller in scenario.controllers}
-    for key in ("control", *SETPOINTS):
-        for name in getattr(phase, key) or ():
-            where = key if key == "control" else f"{key}.{name}"
-            controller = known.get(name)
-            if controller is None:
-                yield where, unknown_name_message("controller", name, tuple(known))
-            elif controller.kind == "python":
-                continue
-            elif controller.follows_tip:
-                if key != "control":
-                    yield where, f"'{name}' follows the tip_path or tip_target; give control = ['{name}']"
-                elif phase.tip_key is None:
-                    yield where, f"'{name}' follows a tip_path or tip_target; this phase has neither"
-            elif key == "control":
-                right = next(k for k, quantity in SETPOINTS.items() if quantity == controller.measures)
-                yield where, f"'{name}' needs a setpoint: give {right} = {{ {name} = ... }}"
-            elif controller.measures != SETPOINTS[key]:
-                yield where, f"controller '{name}' measures {controller.measures}"
-
-
-@rule
-def _one_thing_moves_a_cable(phase: PhaseTable, scenario: Scenario) -> Told:
-    known = {controller.name: controller for controller in scenario.controllers}
-    lengths = (*(phase.cable_length_m or {}), *(phase.cable_shortening_m or {}))
-    moved = dict.fromkeys(lengths, "cable_length_m or cable_shortening_m")
-    for key in ("control", *SETPOINTS):
-        for name in [name for name in getattr(phase, key) or () if name in known]:
-            where, cables = key if key == "control" else f"{key}.{name}", known[name].cables
-            if cables and phase.cable_tension_N is not None:
-                yield where, "moves cables that cable_tension_N commands in the same phase"
-            for cable in [cable for cable in cables if cable in moved][:1]:
-                yield where, f"moves cable '{cable}', which {moved[cable]} moves as well"
-            moved |= dict.fromkeys(cables, f"controller '{name}'")
-
-
-_RULES: Final = (*rules_of(globals()), *SENSOR_RULES)
+_RULES: Final = (*rules_of(globals()), *DEVICE_RULES)

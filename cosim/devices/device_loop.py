@@ -408,12 +408,7 @@ class Actuation:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
     def _measure(
-        self,
-        gas: ChamberGas,
-        soft: SoftSide,
-        see: Callable[[], RobotState],
-        name: str,
-        wanted: Array | None,
+        self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], name: str, wanted: Array | None
     ) -> Measurement:
         cables, setpoint = self.measured_cables(soft), self._setpoints[name]
         truth = replace(measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cosim.gym.environment import Observation, TaskEnvironment
 from cosim.gym.tasks import STEP_S
-from cosim.results.episodes import Episode, write_episodes
+from cosim.results.episodes import LearningEpisode, write_episodes
 
 
 @final
@@ -28,7 +28,7 @@ class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, 
 
     def __init__(self, environment: gymnasium.Env[Observation, NDArray[Any]], task: str) -> None:
         super().__init__(environment)
-        self.episodes: list[Episode] = []
+        self.episodes: list[LearningEpisode] = []
         """Those that have ended."""
         self._task, self._rows = task, list[dict[str, Any]]()
         self._seen: Observation = {}
@@ -78,4 +78,4 @@ class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, 
         inner = self.unwrapped
         assert isinstance(inner, TaskEnvironment), "of a task"
         names = {"action": inner.task.actions}
-        self.episodes.append(Episode(self._task, columns, images, names))
+        self.episodes.append(LearningEpisode(self._task, columns, images, names))

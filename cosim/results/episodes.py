@@ -42,7 +42,7 @@ _IMAGE: Final = "observation.images."
 
 @final
 @dataclass(frozen=True, eq=False)
-class Episode:
+class LearningEpisode:
     """Steps of one episode, a row each.
 
     Args:
@@ -61,7 +61,7 @@ class Episode:
         return len(next(iter(self.columns.values())))
 
 
-def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) -> Episode:
+def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) -> LearningEpisode:
     """Return a run as an episode.
 
     "observation.state" is joints, flange, tip, pressures and tensions at a step; "action" is the joints'
@@ -98,11 +98,11 @@ def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) 
     whole = {name: found for name, found in seen.items() if found.keys() >= {*ticks}}
     images = {name: np.array([found[tick] for tick in ticks]) for name, found in whole.items()}
     names = {"observation.state": named(_STATE), "action": named(_ACTION)}
-    return Episode(task or result.stage.title, columns, images, names)
+    return LearningEpisode(task or result.stage.title, columns, images, names)
 
 
 def write_episodes(
-    directory: str | Path, episodes: Sequence[Episode], frames_per_s: float, robot: str = "cosim"
+    directory: str | Path, episodes: Sequence[LearningEpisode], frames_per_s: float, robot: str = "cosim"
 ) -> None:
     """Write episodes to a new or empty directory.
 
@@ -143,7 +143,7 @@ def write_episodes(
         write_whole(root / "meta/info.json", json.dumps(info, indent=2))
 
 
-def _check(root: Path, episodes: Sequence[Episode]) -> None:
+def _check(root: Path, episodes: Sequence[LearningEpisode]) -> None:
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
         raise InputError(f"{root}: holds something; give a new or empty directory")
     if not episodes:
@@ -158,7 +158,7 @@ def _check(root: Path, episodes: Sequence[Episode]) -> None:
                 raise InputError(f"episode {number}: {name} has {len(rows)} rows, others {len(episode)}")
 
 
-def _features(episode: Episode) -> dict[str, Any]:
+def _features(episode: LearningEpisode) -> dict[str, Any]:
     """Return what each column is."""
     found: dict[str, Any] = {}
     for name, rows in episode.columns.items():
@@ -175,7 +175,7 @@ def _features(episode: Episode) -> dict[str, Any]:
 
 
 def _write_data(
-    root: Path, episodes: Sequence[Episode], tasks: list[str], begins: list[int], frames_per_s: float
+    root: Path, episodes: Sequence[LearningEpisode], tasks: list[str], begins: list[int], frames_per_s: float
 ) -> list[tuple[int, int]]:
     """Write the steps, some 100 MB a file and a row group each; return the file of every episode."""
     from pyarrow import parquet
@@ -210,7 +210,7 @@ def _write_data(
     return places
 
 
-def _step_table(episode: Episode, index: Mapping[str, NDArray[Any]]) -> pa.Table:
+def _step_table(episode: LearningEpisode, index: Mapping[str, NDArray[Any]]) -> pa.Table:
     import pyarrow as pa
 
     features, columns = _features(episode), {}
@@ -224,7 +224,9 @@ def _step_table(episode: Episode, index: Mapping[str, NDArray[Any]]) -> pa.Table
     return pa.table(columns)
 
 
-def _episode_table(episodes: Sequence[Episode], begins: list[int], places: list[tuple[int, int]]) -> pa.Table:
+def _episode_table(
+    episodes: Sequence[LearningEpisode], begins: list[int], places: list[tuple[int, int]]
+) -> pa.Table:
     import pyarrow as pa
 
     count = len(episodes)
@@ -262,7 +264,7 @@ def _write_parquet(path: Path, table: pa.Table) -> None:
         parquet.write_table(table, file)
 
 
-def _statistics(episodes: Sequence[Episode]) -> dict[str, Any]:
+def _statistics(episodes: Sequence[LearningEpisode]) -> dict[str, Any]:
     """Return least, largest, mean, standard deviation and count of every column; of pictures by channel."""
 
     def spread(rows: Array, shape: Sequence[int], count: int) -> dict[str, Any]:

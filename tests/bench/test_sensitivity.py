@@ -40,7 +40,15 @@ PULLED: dict[str, Any] = {
         {"name": "pull", "duration_s": 1.0, "increments": 2, "cable_tension_N": [1.0, 0.5]},
     ],
 }
-OUTPUTS = ["frame_strain", "mass_kg", "tip_position_m", "tip_direction", "length_m", "cable_length_m", "flange_torque_Nm"]
+OUTPUTS = [
+    "frame_strain",
+    "mass_kg",
+    "tip_position_m",
+    "tip_direction",
+    "length_m",
+    "cable_length_m",
+    "flange_torque_Nm",
+]
 
 
 @cache

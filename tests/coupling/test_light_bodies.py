@@ -149,6 +149,17 @@ def test_a_light_cube_between_pads_comes_to_rest(substeps: int, ticks: int) -> N
     assert to_and_fro.mean() < (2e-3 if substeps == 1 else 2e-2)
 
 
+def test_a_load_of_several_steps_that_acts_late_adds_no_energy() -> None:
+    grasp = CoupledGrasp(0.6, 4e-3, StaggeredCoupling, "bdf2", substeps=8)
+    height = []
+    for _ in range(200):
+        grasp.tick()
+        height.append(grasp.grasp.cube_position[2])
+    assert grasp.interface.contact_ratio < 0.5  # it bears its load a tick late
+    first, last = np.ptp(height[50:100]), np.ptp(height[150:])
+    assert 0.85 * first < last < first  # it swings on the film, damped by 5 per s
+
+
 def test_what_a_light_ball_does_hangs_on_its_mass_no_longer() -> None:
     # the film hardly feels either: both are thrown back alike
     gram, milligram = (bounce(mass, 2e-3, 0.1) for mass in (1e-4, 1e-6))

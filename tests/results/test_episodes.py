@@ -13,7 +13,7 @@ from PIL import Image
 from pyarrow import parquet
 
 import cosim
-from cosim import Episode, write_episodes
+from cosim import LearningEpisode, write_episodes
 from cosim.errors import InputError
 from cosim.results import episodes as module
 from cosim.results.episodes import png
@@ -22,7 +22,7 @@ from tests.devices import device_parts
 RANDOM = np.random.default_rng(2)
 
 
-def made(steps: int, task: str = "reach") -> Episode:
+def made(steps: int, task: str = "reach") -> LearningEpisode:
     columns = {
         "observation.state": RANDOM.standard_normal((steps, 3)),
         "action": RANDOM.standard_normal((steps, 2)).astype(np.float32),
@@ -30,7 +30,7 @@ def made(steps: int, task: str = "reach") -> Episode:
         "next.done": np.arange(steps) == steps - 1,
     }
     images = {"eye": RANDOM.integers(0, 256, (steps, 4, 5, 3), dtype=np.uint8)}
-    return Episode(task, columns, images, {"action": ("left", "right")})
+    return LearningEpisode(task, columns, images, {"action": ("left", "right")})
 
 
 def rows(root: Path) -> list[dict[str, Any]]:
@@ -114,10 +114,10 @@ def test_a_run_is_an_episode_of_states_and_what_was_asked_next(tmp_path: Path) -
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there are no episodes"):
         write_episodes(tmp_path / "none", [], 50.0)
-    other = Episode("reach", {**made(3).columns, "action": np.zeros((3, 4))}, made(3).images)
+    other = LearningEpisode("reach", {**made(3).columns, "action": np.zeros((3, 4))}, made(3).images)
     with pytest.raises(InputError, match="episode 1: action is not as in episode 0"):
         write_episodes(tmp_path / "other", [made(3), other], 50.0)
-    short = Episode("reach", made(3).columns, made(2).images, made(3).names)
+    short = LearningEpisode("reach", made(3).columns, made(2).images, made(3).names)
     with pytest.raises(InputError, match="episode 1: eye has 2 rows, others 3"):
         write_episodes(tmp_path / "short", [made(3), short], 50.0)
     (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")

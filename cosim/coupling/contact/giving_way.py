@@ -52,7 +52,7 @@ AGREED_M: Final = 2e-6
 _LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _LOOSER: Final = ((0, 1.0), (10, 10.0), (20, 100.0))
-"""Trials after which film and bodies may be how many times as far apart: one that snaps may not come nearer."""
+"""Trials after which film and bodies may be how many times as far apart: films that snap stay apart."""
 _NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
 _VERY_LIGHT = 30.0  # contact ratio from which on a body is pushed out at first
 _SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left

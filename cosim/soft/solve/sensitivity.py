@@ -106,9 +106,7 @@ class EquilibriumSlope:
         ConvergenceError: the equilibrium is not stable.
     """
 
-    def __init__(
-        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False
-    ) -> None:
+    def __init__(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False) -> None:
         factorise_at(solver, here)
         self._kinks = kinks
         system = solver.system

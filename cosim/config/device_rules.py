@@ -1,9 +1,10 @@
-"""Rules that tie sensors and cameras to the rest of a scenario."""
+"""Rules that tie controllers, sensors and cameras to the rest of a scenario."""
 
 from __future__ import annotations
 
 from typing import Final
 
+from cosim.config.schema.phase import SETPOINTS, PhaseTable
 from cosim.config.schema.scenario import NO_ARM, ControllerTable, Scenario
 from cosim.config.schema.sensor import JOINTS, CameraTable, SensorTable
 from cosim.config.toml.keys import listing, unknown_name_message
@@ -16,6 +17,44 @@ _READ_BY: Final = {
     "tip_position_m": "tip_position",
 }
 """By what a controller measures: the kind of sensor that reads it."""
+
+
+@rule
+def _controllers_act_as_named(phase: PhaseTable, scenario: Scenario) -> Told:
+    known = {controller.name: controller for controller in scenario.controllers}
+    for key in ("control", *SETPOINTS):
+        for name in getattr(phase, key) or ():
+            where = key if key == "control" else f"{key}.{name}"
+            controller = known.get(name)
+            if controller is None:
+                yield where, unknown_name_message("controller", name, tuple(known))
+            elif controller.kind == "python":
+                continue
+            elif controller.follows_tip:
+                if key != "control":
+                    yield where, f"'{name}' follows the tip_path or tip_target; give control = ['{name}']"
+                elif phase.tip_key is None:
+                    yield where, f"'{name}' follows a tip_path or tip_target; this phase has neither"
+            elif key == "control":
+                right = next(k for k, quantity in SETPOINTS.items() if quantity == controller.measures)
+                yield where, f"'{name}' needs a setpoint: give {right} = {{ {name} = ... }}"
+            elif controller.measures != SETPOINTS[key]:
+                yield where, f"controller '{name}' measures {controller.measures}"
+
+
+@rule
+def _one_thing_moves_a_cable(phase: PhaseTable, scenario: Scenario) -> Told:
+    known = {controller.name: controller for controller in scenario.controllers}
+    lengths = (*(phase.cable_length_m or {}), *(phase.cable_shortening_m or {}))
+    moved = dict.fromkeys(lengths, "cable_length_m or cable_shortening_m")
+    for key in ("control", *SETPOINTS):
+        for name in [name for name in getattr(phase, key) or () if name in known]:
+            where, cables = key if key == "control" else f"{key}.{name}", known[name].cables
+            if cables and phase.cable_tension_N is not None:
+                yield where, "moves cables that cable_tension_N commands in the same phase"
+            for cable in [cable for cable in cables if cable in moved][:1]:
+                yield where, f"moves cable '{cable}', which {moved[cable]} moves as well"
+            moved |= dict.fromkeys(cables, f"controller '{name}'")
 
 
 @rule
@@ -73,4 +112,4 @@ def _a_camera_is_on_what_there_is(camera: CameraTable, scenario: Scenario) -> To
         yield "on", "'palm': there is no palm on a flange; take 'flange', 'tip' or 'world'"
 
 
-SENSOR_RULES: Final = rules_of(globals())
+DEVICE_RULES: Final = rules_of(globals())
