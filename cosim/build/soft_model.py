@@ -79,8 +79,8 @@ def section_model(
         raise ScenarioError(
             "fidelity",
             f"the section model of '{robot.name}' does not hold: within its range it loses its equilibrium "
-            "at loads at which its film has one; take fidelity = 'lumped', or model.handover = true, by which "
-            "the film takes over there",
+            "at loads at which its film has one; take fidelity = 'lumped', or model.handover = true, by "
+            "which the film takes over there",
         )
     return model
 
