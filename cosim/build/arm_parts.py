@@ -171,7 +171,7 @@ def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
 _THROWN_M: Final = 1e-4  # how far a film may bring a free object within a step before a contact is seen
 _PRESS_N: Final = 8.0  # what the fingers of a gripper press with
 _MOST_SUBSTEPS: Final = 4
-"""With 8, rolls of 50 g end alike and take 1.1 times as long; of 20 g one comes loose as a unit snaps."""
+"""With 8, rolls of 50 g end alike; one of 20 g came loose as a unit snapped."""
 
 
 def rigid_substeps(scenario: Scenario) -> int:

@@ -1,26 +1,23 @@
 """Bodies that the film can move: they give way to it within its own step.
 
-A force that acts on a body one tick late throws it where the body is lighter than the film's own answer: over
-a tick h, a motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film
-in series, film inertia included; the body answers a load by C = h^2 J M^-1 J^T. Where the largest eigenvalue
-of S C (the contact ratio) is above 1, an exchange grows that is one tick late.
+A force that acts one tick late throws a body that is lighter than the film's effective mass. Over a tick h, a
+motion xi of the body changes the contacts' loads by -S xi, S the stiffness of contacts and film in series,
+film inertia included. The body answers a load by C = h^2 J M^-1 J^T. A late exchange grows where the largest
+eigenvalue of S C (the contact ratio) is above 1.
 
-So the film meets such a body where it will be at the end of the body's next step, in which the load of this
-very step acts: at x + h (v + h a(F)), a the accelerations that MuJoCo itself finds for a load, with all that
-touches and holds the body then. That is implicit Euler for film and body together, stable whatever the body
-weighs and however hard it is held, and the body bears F in MuJoCo's step: impulses are exact. Seen from the
-film the body is one tick ahead, in a frame that goes with the flange.
+So the film meets such a body at the end of the body's next step, in which the load of this very step acts: at
+x + h (v + h a(F)), a the accelerations that MuJoCo finds for a load, with all that touches and holds the body.
+That is implicit Euler for film and body together, stable for every mass. The body bears F in MuJoCo's step, so
+impulses are exact. Seen from the film the body is one tick ahead, in a frame that moves with the flange.
 
 Unknown is l = F - F', F' the load of the last step, of all bodies that the film may touch. The film's step
-with its planes where a(F' + l) brings them answers with F; Newton's steps dl = (1 + S C)^-1 (F - F' - l) find
-the root of the monotone residual. A step beyond it is cut by the secant of the work that the residual does
-along the motion C dl.
+with its planes where a(F' + l) brings them answers with F. Newton's steps dl = (1 + S C)^-1 (F - F' - l) find
+the root of the monotone residual. A step beyond it is cut by the secant of the residual's work along C dl.
 
-In C, M has on it what MuJoCo's active constraints add, J_a^T D J_a: what lies on a table does not give way
-into it. Bodies of a contact ratio below 0.5 bear the load one tick later; so do those of one below 2.5 while
-something else holds them. Where that load acts through n steps of MuJoCo, its middle is h (n - 1) / (2 n)
-after the instant at which it is found: so they are met where they will be by then. Met where they are, they
-gain energy whatever they weigh, like anything whose spring answers late.
+In C, M has J_a^T D J_a of MuJoCo's active constraints on it: a body on a table does not give way into it.
+Bodies of a contact ratio below 0.5 bear the load one tick later; so do those of one below 2.5 while something
+else holds them. A load that acts through n steps of MuJoCo acts h (n - 1) / (2 n) late in the mean, so they
+are met where they will be by then. Met where they are, they would gain energy, as from any late spring.
 """
 
 from __future__ import annotations
