@@ -505,7 +505,7 @@ class PlannedCommands(CommandSource):
 
     def save_state(self) -> PlannedCommandsState:
         gas, devices = self.gas.save_state(), self.actuation.save_state()
-        return PlannedCommandsState(gas, devices, self._offset.offset, self.sensors.state)
+        return PlannedCommandsState(gas, devices, self._offset.offset, self.sensors.save_state())
 
     def restore_state(self, state: PlannedCommandsState) -> None:
         self.gas.restore_state(state.gas)

@@ -66,7 +66,7 @@ def contents(*folders: Path) -> dict[str, str]:
         ("A kind of elements", "dashpots", "DashpotTable"),
         ("A source of commands", "sine", "SineTable"),
         ("A body from a file", "tubes", "TubeTable"),
-        ("A body of your own", "own_tube", "tube"),
+        ("A custom body", "own_tube", "tube"),
         ("A controller", "press", "Press"),
         ("A view of a run", "tip_speed", "TipSpeed"),
     ],

@@ -1,4 +1,4 @@
-"""A view of a run: the speed of the tip, as a recording of its own."""
+"""A view of a run: the speed of the tip, as its own recording."""
 
 from __future__ import annotations
 

@@ -138,7 +138,10 @@ ACTING: dict[str, Any] = {
     "cable_length_m": (0.01, None),
     "self_contact": touching(),
     "extra": Push(),
+    "cable_stiffening": (2.0, 1.0),
 }
+BESIDE: dict[str, dict[str, Any]] = {"cable_stiffening": {"cable_length_m": (0.01, None)}}
+"""What acts only on what another field gives."""
 
 
 @pytest.mark.parametrize("name", [entry.name for entry in fields(Loads)])
@@ -150,5 +153,5 @@ def test_whatever_loads_hold_acts(name: str) -> None:
         system.evaluate(x, loads, system.segment_share(x, loads), body.first_memory(), hessian=False)
         return system.gradient.copy()
 
-    still = no_load(body, gravity=(0.0, 0.0, 0.0))
+    still = replace(no_load(body, gravity=(0.0, 0.0, 0.0)), **BESIDE.get(name, {}))
     assert np.abs(gradient(replace(still, **{name: ACTING[name]})) - gradient(still)).max() > 1e-4

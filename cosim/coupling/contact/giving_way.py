@@ -5,10 +5,10 @@ motion xi of the body changes the contacts' loads by -S xi, S the stiffness of c
 film inertia included. The body answers a load by C = h^2 J M^-1 J^T. A late exchange grows where the largest
 eigenvalue of S C (the contact ratio) is above 1.
 
-So the film meets such a body at the end of the body's next step, in which the load of this very step acts: at
-x + h (v + h a(F)), a the accelerations that MuJoCo finds for a load, with all that touches and holds the body.
-That is implicit Euler for film and body together, stable for every mass. The body bears F in MuJoCo's step, so
-impulses are exact. Seen from the film the body is one tick ahead, in a frame that moves with the flange.
+So the film meets such a body at the end of the body's next step, in which the load of this very step acts:
+at x + h (v + h a(F)), a the accelerations that MuJoCo finds for a load, with all that touches and holds the
+body. That is implicit Euler for film and body together, stable for every mass. The body bears F in MuJoCo's
+step, so impulses are exact. Seen from the film it is one tick ahead, in a frame that moves with the flange.
 
 Unknown is l = F - F', F' the load of the last step, of all bodies that the film may touch. The film's step
 with its planes where a(F' + l) brings them answers with F. Newton's steps dl = (1 + S C)^-1 (F - F' - l) find
@@ -40,8 +40,7 @@ from cosim.soft.solve.state import SoftState, StepAim
 RATIO_BOUND: Final = 0.5
 """Contact ratio from which on bodies give way within the film's step.
 
-A node and a body with a spring between, the load a tick late: stable up to 1 with implicit Euler, up to 0.5
-with BDF2, however the masses and the springs behind them are chosen.
+A node, a spring and a body, the load a tick late: stable up to 1 with implicit Euler, 0.5 with BDF2.
 """
 _HELD_RATIO = 2.5  # the same, of bodies that something holds besides
 AGREED_M: Final = 2e-6
@@ -50,8 +49,7 @@ _LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _LOOSER: Final = ((0, 1.0), (10, 10.0), (20, 100.0))
 """Trials after which film and bodies may be how many times as far apart: films that snap stay apart."""
-_NEAR_M = 2e-4  # a film that is pressed by as much is not far from where it was
-_VERY_LIGHT = 30.0  # contact ratio from which on a body is pushed out at first
+_NEAR_M, _VERY_LIGHT = 2e-4, 30.0  # push that moves a film little; contact ratio of bodies first pushed out
 _SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
 _UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])

@@ -41,12 +41,14 @@ from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.giving_way import rigid_motions
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
+    LISTS_LEFT,
     RIGID_SIDE_WARNS,
     SOFT_HALF_LEFT,
     SOFT_STEP_BEGUN,
     RigidSide,
     hand_over,
     load_rigid_side,
+    read_rigid_half,
 )
 from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
@@ -191,6 +193,11 @@ class _FilmHalves(SoftHalves):
         return film_calls(self.interface.rigid_half)
 
     @cached_property
+    def _soft_calls(self) -> IntArray:
+        """The same for a tick whose rigid half has been taken."""
+        return film_calls(read_rigid_half)
+
+    @cached_property
     def _nothing(self) -> ContactArrays:
         nothing: ContactArrays = nothing_of(ContactArrays)
         return nothing._replace(counts=np.zeros(7, np.int64))
@@ -247,6 +254,13 @@ class _FilmHalves(SoftHalves):
             self.fast_m_s, pressed and quick.sides.has_parts,
         )  # fmt: skip
         done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
+        if ending == LISTS_LEFT:  # with new lists the kernel takes this tick as well, after its rigid half
+            assert contact is not None, "has lists"
+            contact.find(SoftState(way.x[done + 1], way.velocity[done + 1], way.memory[done]), tick_s)
+            steps = steps._replace(contact=contact.at, calls=self._soft_calls)
+            one = servos.some(done, done + 1), commands.some(done, done + 1), steps
+            more, ending = advance_film(rigid, *one, ticks.from_on(done), way.from_on(done))
+            done += more
         quick.sides.take_over(side, scheme)
         if done:
             x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
