@@ -221,6 +221,12 @@ def read_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> b
     return True
 
 
+@kernel
+def keep_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
+    """Leave the rigid half of a tick as it is, as it has been taken and read, see `rigid_half`."""
+    return True
+
+
 @device_function
 def fill_flange(ticks: Any, k: int, flange: Matrix) -> None:
     """Fill flange (4, 3), see `flange_axes`, with its pose at the end of tick k."""

@@ -47,8 +47,8 @@ from cosim.coupling.half_ticks import (
     SOFT_STEP_BEGUN,
     RigidSide,
     hand_over,
+    keep_rigid_half,
     load_rigid_side,
-    read_rigid_half,
 )
 from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
@@ -195,7 +195,7 @@ class _FilmHalves(SoftHalves):
     @cached_property
     def _soft_calls(self) -> IntArray:
         """The same for a tick whose rigid half has been taken."""
-        return film_calls(read_rigid_half)
+        return film_calls(keep_rigid_half)
 
     @cached_property
     def _nothing(self) -> ContactArrays:
