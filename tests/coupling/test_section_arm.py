@@ -135,13 +135,15 @@ def test_the_tip_moves_with_tension_and_gravity_as_its_sensitivity_says() -> Non
     here = arm.follow(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))), SIDEWAYS, loads)
     arm.settle(here)
     sensitivity = arm.sensitivity(here)
-    tip = body().tip_position(here.state.positions)
+
+    def tip(changed: Loads) -> Array:
+        return body().tip_position(arm.follow(here, SIDEWAYS, changed).state.positions)
+
     for column, changed in (
-        (sensitivity.to_tension()[:3, 0], replace(loads, cable_tension_N=(3.001, 1.0))),
-        (sensitivity.to_gravity()[:3, 0], replace(loads, gravity=(0.001, 0.0, -9.81))),
+        (sensitivity.to_tension()[:3, 0], lambda step: replace(loads, cable_tension_N=(3.0 + step, 1.0))),
+        (sensitivity.to_gravity()[:3, 0], lambda step: replace(loads, gravity=(step, 0.0, -9.81))),
     ):
-        there = arm.follow(here, SIDEWAYS, changed)
-        found = (body().tip_position(there.state.positions) - tip) / 1e-3
+        found = (tip(changed(1e-3)) - tip(changed(-1e-3))) / 2e-3
         assert found == pytest.approx(column, rel=0.01, abs=1e-7)
 
 
@@ -276,7 +278,7 @@ def test_a_search_for_the_flange_names_the_section_that_held_it_back() -> None:
     for share in np.linspace(0.0, 1.0, 9)[1:]:
         here = arm.follow(here, FLANGE, Loads((20e3,), (25.0 * share, 0.0)))
     level = TipTarget(np.array([0.4, 0.1, 0.4]), direction=np.array([1.0, 0.0, 0.0]))
-    reason = r"the limit of 1 iterations was reached; on the way section 3 of 4 .* its model ends at .*lumped"
+    reason = r"the limit of 1 iterations was reached; on the way section [23] of 4 .* its model ends at .*lumped"
     with pytest.raises(UnreachableError, match=reason):
         arm.find_flange_pose(here, level, TargetOptions(iterations_max=1))
 
