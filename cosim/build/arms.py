@@ -51,7 +51,7 @@ def find_arm(robot: str) -> ArmFile:
         robot: one of `cosim.base.resources.list_arms()`, or the path of a URDF, an MJCF or an `arm.toml`.
 
     Raises:
-        InputError: there is none, or its files are not usable.
+        InputError: no such arm, or its files are not usable.
         ScenarioError: keys or values of an `arm.toml` are wrong.
     """
     source = arm_source(robot)

@@ -90,7 +90,7 @@ class ChainSteps(NamedTuple):
         scheme: of the steps.
         two_steps: whether steps look back over two.
         earlier: whether the first row of the motion holds the step before the last.
-        kept: whether the factor serves the first of them.
+        kept: whether the factor is used for the first of them.
     """
 
     side: ChainSide

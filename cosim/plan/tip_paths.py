@@ -238,7 +238,7 @@ class _RigidArm:
         """Return the arm whose straight tip is on the path's first point.
 
         Raises:
-            UnreachableError: there is none.
+            UnreachableError: none was found.
         """
         first, flange = instants.row(0), here.world_from_flange
         way = first.position - flange.translation

@@ -56,7 +56,7 @@ class Recorder(ABC):
         """Show how far figures may be off at the ends of phases; not needed.
 
         Args:
-            phases: by their index, each figure's bar, None where there is none.
+            phases: by their index, each figure's bar, or None.
         """
 
     @abstractmethod

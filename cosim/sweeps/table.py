@@ -73,7 +73,7 @@ def check_travels(measure: Measure) -> None:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Return a hash of the file that a function is in; of its name where there is none."""
+    """Return a hash of the file that a function is in; else of its name."""
     try:
         text = Path(inspect.getsourcefile(measure) or "").read_text(encoding="utf-8")
     except (OSError, TypeError):
@@ -263,7 +263,7 @@ def open_sweep(directory: str | Path) -> Any:
         directory: of the sweep.
 
     Raises:
-        InputError: there is none, it cannot be read, or pandas is not installed.
+        InputError: no table, it cannot be read, or pandas is not installed.
     """
     from pyarrow import lib, parquet
 

@@ -63,6 +63,7 @@ from cosim.reduced.sections.section_energy import TERMS
 from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton_options import Outcome
 from cosim.soft.solve.self_contact import FilmContacts
 from cosim.soft.solve.state import BegunStep, SoftState
@@ -235,17 +236,38 @@ class _FilmHalves(SoftHalves):
         ticks: Ticks,
         way: FilmMotion,
     ) -> tuple[int, int]:
-        soft, stepper, interface = self._soft, self._soft.stepper, self.interface
-        contact, films, tick_s = interface.contact, soft.films, interface.scene.tick_s
+        soft, quick, tick_s = self._soft, self._soft.stepper.quick, self.interface.scene.tick_s
         if soft.state.earlier is None:  # a first step looks back over one only
             servos, commands = servos.some(0, 1), commands.some(0, 1)
-        quick, scheme = stepper.quick, stepper.scheme_of(soft.state, tick_s)
-        pressed = soft.state.touching is not None
+        scheme, pressed = soft.stepper.scheme_of(soft.state, tick_s), soft.state.touching is not None
         side = quick.sides.of(scheme, tick_s, pressed=pressed)
         assert side is not None, "of a body and a factorisation that it knows"
-        if films is not None:
-            films.remember(soft.state.touching)
-        steps = FilmSteps(
+        if soft.films is not None:
+            soft.films.remember(soft.state.touching)
+        steps = self._steps(side, pressed)
+        done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
+        if ending == LISTS_LEFT:  # with new lists the kernel takes this tick as well, after its rigid half
+            steps = self._with_new_lists(steps, way.x[done + 1], way.velocity[done + 1])
+            one = servos.some(done, done + 1), commands.some(done, done + 1), steps
+            more, ending = advance_film(rigid, *one, ticks.from_on(done), way.from_on(done))
+            done += more
+        quick.sides.take_over(side, scheme)
+        if done:
+            self._went(way, ticks, done, loads[done - 1])
+        if soft.films is not None:
+            soft.films.overlook(soft.state)
+        if ending == SOFT_STEP_BEGUN:
+            end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
+            quick.begun = BegunStep(
+                soft.state, *end, int(ticks.iterations[done]), float(ticks.residual[done])
+            )
+        return done, ending
+
+    def _steps(self, side: FilmSide, pressed: bool) -> FilmSteps:
+        """Return what the steps of a row have in common; `pressed`: films press on one another before it."""
+        soft, contact, films = self._soft, self.interface.contact, self._soft.films
+        quick, tick_s = soft.stepper.quick, self.interface.scene.tick_s
+        return FilmSteps(
             quick.sides.address(side), quick.begins(lenient=True), quick.begins(lenient=False),
             0.0 if contact is None else contact.rest_reach_m, 0.0 if films is None else films.rest_m,
             AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
@@ -253,29 +275,22 @@ class _FilmHalves(SoftHalves):
             self._films_store.address(self._no_films) if films is None else films.at,
             self.fast_m_s, pressed and quick.sides.has_parts,
         )  # fmt: skip
-        done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
-        if ending == LISTS_LEFT:  # with new lists the kernel takes this tick as well, after its rigid half
-            assert contact is not None, "has lists"
-            contact.find(SoftState(way.x[done + 1], way.velocity[done + 1], way.memory[done]), tick_s)
-            steps = steps._replace(contact=contact.at, calls=self._soft_calls)
-            one = servos.some(done, done + 1), commands.some(done, done + 1), steps
-            more, ending = advance_film(rigid, *one, ticks.from_on(done), way.from_on(done))
-            done += more
-        quick.sides.take_over(side, scheme)
-        if done:
-            x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
-            touching = None if films is None else films.remembered
-            state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
-            drive = ticks.flange(done), loads[done - 1]
-            soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
-        if films is not None:
-            films.overlook(soft.state)
-        if ending == SOFT_STEP_BEGUN:
-            end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
-            quick.begun = BegunStep(
-                soft.state, *end, int(ticks.iterations[done]), float(ticks.residual[done])
-            )
-        return done, ending
+
+    def _with_new_lists(self, steps: FilmSteps, x: Array, velocity: Array) -> FilmSteps:
+        """Return the same for a tick from x and velocity (n, 3) whose rigid half has been taken."""
+        contact = self.interface.contact
+        assert contact is not None, "has lists"
+        contact.find(SoftState(x, velocity, self._soft.state.memory), self.interface.scene.tick_s)
+        return steps._replace(contact=contact.at, calls=self._soft_calls)
+
+    def _went(self, way: FilmMotion, ticks: Ticks, done: int, loads: Loads) -> None:
+        """Let the soft side go to where ticks have led it; `loads` are those of the last one."""
+        soft, films = self._soft, self._soft.films
+        x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
+        touching = None if films is None else films.remembered
+        state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
+        drive = ticks.flange(done), loads
+        soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
 
 
 @final

@@ -465,7 +465,7 @@ class SoftSide(ABC):
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays.
 
         Raises:
-            UnreachableError: there is none.
+            UnreachableError: none was found.
             ConvergenceError: the equilibrium was lost on the way.
         """
 
@@ -476,7 +476,7 @@ class SoftSide(ABC):
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay.
 
         Raises:
-            UnreachableError: there is none.
+            UnreachableError: none was found.
             ConvergenceError: the equilibrium was lost on the way.
         """
 

@@ -123,7 +123,7 @@ class KeptTangentState:
 
 @final
 class KeptTangent:
-    """Owns a factor, in `work`; it serves steps of one length and scheme in one clamp.
+    """Owns a factor, in `work`; it is for steps of one length and scheme in one clamp.
 
     Args:
         work: whose other arrays it shares.

@@ -1,6 +1,6 @@
 """Distances between points of a soft body and the geoms of a compiled MuJoCo model.
 
-MuJoCo's own collision pipeline serves convex pairs; for points against distance grids it errs by
+MuJoCo's own collision pipeline is for convex pairs; for points against distance grids it errs by
 millimetres, and it is several times slower. So shapes are read once from the compiled model, and each query
 reads poses only.
 """

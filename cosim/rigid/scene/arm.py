@@ -49,7 +49,7 @@ class Mounting:
 
 @dataclass(frozen=True)
 class ArmLayout:
-    """Indices of the arm; joints are consecutive, so slices (views, no copies) serve.
+    """Indices of the arm; joints are consecutive, so slices (views, no copies) are enough.
 
     Args:
         joints: of the arm among joints and actuators.

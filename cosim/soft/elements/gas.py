@@ -23,7 +23,7 @@ AIR_CONSTANT_J_kg_K: Final = 287.05
 
 
 def absolute_pressure(pressure: float, volume_0: float, exponent: float, volume: float) -> float:
-    """Return p [Pa] at a volume [m^3]; infinite where there is none. Kernels are compiled from it as well.
+    """Return p [Pa] at a volume [m^3]; infinite where undefined. Kernels are compiled from it as well.
 
     Args:
         pressure: [Pa], at volume_0.
@@ -37,7 +37,7 @@ def absolute_pressure(pressure: float, volume_0: float, exponent: float, volume:
 
 
 def gas_potential(pressure: float, volume_0: float, exponent: float, ambient: float, volume: float) -> float:
-    """Return U [J] at a volume [m^3], zero at volume_0; infinite where there is none. Of kernels as well.
+    """Return U [J] at a volume [m^3], zero at volume_0; infinite where undefined. Of kernels as well.
 
     Args:
         pressure: [Pa], at volume_0.
@@ -98,7 +98,7 @@ class SealedGas:
         return self.pressure_Pa, self.volume_m3, self.exponent, self.ambient_Pa
 
     def absolute_pressure(self, volume_m3: float) -> float:
-        """Return p [Pa] at a volume [m^3]; infinite where there is none."""
+        """Return p [Pa] at a volume [m^3]; infinite where undefined."""
         return absolute_pressure(self.pressure_Pa, self.volume_m3, self.exponent, volume_m3)
 
     def gauge_pressure(self, volume_m3: float) -> float:

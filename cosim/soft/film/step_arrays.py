@@ -377,7 +377,7 @@ class StepWork(NamedTuple):
         calls: (10,), see `step_calls`.
         gradient: (n, 3) [N].
         solution: (1, n, 3).
-        served: (2, n, 3), the last point that serves [m] and its gradient [N].
+        served: (2, n, 3), the last point that is usable [m] and its gradient [N].
         pairs: of the steps with the kept factorisation.
         reference: (values,).
         pull: (segments,).

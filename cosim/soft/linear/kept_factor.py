@@ -193,7 +193,7 @@ def _turn_since(frame: Matrix, flange: Matrix, turn: Matrix) -> None:
 
 @device_function
 def is_kept(kept: KeptEnvelope, begin: int, end: int) -> bool:
-    """Return whether the factorisation of nodes begin to end is there, and is to serve on."""
+    """Return whether the factorisation of nodes begin to end is there, and is kept."""
     for k in range(kept.there.shape[0]):
         first, last = kept.factor.parts[k, NODE], kept.factor.parts[k + 1, NODE]
         beyond = first < begin or end < last or kept.there[k] == 0 or kept.extra[k] >= EXTRA_MAX

@@ -173,7 +173,7 @@ class CoupledPattern:
         return cls(wide, np.searchsorted(wide._key, body._key))
 
     def wasteful(self, slots: IntArray) -> bool:
-        """Return whether many of its blocks serve neither the body nor the elements of given slots."""
+        """Return whether many of its blocks belong neither to the body nor to the elements of given slots."""
         used = np.zeros(self.pattern.blocks, dtype=bool)
         used[self.from_body] = used[np.where(slots < 0, -1 - slots, slots)] = True
         return self.pattern.blocks > SPARE * int(np.count_nonzero(used))
@@ -224,7 +224,7 @@ class PatternWidening:
         return coupled
 
     def known(self, serving: BlockPattern) -> CoupledPattern:
-        """Return a pattern that serves as one around the body's own."""
+        """Return a pattern that works as one around the body's own."""
         if self._last.pattern is not serving:
             self._last = CoupledPattern.around(self._body, serving)
         return self._last

@@ -1,4 +1,4 @@
-"""What serves only the comparison with the published code.
+"""Only for the comparison with the published code.
 
 - `edge_strain`: a film whose strain is that of bars along the edges (`film.law = "edge_strain"`).
 - `hinges`: edges that its examples leave without springs (`chamber.all_hinges = false`).

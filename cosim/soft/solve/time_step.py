@@ -215,7 +215,7 @@ class QuickStepper:
         step_s: float,
         start: Array | None = None,
     ) -> tuple[SoftState, NewtonResult] | None:
-        """Return where a step ends, or None where its start or a tangent does not serve.
+        """Return where a step ends, or None where its start or a tangent is not usable.
 
         Args:
             state: at the beginning; it stays as it is.
