@@ -161,7 +161,8 @@ _pair_work = caller(pair_work)
 
 def film_calls(rigid_half: Any) -> IntArray:
     """Return the addresses (7,) of the kernels that a row of ticks calls, a rigid half among them."""
-    called = [rigid_half if each is take_rigid_half else each for each in _CALLED]
+    called: list[Any] = [*_CALLED]
+    called[_RIGID] = rigid_half
     return np.array([address_of(each) for each in called])
 
 
