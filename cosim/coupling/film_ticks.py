@@ -296,9 +296,9 @@ def _take_tick(
     fill_flange(ticks, k, flange)
     waits = films.waits and films.counts[self_contact.REMEMBERED] == 0  # first without contact of films
     found = _find(row, (way.x[k + 1], way.velocity[k + 1]), waits)
-    if found[0] < 0:
+    if min(found) < 0:
         return LISTS_LEFT
-    if found[1] < 0 or _turns_far(ticks, k, row.largest_turn):
+    if _turns_far(ticks, k, row.largest_turn):
         return SOFT_HALF_LEFT
     near = _may_give_way(contact, found[0])
     if near > 1:

@@ -250,7 +250,7 @@ class _FilmHalves(SoftHalves):
             steps = self._with_new_lists(steps, way.x[done + 1], way.velocity[done + 1])
             one = servos.some(done, done + 1), commands.some(done, done + 1), steps
             more, ending = advance_film(rigid, *one, ticks.from_on(done), way.from_on(done))
-            done += more
+            done, ending = done + more, SOFT_HALF_LEFT if ending == LISTS_LEFT else ending
         quick.sides.take_over(side, scheme)
         if done:
             self._went(way, ticks, done, loads[done - 1])
@@ -278,10 +278,14 @@ class _FilmHalves(SoftHalves):
 
     def _with_new_lists(self, steps: FilmSteps, x: Array, velocity: Array) -> FilmSteps:
         """Return the same for a tick from x and velocity (n, 3) whose rigid half has been taken."""
-        contact = self.interface.contact
-        assert contact is not None, "has lists"
-        contact.find(SoftState(x, velocity, self._soft.state.memory), self.interface.scene.tick_s)
-        return steps._replace(contact=contact.at, calls=self._soft_calls)
+        contact, films, tick_s = self.interface.contact, self._soft.films, self.interface.scene.tick_s
+        if contact is not None:
+            contact.find(SoftState(x, velocity, self._soft.state.memory), tick_s)
+            steps = steps._replace(contact=contact.at)
+        if films is not None:
+            films.renew(x, velocity, tick_s)
+            steps = steps._replace(films=films.at)
+        return steps._replace(calls=self._soft_calls)
 
     def _went(self, way: FilmMotion, ticks: Ticks, done: int, loads: Loads) -> None:
         """Let the soft side go to where ticks have led it; `loads` are those of the last one."""

@@ -321,6 +321,12 @@ class SelfContact:
             for rows, name in zip(self.contacts.memory, FilmMemoryRows._fields, strict=True):
                 rows[:count] = getattr(memory, name)
 
+    def renew(self, x: Array, velocities: Array, step_s: float) -> None:
+        """Make lists and room that a step from x and velocities (n, 3) needs; what is remembered stays."""
+        memory = self.remembered
+        self._found(x, velocities, self.rest_m, AHEAD_STEPS * step_s)
+        self.remember(memory)
+
     @property
     def remembered(self) -> FilmMemory | None:
         """The contacts that press, as kernels have left them; None for none."""
