@@ -102,7 +102,7 @@ class LinearModel:
         Their share of the tip is in D. Its states have no meaning but by `parts`.
 
         Args:
-            fastest_Hz: of the motions that are kept, |pole| / 2 pi.
+            fastest_Hz: of the motions that are kept, abs(pole) / 2 pi.
         """
         # here: it takes long to load
         from scipy.linalg import schur, solve_sylvester
