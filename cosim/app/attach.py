@@ -48,7 +48,7 @@ class AttachedState:
         tick: ticks taken.
         soft: of the soft side.
         carrier: of scene and exchange.
-        commands: of what is asked for.
+        commands: of the commands.
         loads: on the soft robot in the last tick.
         ledger: of it.
     """

@@ -235,7 +235,7 @@ class Simulation:
         return self._run.image(camera, self._snapshot)
 
     def seed_sensors(self, seed: int) -> Snapshot:
-        """Let the sensors begin anew with other noise, and return what is there with their readings.
+        """Restart the sensors with other noise, and return the present snapshot with their readings.
 
         Args:
             seed: from 0 to 2^31 - 1, which joins those of the scenario's sensors; 0 is that of a new run.

@@ -54,7 +54,7 @@ class Designed:
 
     Args:
         study: with the choice in `set`.
-        choice: its name; "" where there is none.
+        choice: its name; "" without choices.
         start: where the search began; without what it reaches where it has no equilibrium.
         found: the best design, on its own mesh.
         refined: what both reach on the refined mesh; empty if it was not asked for.

@@ -196,7 +196,7 @@ class TipFollower(Controller[tuple[float, ...]]):
 
     def act(self, state: tuple[float, ...], seen: Measurement) -> tuple[tuple[float, ...], Command]:
         if seen.tip_wanted is None:
-            raise InputError("a tip follower needs a tip_path or tip_target in its phase; there is none")
+            raise InputError("a tip follower needs a tip_path or tip_target in its phase; give it one")
         error = np.nan_to_num(seen.tip_wanted - seen.tip_position)  # free components are left alone
         velocity = self.integral_gain_per_s * error + self.proportional_gain * (error - state) / self.period_s
         return tuple(error.tolist()), Command(flange_twist=(*velocity.tolist(), 0.0, 0.0, 0.0))

@@ -1,4 +1,7 @@
-"""Keeps the episodes of an environment, to be written as a data set for learning."""
+"""Keeps the episodes of an environment, to be written as a data set for learning.
+
+A file by itself: `results.episodes`, which writes them, does not need Gymnasium.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The rigid half of a staggered tick to first order: how arm and servos answer small changes."""
+"""The rigid half of a staggered tick to first order: how arm and servos answer small changes.
+
+A file by itself: it is no scheme and no part of a tick, and differentiates what `half_ticks` does.
+"""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ class ChainEquilibria:
         Where films without gas do not hold themselves up, it hangs from the flange with gas, then leans.
 
         Raises:
-            ConvergenceError: there is none.
+            ConvergenceError: none was found.
             OutOfRangeError: because the model ends before.
         """
         slack = (0.0,) * len(self._section.body.cables)

@@ -99,7 +99,7 @@ def find_mounting(model: mujoco.MjModel, name: str) -> Mounting:
         name: of a site, or else of a body.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: no site or body has that name.
     """
     for kind, what in ((SITE, mujoco.mjtObj.mjOBJ_SITE), (BODY, mujoco.mjtObj.mjOBJ_BODY)):
         index = mujoco.mj_name2id(model, what, name) if isinstance(name, str) else -1

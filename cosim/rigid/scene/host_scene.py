@@ -117,7 +117,7 @@ class HostScene(CoupledScene):
     """Somebody's scene with a soft robot on a site or body of it.
 
     For each of MuJoCo's steps: `begin_step`, that step, `end_step`. `load` (bodies, 6) is what the soft robot
-    applies at centres of mass, `torque` (nv,) what is given back of what its mount carries; `acts` (6,) is
+    applies at centres of mass, `torque` (nv,) the part of the carried load that is given back; `acts` (6,) is
     the load on the flange alone.
 
     Args:
