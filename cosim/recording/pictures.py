@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any, Final, final
 
 import numpy as np
+import rerun
 from rerun.experimental import ViewerClient
 
 from cosim.errors import InputError, OutputError
@@ -37,7 +38,8 @@ class Pictures:
 
     Raises:
         InputError: on entering: there is no such view; the text names those there are.
-        OutputError: the same: there is no driver to draw with, or the recording cannot be read.
+        OutputError: the same: there is no driver to draw with, the recording cannot be read, or rerun-sdk is
+            too old.
     """
 
     def __init__(
@@ -49,6 +51,11 @@ class Pictures:
         self.end_s = 0.0
 
     def __enter__(self) -> Pictures:
+        if not hasattr(ViewerClient, "get_state"):
+            raise OutputError(
+                f"pictures and videos need rerun-sdk 0.41 or later, {rerun.__version__} is installed: "
+                "pip install 'rerun-sdk>=0.41'; recordings and live views work as they are"
+            )
         self._viewer = start_viewer("nowhere", self._recordings, size=self._size)
         try:
             self._client = self._connected()

@@ -31,6 +31,7 @@ MakeSnapshot = Callable[..., Snapshot]
 LOOPBACK = "0100007F"
 """127.0.0.1 as /proc/net/tcp writes it."""
 LISTENS = "0A"
+needs_control = pytest.mark.skipif(not hasattr(ViewerClient, "get_state"), reason="rerun-sdk before 0.41")
 DRAWS_NOTHING = {"VK_DRIVER_FILES": "/nowhere", "VK_ICD_FILENAMES": "/nowhere"}
 
 
@@ -101,6 +102,7 @@ def test_a_page_is_served_to_this_machine_alone(
         assert answer.status == 200
 
 
+@needs_control
 @pytest.mark.skipif(sys.platform != "linux", reason="reads Linux's tables of sockets")
 def test_a_live_view_shows_the_run_before_it_ends_and_the_file_is_written(
     recorded: Callable[..., Iterator[RerunRecorder]],
@@ -161,6 +163,7 @@ def test_a_viewer_that_is_closed_ends_no_run(
     assert "The end" in found.static("/summary", "TextDocument:text")[0]
 
 
+@needs_control
 def test_a_video_has_the_frames_of_the_run(
     recorded: Callable[..., Iterator[RerunRecorder]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -180,6 +183,7 @@ def test_a_video_has_the_frames_of_the_run(
         write_video([recording], video, view="Nothing")
 
 
+@needs_control
 def test_without_a_driver_a_video_is_refused_by_name(
     recorded: Callable[..., Iterator[RerunRecorder]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -246,6 +250,16 @@ def test_a_page_is_served_on_after_the_run_and_ended_after_that(monkeypatch: pyt
     assert done == [Page.address, "wait", "stop", "stop"]
 
 
+def test_an_old_viewer_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(ViewerClient, "get_state", raising=False)
+    with (
+        pytest.raises(OutputError, match=r"0\.41 or later.*pip install 'rerun-sdk>=0\.41'"),
+        Pictures([Path("run.rrd")]),
+    ):
+        pass
+
+
+@needs_control
 def test_a_recording_without_frames_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[str] = []
     shows_nothing = SimpleNamespace(address="", check=lambda: None, stop=lambda: ended.append("viewer"))
