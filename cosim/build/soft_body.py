@@ -241,12 +241,11 @@ def cable_route(mesh: NamedMesh, table: CableTable) -> IntArray:
     """Return the nodes of a mesh that a cable leads through, base to tip."""
     if table.units is None:
         return mesh.line(table.line or "")
-    (first, last), begin = table.units, table.corner or 0
-    sides = sum(name.startswith("corner_") for name in mesh.lines)
-    corners = (begin + table.corners_per_unit * k for k in range(last - first + 1))
-    return np.array([
-        mesh.line(f"corner_{corner % sides}")[unit] for unit, corner in enumerate(corners, start=first - 1)
-    ])  # fmt: skip
+    lines = np.stack([line for name, line in mesh.lines.items() if name.startswith("corner_")])
+    first, last = table.units
+    along = np.arange(first - 1, len(lines[0]) if last == "last" else last)
+    corners = (table.corner or 0) + table.corners_per_unit * np.arange(len(along))
+    return np.asarray(lines[corners % len(lines), along])
 
 
 LEAST_RING: Final = 3

@@ -45,3 +45,18 @@ def test_three_spiral_cables_twist_an_arm_against_their_sense_and_do_not_bend_it
     assert -np.radians(1.2) < right < -np.radians(0.8)
     assert left == pytest.approx(-right, rel=0.02)
     assert leant < 1e-6
+
+
+@pytest.mark.parametrize("units", [3, 10])
+def test_a_cable_to_the_last_unit_goes_with_the_number_of_units(units: int) -> None:
+    scenario = load_scenario("ur5e_hexagon_arm", {"soft_robot.stack.units": units})
+    body = build_soft_body(scenario.soft_robot, scenario.model)  # type: ignore[arg-type]
+    for cable in body.cables:
+        assert [node in body.rings[f"unit_{unit}.outer"] for unit, node in enumerate(cable.nodes, 1)] == [
+            True
+        ] * units
+
+
+def test_a_cable_begins_at_a_unit_with_a_number() -> None:
+    with pytest.raises(cosim.InputError, match=r"soft_robot\.cable\.left\.units"):
+        load_scenario("ur5e_hexagon_arm", {"soft_robot.cable.left.units": ["last", 10]})

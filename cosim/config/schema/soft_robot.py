@@ -221,7 +221,7 @@ class MassTable:
     seam_mass_kg: NonNegative = 0.0
 
 
-UnitRange = tuple[Count, Count]
+UnitRange = tuple[Count, Count | Literal["last"]]
 LEAST_NODE_MASS_kg: Final = 1e-12
 
 
@@ -237,7 +237,8 @@ class CableTable:
         corner: 0 to sides - 1, of the first of its units; counted about the flange's z axis.
         corners_per_unit: by how many corners the cable turns about that axis from unit to unit; not 0: a
             spiral, which twists the stack.
-        units: first and last unit with an eyelet, counted from 1.
+        units: first and last unit with an eyelet, counted from 1; "last" is the last of the stack, however
+            many it has.
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
         line: a set of nodes in order, base to tip, where no stack draws the film: without corner and units.
@@ -268,7 +269,8 @@ class CableTable:
         if self.corner is None or self.units is None or self.line is not None:
             yield "", "runs along a stack of units: give corner and units, and no line"
             return
-        (first, last), units, sides = self.units, robot.stack.units, robot.stack.sides
+        units, sides = robot.stack.units, robot.stack.sides
+        first, last = self.units[0], units if self.units[1] == "last" else self.units[1]
         if self.corner >= sides:
             yield "corner", f"{self.corner} does not exist; corners 0 to {sides - 1} do"
         if last > units:

@@ -35,7 +35,7 @@ Node: TypeAlias = Mapping[str, Any]
 """A node of a pydantic core schema."""
 
 _SCALARS: Final = ("bool", "int", "float", "str")
-_KINDS: Final = {"tuple": "list", "dict": "table"}
+_KINDS: Final = {"tuple": "list", "dict": "table", "literal": "word"}
 
 
 @cache
@@ -121,12 +121,17 @@ def _strict(node: Any) -> Any:
         return core_schema.chain_schema([core_schema.int_schema(strict=True), node])
     elif kind == "union":
         choices = {_KINDS.get(choice["type"], "one"): choice for choice in made["choices"]}
-        return core_schema.tagged_union_schema(choices, _fitting)
+        return core_schema.tagged_union_schema(choices, _worded if "word" in choices else _fitting)
     elif kind == "dataclass-args":
         made["extra_behavior"] = "forbid"
     elif kind == "dataclass-field":
         made["schema"] = _knowing(made["schema"])
     return made
+
+
+def _worded(value: Any) -> str:
+    """Return for which of several kinds of values one is meant, where one of them is a word."""
+    return "word" if isinstance(value, str) else _fitting(value)
 
 
 def _fitting(value: Any) -> str:
@@ -268,8 +273,7 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
     if error["loc"][-1] == "schema" and value == SCHEMA - 1 and not isinstance(value, bool):
         return f"is {value}, that of older files; {REMEDY}"
     if node["type"] == "literal":
-        allowed = ", ".join(f"'{c}'" if isinstance(c, str) else str(c).lower() for c in node["expected"])
-        return f"got {words.describe(value)}; allowed: {allowed}"
+        return f"got {words.describe(value)}; allowed: {_expected(node)}"
     if node["type"] == "tagged-union" and isinstance(node["discriminator"], str):
         key, allowed = node["discriminator"], ", ".join(f"'{tag}'" for tag in node["choices"])
         if not isinstance(value, Mapping):
@@ -277,7 +281,7 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
         given = words.describe(value[key]) if key in value else "missing"
         return f"{key} is {given}; allowed: {allowed}"
     if node["type"] == "tagged-union":
-        expected = " or ".join(_EXPECTED[choice["type"]] for choice in node["choices"].values())
+        expected = " or ".join(map(_expected, node["choices"].values()))
         return f"expected {expected}, got {words.describe(value)}"
     if isinstance(value, bool) or not isinstance(value, _FITTING.get(node["type"], ())):
         return f"expected {_EXPECTED[node['type']]}, got {words.describe(value)}"
@@ -291,6 +295,12 @@ def fault_text(error: Mapping[str, Any], node: Node, value: Any) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         return f"got {value:g}; must be a finite number"
     return f"{value:g} is out of bounds; must be {bounds_text(node)}"
+
+
+def _expected(node: Node) -> str:
+    if node["type"] != "literal":
+        return _EXPECTED[node["type"]]
+    return ", ".join(f"'{one}'" if isinstance(one, str) else str(one).lower() for one in node["expected"])
 
 
 def meant_keys(node: Node, key: str) -> list[str]:
