@@ -50,6 +50,8 @@ TESTED_ELSEWHERE = {
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
     "own_arm_and_cell": "tests/app/test_own_arm_and_cell.py",
     "tutorial": "tests/docs/test_notebook.py",
+    "own_robot": "make site, which runs every notebook",
+    "identify_robot": "make site, which runs every notebook",
     "contributing": "what it names are the Makefile's targets",
 }
 
