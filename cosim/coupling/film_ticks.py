@@ -2,9 +2,9 @@
 
 After the rigid half of a tick the film takes one step with the flange's new pose (`film_step`) and what it
 may touch, and returns the next wrench, and loads on bodies. The soft half of a tick is left in which the
-lists of what is near are not valid, or the flange turns far; its soft step in the middle where a tangent is
-indefinite; so is the soft half where bodies are near that may give way within it (`giving_way`). A row ends
-after a tick with which bodies are to be weighed.
+lists of what is near are not valid, the flange turns far, or bodies are pressed of which it is not known how
+they give way (`giving_way`); its soft step in the middle where a tangent is indefinite, and once it is solved
+where bodies do not go where it has met them. A row ends after a tick with which bodies are to be weighed.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ from cosim.coupling.half_ticks import (
     RIGID_SIDE_WARNS,
     SOFT_HALF_LEFT,
     SOFT_STEP_BEGUN,
+    SOFT_STEP_SOLVED,
     RigidSide,
     fill_flange,
     hand_over,
@@ -205,15 +206,13 @@ def _may_give_way(contact: ContactArrays, found: int) -> int:
 
 
 @device_function
-def _find_overlooked(row: FilmSteps, several: bool, way: FilmMotion, k: int) -> int:
-    """Return with how many pairs tick k is taken again, -1 where Python has to, as for several parts."""
+def _find_overlooked(row: FilmSteps, way: FilmMotion, k: int) -> int:
+    """Return with how many pairs of films tick k is taken again, -1 for lists with too little room."""
     films, end = record_at(row.films, FilmContacts), (way.x[k + 2], way.velocity[k + 2])
     pressing = _films_press(films.calls[PRESS], (row.films, *end, row.ahead_s, THROUGH_M))
     if pressing <= 0:
         return pressing
     films.counts[OVERLOOKED] = 1
-    if several:
-        return -1
     begin = way.x[k + 1], way.velocity[k + 1]
     pairs = _find_pairs(films.calls[FIND], (row.films, *begin, row.films_rest_m, row.ahead_s))
     if pairs == 0:
@@ -273,70 +272,91 @@ def _turns_far(ticks: Any, k: int, most: float) -> bool:
 
 
 @device_function
-def _take_tick(
-    rigid: Any,
-    servos: Any,
-    commands: FilmCommands,
-    row: FilmSteps,
-    ticks: Any,
-    way: FilmMotion,
-    k: int,
-    flange: Matrix,
-    moments: Vector,
-) -> int:
-    """Take tick k; return how it ended, -1 if the next one may follow."""
+def _solve(
+    commands: FilmCommands, row: FilmSteps, done: tuple[Any, FilmMotion], k: int, flange: Matrix
+) -> tuple[tuple[int, int], int]:
+    """Solve the soft half of tick k; return planes and pairs, and how it ended, -1 for a tick to conclude."""
+    ticks, way = done
     side, contact = record_at(row.side, FilmSide), record_at(row.contact, ContactArrays)
     films = record_at(row.films, FilmContacts)
-    calls, mass, whole = row.calls, row.mass, row.whole
-    held, gradient = side.held, side.work.gradient
-    share, tolerance = side.numbers.share, side.numbers.tolerance
-    several = side.film.parts.shape[0] > 2
-    if not _take_rigid_half(calls[_RIGID], (rigid, servos, ticks, k)):
-        return RIGID_SIDE_WARNS
-    fill_flange(ticks, k, flange)
     waits = films.waits and films.counts[self_contact.REMEMBERED] == 0  # first without contact of films
     found = _find(row, (way.x[k + 1], way.velocity[k + 1]), waits)
     if min(found) < 0:
-        return LISTS_LEFT
-    if _turns_far(ticks, k, row.largest_turn):
-        return SOFT_HALF_LEFT
+        return found, LISTS_LEFT
     near = _may_give_way(contact, found[0])
-    if near > 1:
-        return SOFT_HALF_LEFT
-    again, overlooked = True, False
+    if near > 1 or _turns_far(ticks, k, row.largest_turn):
+        return found, SOFT_HALF_LEFT
+    again = True
     while again:  # of the step one place alone: it is compiled for each
         if not _take_soft_step(found, commands, row, ticks, way, k, flange):
-            return SOFT_HALF_LEFT if near else SOFT_STEP_BEGUN
+            return found, SOFT_STEP_BEGUN
         again = False
         if waits:
-            waits, found = False, (found[0], _find_overlooked(row, several, way, k))
-            if found[1] < 0:
-                return SOFT_HALF_LEFT
-            again = overlooked = found[1] > 0
-    if overlooked:
+            waits, pairs = False, _find_overlooked(row, way, k)
+            found, again = (found[0], pairs), pairs > 0
+            if pairs < 0 or (again and side.film.parts.shape[0] > 2):  # pairs couple parts
+                return found, SOFT_HALF_LEFT if films.counts[OVERLOOKED] else SOFT_STEP_SOLVED
+    meets = row.contact, way.x[k + 2], side.numbers.tolerance
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
+        return found, SOFT_STEP_SOLVED
+    if films.waits:
         films.counts[OVERLOOKED] = 0
-    x, figures = way.x[k + 2], ticks.figures[k + 1]
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], (row.contact, x, tolerance)):
-        return SOFT_HALF_LEFT
+    return found, -1
+
+
+@device_function
+def _fill_figures(
+    row: FilmSteps, done: tuple[Any, FilmMotion], k: int, flange: Matrix, moments: Vector
+) -> None:
+    """Fill the film's wrench on the flange, its mass, and what its cables have lost in tick k."""
+    ticks, way = done
+    side, calls = record_at(row.side, FilmSide), row.calls
+    x, figures, share = way.x[k + 2], ticks.figures[k + 1], side.numbers.share
     for r in range(CENTER):
         figures[r] = 0.0
-    _add_wrench(calls[_WRENCH], (held, gradient, x, flange, figures[:CENTER]))
+    _add_wrench(calls[_WRENCH], (side.held, side.work.gradient, x, flange, figures[:CENTER]))
     if share > 0.0:
         damped = Damped(side.film.mass, share, side.numbers.span, side.work.along)
         _add_damping(calls[_DAMPING], (damped, x, way.velocity[k + 2], flange, figures[:CENTER]))
-    total = _mass_moments(calls[_MOMENTS], (mass, x.reshape((x.shape[0], 1, 3)), moments))
+    total = _mass_moments(calls[_MOMENTS], (row.mass, x.reshape((x.shape[0], 1, 3)), moments))
     fill_center_and_inertia(total, moments, flange[0], figures)
-    _hand_over(calls[_HAND], (rigid.scene.applied, ticks, k))
     if way.memory.shape[1] > 0:
         given = x, side.film.eyelets, way.memory[k], way.memory[k + 1]
         ticks.work[k, 2] = _eyelet_loss(calls[_LOSS], given)
+
+
+@device_function
+def _take_tick(
+    asked: tuple[Any, Any, FilmCommands], row: FilmSteps, done: tuple[Any, FilmMotion], k: int,
+    scratch: tuple[Matrix, Vector],
+) -> int:  # fmt: skip
+    """Take tick k; return how it ended, -1 if the next one may follow.
+
+    Args:
+        asked: rigid side, its servos, and what the film is asked for.
+        row: see `FilmSteps`.
+        done: ticks and motion, filled.
+        k: the tick.
+        scratch: (4, 3) and (9,).
+    """
+    (rigid, servos, commands), (ticks, way), (flange, moments) = asked, done, scratch
+    if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
+        return RIGID_SIDE_WARNS
+    fill_flange(ticks, k, flange)
+    found, ended = _solve(commands, row, done, k, flange)
+    if ended >= 0:
+        return ended
+    _fill_figures(row, done, k, flange, moments)
+    _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
     if _settle(row, found, way, ticks, k):
         return ALL_DONE
     if found[0] > 0 and row.fast < np.inf:
-        moving = row.contact, x, way.velocity[k + 2]
-        if _fastest_touched(contact.calls[FASTEST], moving) > row.fast:
+        moving = row.contact, way.x[k + 2], way.velocity[k + 2]
+        if _fastest_touched(record_at(row.contact, ContactArrays).calls[FASTEST], moving) > row.fast:
             return ALL_DONE
-    return ALL_DONE if whole and films.counts[self_contact.REMEMBERED] == 0 else -1
+    if row.whole and record_at(row.films, FilmContacts).counts[self_contact.REMEMBERED] == 0:
+        return ALL_DONE
+    return -1
 
 
 @kernel
@@ -347,7 +367,7 @@ def advance_film(
     flange, moments = small_matrix(4, 3), small_vector(9)
     count = servos.position.shape[0]
     for k in range(count):
-        ended = _take_tick(rigid, servos, commands, row, ticks, way, k, flange, moments)
+        ended = _take_tick((rigid, servos, commands), row, (ticks, way), k, (flange, moments))
         if ended >= 0:
             return k + (ended == ALL_DONE), ended
     return count, ALL_DONE

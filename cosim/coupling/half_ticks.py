@@ -22,8 +22,12 @@ from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NativeScene
 
 LEVER_M = 0.1  # torques count as forces at this lever
 SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
-ALL_DONE, SOFT_HALF_LEFT, RIGID_SIDE_WARNS, SOFT_STEP_BEGUN, LISTS_LEFT = range(5)
-"""How ticks in a row ended; with all but the first and the third, the rigid half of one more is done."""
+ALL_DONE, SOFT_HALF_LEFT, RIGID_SIDE_WARNS, SOFT_STEP_BEGUN, SOFT_STEP_SOLVED, LISTS_LEFT = range(6)
+"""How ticks in a row ended; with all but the first and the third, the rigid half of one more is done.
+
+A soft step that was begun, or solved for bodies that do not go where it has met them, is continued: nothing
+is solved twice, and what the attempt has changed is as if Python had made it.
+"""
 
 
 class RigidSide(NamedTuple):

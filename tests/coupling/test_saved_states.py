@@ -157,6 +157,18 @@ def test_a_grasp_repeats_itself_with_friction_and_a_body_that_gives_way() -> Non
     assert not same(grasped(here, 25), expected)
 
 
+@pytest.mark.parametrize("mass_kg", [LIGHT_KG, 4.0 * LIGHT_KG])
+def test_saving_changes_nothing_in_a_grasp(mass_kg: float) -> None:
+    """A saved state holds the factorisation, so a kernel stops earlier in a step that Python then takes."""
+    plain, saved = Grasp(mass_kg, STEP_S), Grasp(mass_kg, STEP_S)
+    for _ in range(25):
+        expected = grasped(plain, 1)
+        states = states_of(saved)
+        assert same(grasped(saved, 1), expected)
+    restore(plain, states)
+    assert same(grasped(plain, 1), expected)
+
+
 def test_a_contact_that_ends_right_after_the_state_pushes_no_longer() -> None:
     first, second = Grasp(LIGHT_KG, STEP_S).scene, Grasp(LIGHT_KG, STEP_S).scene
     cube = np.array([first.body_names.index("cube")])

@@ -277,7 +277,8 @@ class _Step:
         moved = 0.0
         if len(self.bodies):
             moved = self._meet(change)
-            aim = StepAim(self._tolerance_N, None if aim is None else aim.start)
+            start = None if aim is None else aim.start
+            aim = StepAim(self._tolerance_N, start, afresh=bool(self._shift.any()))
         if self.trials:
             # from where the film was pressed hard it may not come back
             reached = self._soft.state.positions if moved < _NEAR_M else None
@@ -301,7 +302,7 @@ class _Step:
         A body of next to no mass hardly changes that; where none is, or none is pressed deep: zero.
         """
         change = np.zeros(6 * len(self.bodies))
-        if self._planes is None or not len(self.bodies):
+        if self._planes is None or not len(change):
             return change
         x = self.before.positions + self.tick_s * self.before.velocities
         if self._planes.at(x).depth_m < _NEAR_M:

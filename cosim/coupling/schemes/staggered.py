@@ -45,6 +45,7 @@ from cosim.coupling.half_ticks import (
     RIGID_SIDE_WARNS,
     SOFT_HALF_LEFT,
     SOFT_STEP_BEGUN,
+    SOFT_STEP_SOLVED,
     RigidSide,
     hand_over,
     keep_rigid_half,
@@ -256,11 +257,10 @@ class _FilmHalves(SoftHalves):
             self._went(way, ticks, done, loads[done - 1])
         if soft.films is not None:
             soft.films.overlook(soft.state)
-        if ending == SOFT_STEP_BEGUN:
+        if ending in (SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
             end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
-            quick.begun = BegunStep(
-                soft.state, *end, int(ticks.iterations[done]), float(ticks.residual[done])
-            )
+            spent = int(ticks.iterations[done]), float(ticks.residual[done])
+            quick.begun = BegunStep(soft.state, *end, *spent, ending == SOFT_STEP_SOLVED)
         return done, ending
 
     def _steps(self, side: FilmSide, pressed: bool) -> FilmSteps:
@@ -506,7 +506,7 @@ class StaggeredCoupling(Coupling):
             interface.follow(taken, done)
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
-        if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN):
+        if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
             self._fine.look(taken)
             return True
         self._halves.end(taken)

@@ -462,6 +462,7 @@ class BegunStep:
         memory: (values,), of the elements there.
         iterations: so far.
         residual: [N].
+        solved: whether it has converged.
     """
 
     state: SoftState
@@ -470,6 +471,7 @@ class BegunStep:
     memory: Array
     iterations: int
     residual: float
+    solved: bool
 
 
 _CLOSE_N = 1e-5  # rings of beams that end their search as in motion leave 2e-6 N
@@ -605,10 +607,12 @@ class StepAim:
     Args:
         tolerance_N: a step whose residual is below this is done.
         start: (n, 3) [m], where an earlier try of the same step ended; None for the first.
+        afresh: whether it does not continue with a step that was begun elsewhere: under other loads.
     """
 
     tolerance_N: float
     start: Array | None = None
+    afresh: bool = False
 
     def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
         """Return the bounds of Newton's method up to an ordinary step's tolerance, and beyond it.

@@ -16,6 +16,7 @@ from cosim.base.frames import Array, Pose, Wrench
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
+from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.step_arrays import (
@@ -207,6 +208,14 @@ class QuickStepper:
         """Return whether a step from a state continues with one that was begun elsewhere."""
         return self.begun is not None and self.begun.state is state
 
+    def forget(self) -> None:
+        """Do not continue with a step that was begun elsewhere, nor with the factorisation that it has left.
+
+        How far it came depends on whether a saved state held the factorisation.
+        """
+        self.begun = None
+        self._solver.keep(None)
+
     def take(
         self,
         state: SoftState,
@@ -234,8 +243,12 @@ class QuickStepper:
         share = system.segment_share(state.positions, loads, state.memory)
         task = self.sides.task(loads, share, scheme, step_s, pressed=state.touching is not None)
         solution = NewtonProgress(task, motion, options.newton)
+        films = loads.self_contact
+        if begun is not None and begun.solved:
+            solution.reused, solution.residual = begun.iterations, begun.residual
+            return self._end(motion, films), solution.result(Outcome.CONVERGED)
         # a contact that is half solved would push with a force of its own making
-        films, lenient = loads.self_contact, loads.contact is None and loads.self_contact is None
+        lenient = loads.contact is None and films is None
         place = self.begins(lenient=lenient)
         if start is not None:
             self.sides.fill_bed(state, flange, scheme.bed, velocities, self.sides.target)
@@ -246,7 +259,7 @@ class QuickStepper:
         outcome = self._solver.go_on(solution, place)
         if outcome is Outcome.ITERATION_LIMIT and lenient:
             if solution.residual <= options.residual_bound_N and not self._jumps(motion, step_s):
-                velocities = (x - velocities) / scheme.bed.span
+                velocities[:] = (x - velocities) / scheme.bed.span
             else:
                 more = place.tangents_max + options.newton.iterations_max
                 outcome = self._go_on(solution, place._replace(begins=GOES_ON, tangents_max=more))
@@ -254,9 +267,13 @@ class QuickStepper:
             return None
         if outcome not in (Outcome.CONVERGED, Outcome.ITERATION_LIMIT):
             return None
-        touching = None if films is None else films.memory(x)
-        end = SoftState(x, velocities, system.advanced(x, memory), here, touching)
-        return end, solution.result(outcome)
+        return self._end(motion, films), solution.result(outcome)
+
+    def _end(self, motion: StepMotion, films: FilmPairs | None) -> SoftState:
+        """Return where a step with pairs of films has ended."""
+        x, touching = motion.new_x, None if films is None else films.memory(motion.new_x)
+        memory = self._solver.system.advanced(x, motion.new_memory)
+        return SoftState(x, motion.new_velocity, memory, (motion.x, motion.velocity), touching)
 
     def _go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
         """Go on beyond what a step was given at first."""
@@ -357,14 +374,19 @@ class ImplicitStepper:
         """Advance by one step with the films that may touch one another in it; see `step`."""
         scheme = self.scheme_of(state, step_s)
         begun = self.quick.has_begun(state)  # where the flange turns far, no step is
+        if begun and aim is not None and aim.afresh:
+            self.quick.forget()
+            begun = False
         turns = before is not None and not begun and _turn(before, world_from_flange) > LARGE_TURN_RAD
         drive, start = (world_from_flange, loads), None if aim is None else aim.start
         if aim is not None and aim.tolerance_N >= self.options.tolerance_N:
             aim = None
-        quick = aim is None and not turns and self.quick.knows(loads)
+        quick = (aim is None or begun) and not turns and self.quick.knows(loads)
         taken = self.quick.take(state, drive, scheme, step_s, start) if quick else None
-        if taken is not None:
+        if taken is not None and aim is None:
             return taken
+        if taken is not None:
+            start, quick = taken[0].positions, False
         inertia, base = self._inertia(state, world_from_flange, scheme, step_s, aim)
         flight, jumps = self._flight(state, world_from_flange, step_s)
         starts = [state.positions] if quick else [flight, state.positions]
