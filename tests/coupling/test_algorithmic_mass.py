@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.schemes.staggered import StaggeredCoupling, algorithmic_mass, rigid_share
+from cosim.coupling.schemes.staggered import (
+    StaggeredCoupling,
+    algorithmic_mass,
+    carried_share,
+    expected_acceleration,
+    rigid_share,
+)
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.soft_side import answer_weights, exchange_gain, expecting_no_change
+from cosim.coupling.soft_sides.soft_side import answer_weights, exchange_gain
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Integrator, StepAim, StepOptions
 from tests.coupling.slider import OneBody, Slider
@@ -63,21 +69,21 @@ def amplification(ratio: float, stiffness: float, integrator: Integrator, carrie
         carried: its answer within a tick and its whole mass ("both"), or the latter alone ("whole").
     """
     weights = answer_weights(integrator)
-    c, past = weights[0], expecting_no_change(weights)
+    c, bare = weights[0], exchange_gain(weights) * ratio
     node = 1.0 / (NODES + 1.0)
     springs = np.diag([1.0, *[2.0] * (NODES - 1), 1.0]) - np.eye(NODES + 1, k=1) - np.eye(NODES + 1, k=-1)
     K = stiffness * node * springs
     tangent = c * node * np.eye(NODES + 1) + K
     follows = -np.linalg.solve(tangent[1:, 1:], tangent[1:, :1])
     within = c * node * (1.0 + follows.sum())
-    share = rigid_share(exchange_gain(weights) * ratio) if carried == "both" else 1.0
-    added = (1.0 - share) * within + share * c
+    share = rigid_share(bare) if carried == "both" else 1.0
+    added = carried_share(bare) * ((1.0 - share) * within + share * c)
     # what each row of the state is a combination of: place, speed, accelerations and force of the mass, then
     # places and speeds of the nodes now and a tick before; h = 1
-    state = np.eye(6 + 4 * (NODES + 1))
-    place, speed, force = state[0], state[1], state[5]
-    x, before, v, v_before = state[6:].reshape(4, NODES + 1, -1)
-    acceleration = (force + added * (past @ state[2:5])) / (1.0 / ratio + added)
+    state = np.eye(5 + 4 * (NODES + 1))
+    place, speed, force = state[0], state[1], state[4]
+    x, before, v, v_before = state[5:].reshape(4, NODES + 1, -1)
+    acceleration = (force + added * (expected_acceleration(bare) @ state[2:4])) / (1.0 / ratio + added)
     speed = speed + acceleration
     place = place + speed
     base, slow = (x, v) if integrator == "implicit_euler" else ((4 * x - before) / 3, (4 * v - v_before) / 3)
@@ -86,7 +92,7 @@ def amplification(ratio: float, stiffness: float, integrator: Integrator, carrie
     rest = c * node * y - tangent[:, :1] * place
     there = np.vstack([place, np.linalg.solve(tangent[1:, 1:], rest[1:])])
     answered = -(c * node * (place - y[0]) + K[0] @ there)
-    after = [place, speed, acceleration, *state[2:4], answered, *there, *x, *((there - base) / span), *v]
+    after = [place, speed, acceleration, state[2], answered, *there, *x, *((there - base) / span), *v]
     return float(np.abs(np.linalg.eigvals(np.array(after))).max())
 
 
@@ -104,10 +110,10 @@ def test_carrying_the_whole_mass_grows_weakly_where_it_is_heavy() -> None:
     assert max(whole) > 1.01
 
 
-@pytest.mark.parametrize("ratio", [0.25, 0.5])
-def test_with_bdf2_it_hardly_grows_beyond_its_quarter(ratio: float) -> None:
+@pytest.mark.parametrize(("ratio", "growth"), [(0.125, 1e-6), (0.2, 1e-6), (0.25, 1e-6), (0.5, 1e-3)])
+def test_with_bdf2_it_hardly_grows_beyond_its_quarter(ratio: float, growth: float) -> None:
     # without damping; twice the bound of the plain exchange, which grows by a half in every tick there
-    assert max(amplification(ratio, stiffness, "bdf2") for stiffness in STIFFNESSES) < 1.001
+    assert max(amplification(ratio, stiffness, "bdf2") for stiffness in STIFFNESSES) < 1.0 + growth
 
 
 @pytest.mark.parametrize("ratio", [4.0, 10.0])

@@ -106,6 +106,22 @@ def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
 
 
+def test_the_force_shown_of_ticks_in_pieces_is_their_impulse() -> None:
+    mass_kg, tick_s, shown, left = 0.05, 4e-3, np.zeros(3), 0
+    here = CoupledGrasp(mass_kg, tick_s, StaggeredCoupling, "bdf2", substeps=2)
+    scene, cube = here.grasp.scene, here.grasp.scene.body_names.index("cube")
+    servos = Servos.knowing_no_payload(*np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None])
+    for k in range(72):
+        fine = here.coupling.fine.on
+        taken = here.coupling.advance(servos, [here.grasp.loads])
+        shown += tick_s * (taken.ticks.body_force[0, cube] + [0.0, 0.0, -9.81 * mass_kg])
+        load = scene.bodies.applied[cube, :3]  # acts in the next tick, or in the next piece
+        momentum = mass_kg * scene.bodies.spins[cube, 3:]
+        assert shown - scene.tick_s * load == pytest.approx(momentum, abs=1e-12), k
+        left += fine and not here.coupling.fine.on and bool(load.any())
+    assert left  # the last piece's force acts through a whole tick
+
+
 def test_servos_go_on_in_pieces_as_in_whole_ticks() -> None:
     joints, speed = [], np.full((1, 6), 0.3)
     for fine in (False, True):

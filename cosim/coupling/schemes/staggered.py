@@ -2,9 +2,15 @@
 
 Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; the soft side then takes
 one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for
-the flange (stability ratio above a bound), its algorithmic mass A = J^T M_a J rides along on the joints; A
-times the acceleration at which the soft side answers as before, the last one with implicit Euler, is given
-back as torque. So only a change of the answer meets A: a rigid load moves as one body with the flange.
+the flange (stability ratio r above a bound), a share of its algorithmic mass A = J^T M_a J rides along on the
+joints. What it takes at the expected acceleration is given back as torque, so that only the unexpected meets
+it:
+
+    share = min(1, r / 2),    expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r),
+
+a the accelerations of the last ticks. With b' = 1 the arm feels the soft side's own wrench, to second order.
+Where the soft side is heavier, that would grow: what is expected is nearer to the last acceleration. A rigid
+load that is accelerated evenly moves as one body with the flange in any case.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
@@ -57,7 +63,7 @@ from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, Ite
 from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
-from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
+from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.reduced.sections.section_energy import TERMS
@@ -381,6 +387,25 @@ def rigid_share(ratio: float) -> float:
     return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
 
 
+def carried_share(ratio: float) -> float:
+    """Return how much of the algorithmic mass rides along: less leaves the exchange unstable, more delays it.
+
+    Args:
+        ratio: r, stability ratio of the flange.
+    """
+    return min(1.0, 0.5 * ratio)
+
+
+def expected_acceleration(ratio: float) -> Array:
+    """Return the weights (2,) of the last two accelerations in the one expected next, last first.
+
+    Args:
+        ratio: r, stability ratio of the flange.
+    """
+    change = 1.2 / max(ratio, 1.2)
+    return np.array([1.0 + change, -change])
+
+
 def algorithmic_mass(
     soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
 ) -> Array:
@@ -413,7 +438,7 @@ class StaggeredState:
     Args:
         interface: what it acts on.
         added: (joints, joints) [kg m^2], carried algorithmic mass.
-        past: (k, joints) [rad/s^2], accelerations while it was carried.
+        past: (2, joints) [rad/s^2], accelerations while it was carried.
         fine: whether the next tick is a fine one.
     """
 
@@ -437,8 +462,7 @@ class StaggeredCoupling(Coupling):
         self._ratio_bound = ratio_bound
         joints = len(interface.scene.joint_acceleration)
         self._added = np.zeros((joints, joints))
-        self._weights = expecting_no_change(interface.soft.answer_weights)
-        self._past = np.zeros((len(self._weights), joints))
+        self._past = np.zeros((2, joints))
         self._carries = False
         self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
         self._fine = FineTicks(interface)
@@ -484,8 +508,8 @@ class StaggeredCoupling(Coupling):
             self._update_stability_ratio()
         taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
         joints = len(self._added) if self._carries else 0
-        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._weights, self._past)
-        return interface.rigid(carried)
+        weights = expected_acceleration(interface.ratio)
+        return interface.rigid(CarriedInertia(self._added[:joints, :joints].copy(), weights, self._past))
 
     def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
@@ -518,7 +542,7 @@ class StaggeredCoupling(Coupling):
     def carried(self) -> CarriedInertia:
         """Return a copy of what rides on the joints."""
         added = self._added if self._carries else np.zeros((0, 0))
-        return CarriedInertia(added.copy(), self._weights, self._past.copy())
+        return CarriedInertia(added.copy(), expected_acceleration(self.interface.ratio), self._past.copy())
 
     @property
     def fine(self) -> FineTicks:
@@ -544,7 +568,7 @@ class StaggeredCoupling(Coupling):
             contact = None if interface.contact is None else interface.contact.planes
             origin, jacobian = scene.flange_pose.translation, scene.flange.jacobian()
             mass = algorithmic_mass(interface.soft, origin, interface.ratio, contact, scene.tick_s)
-            added = jacobian.T @ mass @ jacobian
+            added = carried_share(interface.ratio) * (jacobian.T @ mass @ jacobian)
         if carries or self._carries:
             scene.bodies.carried.carry_on_arm(added)
         if carries and not self._carries:

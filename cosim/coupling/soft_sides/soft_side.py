@@ -65,18 +65,6 @@ def exchange_gain(weights: tuple[float, ...]) -> float:
     return float(np.abs(weights).sum())
 
 
-def expecting_no_change(weights: tuple[float, ...]) -> Array:
-    """Return the weights (k,) of the last accelerations whose sum is that at which the answer stays as it is.
-
-    -M sum_k s_k a_n+1-k is -M sum_k s_k a_n-k where a_n+1 is sum_k (s_k - s_k+1) a_n-k / s_0: the last one
-    with implicit Euler.
-
-    Args:
-        weights: s, of `answer_weights`.
-    """
-    return np.asarray((np.array(weights) - np.append(weights[1:], 0.0)) / weights[0])
-
-
 @final
 @dataclass(frozen=True)
 class MassProperties:
