@@ -15,13 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.build.options import (
-    contact_law,
-    described_body,
-    dynamic_options,
-    fidelity_report,
-    section_figures,
-)
+from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
 from cosim.config.rules import gas_report, gas_rules
 from cosim.config.schema.phase import CELL_KEYS

@@ -89,8 +89,9 @@ def test_a_coarser_film_is_drawn_at_its_own_nodes(
     rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
 ) -> None:
     stage = make_stage()
-    nodes = np.unique(np.concatenate([stage.soft_triangles[::4].ravel(), *stage.cables]))
-    triangles, cables = (np.searchsorted(nodes, each) for each in (stage.soft_triangles[::4], stage.cables[0]))
+    some, cable = stage.soft_triangles[::4], stage.cables[0]
+    nodes = np.unique(np.concatenate([some.ravel(), cable]))
+    triangles, cables = np.searchsorted(nodes, some), np.searchsorted(nodes, cable)
     stress = np.linspace(*STRESS_RANGE_PA, len(triangles))
     drawn = DrawnFilm(nodes, triangles, (cables,), lambda x: stress * (len(x) == len(nodes)))
     recorded = record(rrd, replace(stage, drawn=drawn), make_snapshot, ticks=20)
@@ -99,7 +100,7 @@ def test_a_coarser_film_is_drawn_at_its_own_nodes(
     film = make_snapshot(stage, time // 2_000_000).node_position
     np.testing.assert_allclose(found, film[nodes], rtol=SINGLE, atol=1e-9)
     (line,) = recorded.by_time("/world/soft/cables", "LineStrips3D:strips")[time]
-    np.testing.assert_allclose(line, film[stage.cables[0]], rtol=SINGLE, atol=1e-9)
+    np.testing.assert_allclose(line, film[cable], rtol=SINGLE, atol=1e-9)
     assert len(set(recorded.by_time(FILM, "Mesh3D:vertex_colors")[time])) > 5
 
 
