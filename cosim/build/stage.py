@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.build.options import contact_law, dynamic_options, fidelity_report, section_figures
+from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
 from cosim.config.rules import gas_report, gas_rules
 from cosim.config.schema.phase import CELL_KEYS
@@ -31,12 +32,13 @@ from cosim.plan.plan import Plan
 from cosim.reduced.section_model import SectionModel
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
+from cosim.soft.body.places import parents
 from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.solve.assembly import FilmEnergies
 from cosim.soft.solve.state import mode_decay
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
-from cosim.telemetry.snapshot import CameraInfo, Decay, RunInfo
+from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, RunInfo
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -352,6 +354,7 @@ def stage_of(
         decay=_decay(scenario),
         energy=_energy(scenario, body),
         soft_mass_kg=body.mass_kg,
+        drawn=_drawn(scenario, body),
         mounted=carrier.mounted,
         sliding=carrier.sliding,
         stored_m=None if robot is None else robot.stored_m,
@@ -385,6 +388,25 @@ def _steps(parts: Parts) -> tuple[int, float]:
         return sum(parts.ticks(phase) for phase in scenario.phases), scenario.clock.tick_s
     count = sum(phase.increments for phase in scenario.phases)
     return count, sum(phase.duration_s + phase.settle_s for phase in scenario.phases) / count
+
+
+def _drawn(scenario: Scenario, body: SoftBody) -> DrawnFilm | None:
+    """Return the film on the mesh before refining: a section model's film knows no finer shape."""
+    robot = scenario.soft_robot
+    if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable) or robot.copies or robot.palm:
+        return None
+    nodes, fine = np.arange(body.nodes), body
+    for level in reversed(range(robot.stack.refine if robot.stack else 0)):
+        assert robot.stack is not None, "it has levels"
+        coarse = described_body(replace(robot, stack=replace(robot.stack, refine=level)), scenario.model)
+        first, second = parents(coarse, fine).T
+        kept = np.flatnonzero(first == second)
+        nodes, fine = nodes[kept[np.argsort(first[kept])]], coarse
+    if fine is body:
+        return None
+    return DrawnFilm(
+        nodes, fine.triangles, tuple(cable.nodes for cable in fine.cables), partial(_largest_stress, fine)
+    )
 
 
 def _largest_stress(body: SoftBody, positions: Array) -> Array:

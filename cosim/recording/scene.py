@@ -26,7 +26,7 @@ from cosim.recording import colours
 from cosim.recording.blueprint import FOLLOW, TIP_PATH, Eye, close_eye, soft_size
 from cosim.recording.columns import column, send_lines, style_lines
 from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import DrawnFilm, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 
@@ -329,11 +329,14 @@ class Scene:
     def __init__(self, stream: rr.RecordingStream, stage: RunInfo, first: Snapshot) -> None:
         self._stream = stream
         self._stage = stage
-        nodes = len(first.node_position)
+        positions = first.node_position
+        given = stage.soft_triangles, stage.cables, stage.membrane_stress
+        self._film = stage.drawn or DrawnFilm(np.arange(len(positions)), *given)
+        nodes = len(self._film.nodes)
         self._share = np.full(nodes, 1.0 / nodes)
         # a copy: kernels take no array that is read-only
-        self._colours = colours.MembraneColours(stage.soft_triangles.copy(), nodes)
-        self._seams = crease_lines(first.node_position, stage.soft_triangles)
+        self._colours = colours.MembraneColours(self._film.triangles.copy(), nodes)
+        self._seams = crease_lines(positions[self._film.nodes], self._film.triangles)
         self._paths = [body_path(name) for name in stage.body_names]
         self._drawn = sorted({shape.body for shape in stage.shapes})
         size = soft_size(stage, first)
@@ -364,10 +367,10 @@ class Scene:
         log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         if self._seams:
             style_lines(self._stream, "/world/soft/seams", _SEAM_RADIUS_M, _SEAM)
-        if self._stage.cables:
+        if self._film.cables:
             style_lines(self._stream, "/world/soft/cables", _CABLE_RADIUS_M)
         # Vertex data would shadow the frames if it were static: indices alone.
-        indices = self._stage.soft_triangles.astype(np.uint32)
+        indices = self._film.triangles.astype(np.uint32)
         log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
 
     def _send_bodies(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
@@ -389,8 +392,10 @@ class Scene:
         for begin in range(0, count, _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
             x = frames.film.node_position(some)
+            if self._stage.drawn is not None:
+                x = x[:, self._film.nodes]
             positions[some], centre[some] = x, self._share @ x
-            packed[some] = self._colours.packed(x, np.array([self._stage.membrane_stress(one) for one in x]))
+            packed[some] = self._colours.packed(x, np.array([self._film.stress(one) for one in x]))
         each = np.full(count, nodes)
         columns = [
             column(rr.Mesh3D, "vertex_positions", components.Position3DBatch(positions.reshape(-1, 3)), each),
@@ -403,7 +408,7 @@ class Scene:
         tension = frames.cable_tension_N.reshape(-1, 1)
         taut = tension / (tension + _HALF_TAUT_N)
         shade = (1.0 - taut) * np.array(colours.GREY) + taut * np.array(colours.ORANGE)
-        self._send_node_lines("cables", positions, self._stage.cables, times, shade.astype(np.uint8))
+        self._send_node_lines("cables", positions, self._film.cables, times, shade.astype(np.uint8))
 
     def _send_node_lines(
         self,

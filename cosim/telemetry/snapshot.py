@@ -233,6 +233,24 @@ class FilmShapes:
 __all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
 
 
+@final
+@dataclass(frozen=True)
+class DrawnFilm:
+    """The film on a coarser mesh, whose nodes are among its own: pictures of it cost less.
+
+    Args:
+        nodes: (k,) of the film.
+        triangles: (m, 3) places in `nodes`.
+        cables: places in `nodes` of each cable, base to tip.
+        stress: positions of these nodes (k, 3) [m] -> largest principal stress (m,) [Pa].
+    """
+
+    nodes: IntArray
+    triangles: IntArray
+    cables: tuple[IntArray, ...]
+    stress: Callable[[Array], Array]
+
+
 @dataclass(frozen=True, repr=False)
 class RunInfo(Shown):
     """Everything about a run that does not change while it runs.
@@ -274,6 +292,7 @@ class RunInfo(Shown):
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
         sensors: names, units and values of the sensors.
         cameras: their names, sizes and rates.
+        drawn: what recordings draw of the film; None: all of it.
     """
 
     scenario: str
@@ -311,6 +330,7 @@ class RunInfo(Shown):
     stored_m: float | None = None
     sensors: tuple[SensorNames, ...] = ()
     cameras: tuple[CameraInfo, ...] = ()
+    drawn: DrawnFilm | None = None
 
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""

@@ -6,15 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import cosim
 from cosim.build import soft_model
+from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
+from cosim.config.rules import file_of
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.reduced.section_model import SectionModel
 from cosim.soft.body.body import SoftBody
-from tests.small_section import on_a_ur5e, section
+from cosim.soft.body.places import parents
+from tests.small_section import body, on_a_ur5e, section
 
 SCENARIO = on_a_ur5e(
     25e3,
@@ -49,6 +53,33 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(soft_model, "build_model", lambda *_: pytest.fail("the model has been built before"))
     assert cosim.run(path).summary["section_model"] == figures
     assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
+
+
+def test_recordings_draw_a_refined_film_on_the_mesh_before_refining(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    coarse, path = body(), tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+
+    def build(fine: SoftBody, _largest_Pa: float, _films: object, middle: SoftBody | None) -> SectionModel:
+        nodes = section().model.nodes
+        if middle is not None:
+            nodes = nodes[:, parents(coarse, middle)].mean(axis=2)[:, parents(middle, fine)].mean(axis=2)
+        return replace(section().model, nodes=nodes)
+
+    monkeypatch.setattr(soft_model, "build_model", build)
+    assert cosim.Simulation(path).stage.drawn is None
+    stage = cosim.Simulation(path, overrides={"soft_robot.stack.refine": 2}).stage
+    drawn, x = stage.drawn, coarse.positions * (1.0, 1.0, 1.2)
+    assert drawn is not None
+    np.testing.assert_array_equal(drawn.triangles, coarse.triangles)
+    np.testing.assert_array_equal(drawn.stress(x), coarse.principal_stress(x)[:, 0])
+    fine = build_soft_body(file_of(load_scenario(path), "its mesh"), load_scenario(path).model, finer=2)
+    np.testing.assert_array_equal(stage.soft_triangles, fine.triangles)
+    np.testing.assert_allclose(fine.positions[drawn.nodes], coarse.positions, atol=1e-12)
+    for mine, cable in zip(drawn.cables, stage.cables, strict=True):
+        np.testing.assert_array_equal(drawn.nodes[mine], cable)
 
 
 def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 import cosim
 from cosim.coupling.soft_sides.handover import Handover
 from cosim.recording.colours import STRESS_RANGE_PA
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import DrawnFilm, RunInfo, Snapshot
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -83,6 +83,25 @@ def test_film_is_drawn_as_it_was_simulated(
     for time, drawn in recorded.by_time(FILM, "Mesh3D:vertex_positions").items():
         nodes = make_snapshot(stage, time // 2_000_000).node_position
         np.testing.assert_allclose(drawn, nodes, rtol=SINGLE, atol=1e-9)
+
+
+def test_a_coarser_film_is_drawn_at_its_own_nodes(
+    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
+) -> None:
+    stage = make_stage()
+    some, cable = stage.soft_triangles[::4], stage.cables[0]
+    nodes = np.unique(np.concatenate([some.ravel(), cable]))
+    triangles, cables = np.searchsorted(nodes, some), np.searchsorted(nodes, cable)
+    stress = np.linspace(*STRESS_RANGE_PA, len(triangles))
+    drawn = DrawnFilm(nodes, triangles, (cables,), lambda x: stress * (len(x) == len(nodes)))
+    recorded = record(rrd, replace(stage, drawn=drawn), make_snapshot, ticks=20)
+    np.testing.assert_array_equal(recorded.static(FILM, "Mesh3D:triangle_indices"), triangles)
+    time, found = list(recorded.by_time(FILM, "Mesh3D:vertex_positions").items())[-1]
+    film = make_snapshot(stage, time // 2_000_000).node_position
+    np.testing.assert_allclose(found, film[nodes], rtol=SINGLE, atol=1e-9)
+    (line,) = recorded.by_time("/world/soft/cables", "LineStrips3D:strips")[time]
+    np.testing.assert_allclose(line, film[cable], rtol=SINGLE, atol=1e-9)
+    assert len(set(recorded.by_time(FILM, "Mesh3D:vertex_colors")[time])) > 5
 
 
 def test_no_vertex_data_is_static(

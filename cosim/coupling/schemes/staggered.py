@@ -324,10 +324,12 @@ class _SectionHalves(SoftHalves):
         return True
 
     def _commands(self, loads: Sequence[Loads]) -> ChainCommands:
-        pressure = np.array([self._soft.section.pressure(load) for load in loads])
+        distinct, section = {id(load): load for load in loads}, self._soft.section
+        known = {key: section.pressure(load) for key, load in distinct.items()}
+        pressure = np.array([known[id(load)] for load in loads])
         tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
         first, weights = np.empty(len(loads), np.int64), np.empty((len(loads), TERMS))
-        spline, terms = self._soft.section.model.spline, None
+        spline, terms = section.model.spline, None
         for k, value in enumerate(pressure.tolist()):
             if terms is None or value != pressure[k - 1]:
                 terms = spline.terms(value)
@@ -370,7 +372,7 @@ class _SectionHalves(SoftHalves):
             step = ChainStep(
                 ChainState(motion[1], motion[0]), way.gradient[done - 1].copy(), figures, Outcome.CONVERGED,
                 int(ticks.iterations[done - 1]), float(ticks.residual[done - 1]),
-                soft.section.pressure(loads[done - 1]),
+                float(commands.pressure[done - 1]),
             )  # fmt: skip
             soft.go_to(step, ticks.flange(done), loads[done - 1])
         # what was computed for a pressure is kept with it

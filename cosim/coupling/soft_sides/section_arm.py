@@ -36,7 +36,6 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching, Footing
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
 from cosim.soft.solve.stability import Softest, leave
@@ -417,7 +416,7 @@ class SectionArm(SoftSide):
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
-        return ContactSurface.of(self.body, SoftSystem(self.body).pattern)
+        return ContactSurface.of(self.body, self.section.system.pattern)
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""

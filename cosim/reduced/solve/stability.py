@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, final
 
 import numpy as np
@@ -17,7 +18,6 @@ from cosim.reduced.solve.newton import ChainSolver, whole_tangent
 from cosim.reduced.solve.time_step import given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
 from cosim.soft.solve.stability import (
     Softest,
@@ -91,7 +91,7 @@ class ChainStiffness:
     @property
     def softest(self) -> Softest:
         """The lowest eigenvalue, with the mode of the film's nodes."""
-        return self._lowest()[0]
+        return self._lowest[0]
 
     def named(self, lowest: Softest, ways: int) -> Branching:
         """Return what is known of where it gives way along a mode, in so many independent directions."""
@@ -108,15 +108,14 @@ class ChainStiffness:
         held, unstable = self._solver.losses_follow_shape, self.unstable
         if unstable is not None:
             return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
-        _, mode = self._lowest()
         section, frames, count = self._solver.section, self._frames, len(self._frames)
-        motion = node_motion(section, frames, self._pressure).reshape(-1, 3, 6 * count)[:, :, self._free]
-        system, x = SoftSystem(section.body), section.positions(frames, self._pressure)
+        (_, mode), motion, tip = self._lowest, self._motion[:, :, self._free], section.body.tip
+        system, x = section.system, section.positions(frames, self._pressure)
         loads = replace(
             self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
         )
         size = DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
-        answers = motion @ np.linalg.solve(self._matrix, np.einsum("n,nkd->dk", size, motion))
+        answers = motion[tip] @ np.linalg.solve(self._matrix, np.tensordot(size, motion, 1).T)
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
         step = np.zeros((count, 6))
         step.reshape(-1)[self._free] = answer
@@ -131,11 +130,11 @@ class ChainStiffness:
         values = eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
         modes = natural_frequencies(values.tolist())
         return Footing(
-            modes[0], tip_motion(section.body.tip, answers),
+            modes[0], tip_motion(np.arange(len(tip)), answers),
             *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
         )  # fmt: skip
 
-    @property
+    @cached_property
     def _mass(self) -> Array:
         """Mass matrix of what can move."""
         still, moving = Bed(0.0, self._frames), Bed(1.0, self._frames)
@@ -145,12 +144,19 @@ class ChainStiffness:
         ]
         return (found[0] - found[1])[np.ix_(self._free, self._free)]
 
+    @cached_property
+    def _motion(self) -> Array:
+        """(n, 3, 6 f), see `node_motion`."""
+        found = node_motion(self._solver.section, self._frames, self._pressure)
+        return found.reshape(len(found), 3, len(self._free))
+
+    @cached_property
     def _lowest(self) -> tuple[Softest, Array]:
-        """Return the lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
+        """The lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
         value, vector = eigh(self._matrix, self._mass, subset_by_index=(0, 0))
         section, whole = self._solver.section, np.zeros(len(self._free))
         whole[self._free] = vector[:, 0]
-        motion = node_motion(section, self._frames, self._pressure).reshape(-1, 3, len(whole)) @ whole
+        motion = self._motion @ whole
         scale = motion.ravel()[np.argmax(np.abs(motion))]
         x, free = section.positions(self._frames, self._pressure), np.ones(motion.shape, np.bool_)
         mode, place = motion / scale, place_of_largest(section.body, x, motion, free)

@@ -371,14 +371,26 @@ def add_membranes(
 @kernel(allocates=True)
 def principal_forces(x: Matrix, film: MembraneRows) -> Matrix:
     """Return the principal membrane forces (m, 2) [N/m] of all triangles by the law, largest first."""
-    principal = np.empty((film.triangles.shape[0], 2))
-    f, n, tangent = small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
-    for e in range(film.triangles.shape[0]):
-        strain = deformation(x, film.triangles[e], film.gradients[e], f)
-        film_law(film, e, strain, n, tangent)
-        half = 0.5 * (n[0] - n[1])
-        mean, radius = 0.5 * (n[0] + n[1]), np.sqrt(half * half + n[2] * n[2])
-        principal[e, 0], principal[e, 1] = mean + radius, mean - radius
+    count = film.triangles.shape[0]
+    principal = np.empty((count, 2))
+    f, n, tangent, s = small_matrix(2, 3), small_vector(3), small_matrix(3, 3), small_vector(SIZE)
+    for first in range(0, count, LANES):
+        lanes, group = min(LANES, count - first), film.drawn[first // LANES]
+        if film.law in (PLAIN, WRINKLING):
+            stretch(x, film, first, lanes, group, s)
+            if film.forces.shape[0] > 0:
+                _wrinkle(group, film.forces[first : first + lanes], lanes, film.stiffness, s)
+        for lane in range(lanes):
+            e = first + lane
+            if film.law in (PLAIN, WRINKLING):
+                for r in range(3):
+                    n[r] = s[FORCE + r * LANES + lane] / group[4 * LANES + lane]
+            else:
+                strain = deformation(x, film.triangles[e], film.gradients[e], f)
+                film_law(film, e, strain, n, tangent)
+            half = 0.5 * (n[0] - n[1])
+            mean, radius = 0.5 * (n[0] + n[1]), np.sqrt(half * half + n[2] * n[2])
+            principal[e, 0], principal[e, 1] = mean + radius, mean - radius
     return principal
 
 
