@@ -30,6 +30,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, place_of_largest
 from cosim.soft.elements.cable import add_segments
 from cosim.soft.elements.eyelets import RATIO
+from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.solve.assembly import SoftSystem
@@ -53,6 +54,7 @@ class Side(NamedTuple):
         system: assembles the changed body.
         clamp: that holds it.
         loads: on it.
+        inertia: of an implicit step that ends there; None in statics.
     """
 
     offset: float
@@ -61,17 +63,18 @@ class Side(NamedTuple):
     system: SoftSystem
     clamp: Clamp
     loads: Loads
+    inertia: Inertia | None = None
 
 
-def factorise_at(solver: NewtonSolver, here: Equilibrium) -> None:
-    """Factorise the tangent at an equilibrium.
+def factorise_at(solver: NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
+    """Factorise the tangent at an equilibrium, or with inertia where an implicit step ends.
 
     Raises:
         ConvergenceError: it is not positive definite: the equilibrium is not stable.
     """
     # through the solver, which has to know that its factorisation is another one now
     state, frame = here.state, here.world_from_flange.rotation
-    if not solver.factorise(state.positions, state.memory, here.loads, None, frame):
+    if not solver.factorise(state.positions, state.memory, here.loads, inertia, frame):
         raise ConvergenceError(
             "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
             "no useful sensitivity; change the pressure or the flange pose",
@@ -140,25 +143,29 @@ class EquilibriumSlope:
         clamp: in force.
         here: where the derivatives are taken.
         kinks: whether the quotient is taken where the forces have a kink, as a search for a minimum may.
+        inertia: of an implicit step that ends there; None in statics.
 
     Raises:
         ConvergenceError: the equilibrium is not stable.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False) -> None:
-        factorise_at(solver, here)
+    def __init__(
+        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False,
+        inertia: Inertia | None = None,
+    ) -> None:  # fmt: skip
+        factorise_at(solver, here, inertia)
         self._kinks = kinks
         system = solver.system
         self._solver, self._here, self.assemblies = solver, here, 0
         self._x = np.array(here.state.positions, order="C")
-        self._memory = system.fresh(here.state.memory)
+        self._memory = system.fresh(here.state.memory) if inertia is None else here.state.memory
         self._tangent, self._clamp = FrozenTangent.of(system, self._x), clamp
         lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
         pairs = zip(system.body.cables, lengths, strict=True)
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self._own = Side(0.0, 0.0, 0.0, system, clamp, here.loads)
+        self._own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, inertia)
         self.gradient = self._assembled(self._own, self._x, self._x)
 
     def by(self, sides: tuple[Side, ...], name: str) -> Slope:
@@ -233,7 +240,7 @@ class EquilibriumSlope:
         self.assemblies += 1
         system, memory = side.system, self._memory
         share = system.segment_share(lost_at, side.loads, memory)
-        system.evaluate(x, side.loads, share, memory, hessian=False)
+        system.evaluate(x, side.loads, share, memory, inertia=side.inertia, hessian=False)
         return system.gradient.copy()
 
     def _check_kink(self, sides: tuple[Side, ...], motion: Array, name: str) -> None:
