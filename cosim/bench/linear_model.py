@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import final
 
 import numpy as np
 
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.devices.command_source import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import FIGURES
-from cosim.reduced.solve.linear_step import LinearStep
+from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
 
 _MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets
@@ -34,13 +37,14 @@ class LinearModel:
         b: (n, inputs) [state per input].
         c: (3, n) [m per state].
         d: (3, inputs) [m per input]: of a pressure, by which the film swells at once.
-        inputs: names: "pressure_Pa", "cable_tension_N.NAME", and with an arm "flange_twist.vx" to ".wz", see
-            `cosim.Command`.
+        inputs: names: "pressure_Pa" (with .NAME of several chambers), "cable_tension_N.NAME", and with an arm
+            "flange_twist.vx" to ".wz", see `cosim.Command`.
         outputs: names, "tip_position_m.x" and so on, world axes.
         parts: (rows, n) each, of the run's state by x: "joint_position" [rad], "joint_velocity" [rad/s],
             "joint_acceleration" (of the last ticks, where joints carry algorithmic mass), "joint_reference"
             [rad], "wrench" (force and torque on the flange, centre and inertia of the soft robot), "shape"
-            (of the section model's frames), and "film" [m], all coordinates of the film's nodes.
+            (of the section model's frames, or of the film's motions, and their rates), and "film" [m], all
+            coordinates of the film's nodes.
         step_s: time from x to x+ [s], a tick.
         integrator: of the soft robot's steps.
     """
@@ -121,7 +125,7 @@ class LinearModel:
     def modes(self, count: int) -> tuple[Array, Array, Array]:
         """Return the slowest swings: frequencies (k,) [Hz], decays (k,) [1/s] and shapes (k, nodes, 3).
 
-        A shape is complex: the film's nodes move along Re(shape exp(l t)), the largest by 1.
+        A shape is complex: the film's nodes move along Re(shape exp(l t)), the largest component by 1.
 
         Args:
             count: k, at most so many.
@@ -129,8 +133,32 @@ class LinearModel:
         poles, vectors = self.poles()
         swings = np.flatnonzero(poles.imag > 0.0)[:count]
         shapes = (self.parts["film"] @ vectors[:, swings]).T.reshape(len(swings), -1, 3)
-        largest = np.abs(shapes).reshape(len(swings), -1).max(axis=1, initial=1e-300)
+        rows = shapes.reshape(len(swings), shapes.shape[1] * 3)
+        largest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
         return np.abs(poles[swings]) / (2.0 * np.pi), -poles[swings].real, shapes / largest[:, None, None]
+
+    def write_modes(self, simulation: Simulation, path: str | Path, *, count: int = 4) -> None:
+        """Write the slowest swings as moving shapes in a Rerun recording, each for 2 s.
+
+        Args:
+            simulation: that was linearised, where it was then.
+            path: of the recording (.rrd); an old file is replaced.
+            count: how many, at most.
+
+        Raises:
+            InputError: nothing swings.
+            OutputError: the file cannot be written.
+        """
+        from cosim.recording.mode_shapes import write_mode_shapes  # here: it takes long to load
+
+        found = zip(*self.modes(count), strict=True)
+        modes = {
+            f"mode {k}: {f:.3g} Hz, decay {d:.2g}/s": shape for k, (f, d, shape) in enumerate(found, start=1)
+        }
+        if not modes:
+            raise InputError(f"count = {count}: no mode swings; give 1 or more, or less damping")
+        soft = stepped_run(simulation).soft
+        write_mode_shapes(Path(path), simulation.stage, simulation.snapshot, soft.body, modes)
 
     def __repr__(self) -> str:
         """Return its size and its slowest swings."""
@@ -139,41 +167,51 @@ class LinearModel:
         return f"LinearModel of {len(self.a)} states, {', '.join(self.inputs)} -> tip; swings: {swings}"
 
 
-def linearise(simulation: Simulation) -> LinearModel:
+def linearise(simulation: Simulation, *, motions: int = 40) -> LinearModel:
     """Return the linear model of a simulation's next ticks, about where it is, as if it was at rest.
 
     The soft half of a tick is exact: tangent, mass and losses of its implicit step, losses along cables
-    held. The rigid half is by central differences of MuJoCo's step. Contact is not part of it.
+    held. Of a film, it is that of its slowest natural modes, and of how it gives way to each load and lags
+    behind the flange; what is faster follows at once. The rigid half is by central differences of MuJoCo's
+    step. Contact is not part of it.
 
     Args:
-        simulation: in mode "dynamic", fidelity "section", staggered exchange; after its first tick.
+        simulation: in mode "dynamic", fidelity "section", "lumped" or "refined", staggered exchange; after
+            its first tick.
+        motions: of a film, how many natural modes; with as many as free components nothing is left out.
 
     Raises:
         InputError: it is of another kind, or touches something.
     """
     run, scenario = stepped_run(simulation), simulation.scenario
     soft = run.soft if isinstance(run, DynamicSimulation) else None
-    if not isinstance(soft, SectionArm):
-        raise InputError(
-            "a linear model is of a section model in time: set mode = 'dynamic' and fidelity = 'section'; "
-            f"here are {scenario.mode!r} and {scenario.fidelity!r}"
-        )
+    if motions < 1:
+        raise InputError(f"motions = {motions}: a linear model needs 1 or more natural modes of the film")
     tick_s = scenario.clock.tick_s
-    soft_step = soft.linear_step(tick_s)
+    if isinstance(soft, SectionArm):
+        soft_step = soft.linear_step(tick_s)
+    elif isinstance(soft, SoftArm):
+        soft_step = soft.linear_step(tick_s, motions)
+    else:
+        raise InputError(
+            "a linear model is of a film or section model in time: set mode = 'dynamic' and fidelity = "
+            f"'lumped', 'refined' or 'section'; here are {scenario.mode!r} and {scenario.fidelity!r}"
+        )
     carrier = run.carrier
     rigid, jacobian = carrier.linear_half(), carrier.flange_jacobian()
-    return _joined(simulation, soft_step, (rigid, jacobian))
+    chambers = [chamber.name for chamber in soft.body.gas_chambers]
+    return _joined(scenario, (soft_step, _load_names(scenario, soft_step, chambers)), (rigid, jacobian))
 
 
-def _joined(simulation: Simulation, soft: LinearStep, arm: tuple[Array, Array]) -> LinearModel:
+def _joined(scenario: Scenario, half: tuple[LinearStep, list[str]], arm: tuple[Array, Array]) -> LinearModel:
     """Return the tick of both sides: the rigid half first, the soft one with the flange's new pose."""
-    (rigid, jacobian), scenario = arm, simulation.scenario
+    (rigid, jacobian), (soft, loaded) = arm, half
     tick_s, joints = scenario.clock.tick_s, jacobian.shape[1]
     sizes = (joints, joints, len(rigid) - 2 * joints, joints, FIGURES, soft.states)
     ends = np.cumsum((0, *sizes))
     names = (*_ARM, "joint_reference", "wrench", "shape")
     rates = _rates(jacobian)
-    inputs = [*_load_names(simulation, soft), *(f"flange_twist.{axis}" for axis in _TWIST[: rates.shape[1]])]
+    inputs = [*loaded, *(f"flange_twist.{axis}" for axis in _TWIST[: rates.shape[1]])]
     count, loads = int(ends[-1]), len(soft.loads)
     columns = np.eye(count + len(inputs))
     part = dict(zip(names, np.split(columns[:count], ends[1:-1]), strict=True))
@@ -202,6 +240,7 @@ def _rates(jacobian: Array) -> Array:
         return np.zeros((jacobian.shape[1], 0))
 
 
-def _load_names(simulation: Simulation, soft: LinearStep) -> list[str]:
-    cables = simulation.scenario.soft_robot.cable_names()
-    return [kind if kind == "pressure_Pa" else f"{kind}.{cables[of]}" for kind, of in soft.loads]
+def _load_names(scenario: Scenario, soft: LinearStep, chambers: list[str]) -> list[str]:
+    cables = scenario.soft_robot.cable_names()
+    names = {"pressure_Pa": chambers if len(chambers) > 1 else [], "cable_tension_N": cables}
+    return [f"{kind}.{names[kind][of]}" if names[kind] else kind for kind, of in soft.loads]

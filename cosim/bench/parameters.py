@@ -24,10 +24,12 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.sensitivity import Side
-from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
 from cosim.stepping.parts import film_law
 
 _ROBOT: Final = "soft_robot."
+_SOLVER: Final = ("solver.damping_per_s", "solver.air_drag_per_s")
+"""Losses in time, which no body knows of."""
 _STEP: Final = 3e-5  # of a parameter
 _ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass; what is linear in it does not mind
 _STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
@@ -102,6 +104,13 @@ class ModelParameter:
         """As people write it; "1" without one."""
         return unit_text(unit_of(_last(self.keys[0]))) or "1"
 
+    def step_options(self, options: StepOptions, offset: float) -> StepOptions:
+        """Return how ticks are solved where it is moved by an offset."""
+        if self.keys[0] not in _SOLVER:
+            return options
+        changes: dict[str, Any] = {_last(key): self.value + offset for key in self.keys}
+        return replace(options, **changes)
+
     def sides(self, model: StaticModel) -> Sides:
         """Return what gives the sides of its difference quotient at an equilibrium.
 
@@ -111,7 +120,7 @@ class ModelParameter:
         step = _STEP * abs(self.value) if self.value else _ZERO_STEP
 
         def built(offset: float) -> SoftSystem:
-            if not offset:
+            if not offset or self.keys[0] in _SOLVER:
                 return model.system
             changed = with_values(model.scenario, dict.fromkeys(self.keys, self.value + offset))
             body = fidelity_body(changed)
@@ -180,6 +189,10 @@ class LoadParameter:
             )
 
         return sides
+
+    def step_options(self, options: StepOptions, offset: float) -> StepOptions:
+        """Return how ticks are solved where it is moved, by whatever offset: as they were."""
+        return options
 
     def changed(self, loads: Loads, value: float, model: StaticModel) -> Loads:
         """Return loads with another value of it."""
@@ -250,7 +263,7 @@ def _found(name: ParameterName, model: StaticModel) -> Iterator[AnyParameter]:
     keys = (name,) if isinstance(name, str) else tuple(name)
     if not keys or not all(isinstance(key, str) for key in keys):
         raise InputError(f"a parameter is {name!r}; give a name, or a list of names that are moved together")
-    if all(key.startswith(_ROBOT) for key in keys):
+    if all(key.startswith(_ROBOT) or key in _SOLVER for key in keys):
         values = [value_at(model.scenario, key) for key in keys]
         if len(set(values)) > 1:
             raise InputError(

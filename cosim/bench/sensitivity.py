@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
-from cosim.bench.outputs import Slopes, outputs_of
-from cosim.bench.parameters import ParameterName, StaticModel, parameters_of
+from cosim.bench.outputs import Output, Slopes, outputs_of
+from cosim.bench.parameters import AnyParameter, LoadParameter, ParameterName, StaticModel, parameters_of
+from cosim.bench.run_slopes import RunSlopes
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.errors import InputError
+from cosim.errors import InputError, SensitivityError
+from cosim.soft.body.loads import Loads
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.quasistatic import QuasistaticSimulation
 
 
@@ -92,20 +96,25 @@ def sensitivity(
     *,
     overrides: Mapping[str, Any] | None = None,
 ) -> Jacobian:
-    """Return the derivatives of outputs by parameters at a static equilibrium; the flange stays.
+    """Return the derivatives of outputs by parameters at an equilibrium, or at the end of a run in time.
 
     dx/dp = -K^-1 dg/dp, one factorisation of the tangent K for all parameters. dg/dp is the difference
     quotient of the assembled forces at a fixed shape, with no solution; it and with it the result are exact
     to some 1e-8 of the column's largest entry (`cosim.soft.solve.sensitivity`). Losses along cables follow
     the shape; what presses on the film stays pressed on it, and an arm does not give way to the wrench.
 
+    In time, the derivatives of the state at rest are carried on by those of each implicit step
+    (`cosim.bench.run_slopes`); a load is then shifted alike in all ticks and at rest.
+
     Args:
-        source: a simulation with mode "quasistatic" and fidelity "lumped" or "refined", taken where it is; or
-            a scenario of that kind, by name, path or itself, which is run to its end.
+        source: a simulation of fidelity "lumped" or "refined": with mode "quasistatic", taken where it is;
+            with "dynamic", a new one, which is stepped to its end. Or a scenario of these kinds, by name,
+            path or itself, which is run to its end.
         parameters: names of keys of the soft robot, such as "soft_robot.film.thickness_m" or
             "soft_robot.stack.ring_heights.2", or of loads that act: "pressure_Pa.CHAMBER",
             "gas_mass_kg.CHAMBER" of a sealed one, "cable_tension_N.CABLE", "cable_length_m.CABLE" where that
-            is commanded; without .NAME those of all. A tuple of keys is one value that they share.
+            is commanded; without .NAME those of all. In time also "solver.damping_per_s" and
+            "solver.air_drag_per_s". A tuple of keys is one value that they share.
         outputs: "tip_position_m", "tip_direction", "bending_angle_rad", "length_m" (of the centre line),
             "volume_m3", "pressure_Pa", "cable_length_m" (of the route), "cable_tension_N" (at the base end),
             "frame_strain" (largest of the printed frames), "mass_kg", "flange_force_N", "flange_torque_Nm",
@@ -115,18 +124,27 @@ def sensitivity(
 
     Raises:
         InputError: there is no such parameter or output, or the source has no equilibrium of a film.
-        SensitivityError: the equilibrium has no derivative: a fold, a slip or the begin of a contact.
+        SensitivityError: there is no derivative: a fold, a slip or the begin of a contact; in time any
+            contact.
         ConvergenceError: it is not stable.
     """
     simulation = _simulation_of(source, overrides)
     run, scenario = stepped_run(simulation), simulation.scenario
-    if not isinstance(run, QuasistaticSimulation):
-        raise InputError("sensitivities are of equilibria: set mode = 'quasistatic'")
-    here, soft = run.equilibrium, run.soft
+    soft = run.soft
     if not isinstance(soft, SoftArm):
         raise InputError(
             f"fidelity = {scenario.fidelity!r} has no film; take fidelity = 'lumped' or 'refined'"
         )
+    if isinstance(run, QuasistaticSimulation):
+        return _at_rest(scenario, soft, run.equilibrium, (parameters, outputs))
+    return _in_time(simulation, soft, (parameters, outputs))
+
+
+Asked: TypeAlias = tuple[Sequence[ParameterName], Sequence[str]]
+"""Names of parameters and of outputs."""
+
+
+def _at_rest(scenario: Scenario, soft: SoftArm, here: Equilibrium, asked: Asked) -> Jacobian:
     solver = soft.equilibrium_solver.solver
     if solver.system.slides:
         raise InputError(
@@ -134,16 +152,54 @@ def sensitivity(
             "the way to them; take losses = 'one_way'"
         )
     model = StaticModel.of(scenario, solver.system)
-    wanted, rows = parameters_of(parameters, model), outputs_of(outputs, model)
-    values = [
-        each.value_in(here.loads, len(model.chambers)) if hasattr(each, "value_in") else each.value
-        for each in wanted
-    ]
-    slopes = Slopes(wanted, rows, model)
-    found, matrix = slopes.at(solver, soft.clamp, here)
+    wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
+    for each in wanted:
+        if each.name.startswith("solver."):
+            raise InputError(f"{each.name}: acts in time alone; set mode = 'dynamic', or leave it out")
+    found = Slopes(wanted, rows, model).at(solver, soft.clamp, here)
+    return _jacobian(wanted, rows, _values(wanted, here.loads, model), found)
+
+
+def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
+    """Run a simulation to its end, the derivatives carried on tick by tick."""
+    if simulation.snapshot.tick:
+        raise InputError(
+            f"the simulation is at tick {simulation.snapshot.tick}; derivatives in time begin with the state "
+            "at rest: pass a new simulation, or a scenario"
+        )
+    # apart from the run, whose next tick depends on what its system has assembled last
+    model = StaticModel.of(simulation.scenario, SoftSystem(soft.body))
+    wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
+    for row in rows:
+        if row.name.startswith("flange_"):
+            raise InputError(
+                f"{row.name}: has no derivative in time; set mode = 'quasistatic', or leave it out"
+            )
+    values, slopes = _values(wanted, soft.loads, model), RunSlopes(wanted, model, soft.save_state())
+    for _ in range(simulation.ticks_left):
+        snapshot = simulation.step()
+        if snapshot.ledger.contacts or snapshot.ledger.self_contacts:
+            raise SensitivityError(
+                f"tick {snapshot.tick}: the soft robot touches something, which has no derivative in time; "
+                "move it away, or set contact.enabled = false and contact.self_contact = false"
+            )
+        slopes.tick(soft.save_state(), simulation.scenario.clock.tick_s)
+    return _jacobian(wanted, rows, values, slopes.read(rows))
+
+
+def _values(wanted: Sequence[AnyParameter], loads: Loads, model: StaticModel) -> Array:
+    count = len(model.chambers)
+    return np.array([
+        each.value_in(loads, count) if isinstance(each, LoadParameter) else each.value for each in wanted
+    ])  # fmt: skip
+
+
+def _jacobian(
+    wanted: Sequence[AnyParameter], rows: Sequence[Output], values: Array, found: tuple[Array, Array]
+) -> Jacobian:
     return Jacobian(
-        tuple(row.name for row in rows), tuple(row.unit for row in rows), found,
-        tuple(each.name for each in wanted), tuple(each.unit for each in wanted), np.array(values), matrix,
+        tuple(row.name for row in rows), tuple(row.unit for row in rows), found[0],
+        tuple(each.name for each in wanted), tuple(each.unit for each in wanted), values, found[1],
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 import cosim
 from cosim.base.frames import Array
@@ -98,6 +99,23 @@ def test_the_ticks_of_a_linear_model_are_those_of_the_run(tmp_path: Path, integr
         assert relative_error(answer(model, name), run) < 1e-6, name
 
 
+@pytest.mark.parametrize("integrator", ["bdf2", "implicit_euler, lossy"])
+def test_the_ticks_of_a_film_with_all_its_motions_are_those_of_the_run(
+    tmp_path: Path, integrator: str
+) -> None:
+    kind, _, lossy = integrator.partition(", ")
+    changes = {"soft_robot.film.loss_factor": 0.2} if lossy else {}
+    simulation = pulled(tmp_path, fidelity="lumped", **{"solver.integrator": kind}, **changes)
+    model = cosim.linearise(simulation, motions=10_000)
+    few = cosim.linearise(simulation, motions=20)
+    assert len(few.a) < len(model.a) / 4
+    for name in model.inputs:
+        step = STEPS[name.partition(".")[0]]
+        run = differences(lambda change: tips(simulation, name, change[0]), np.zeros(1), step)[0]  # noqa: B023
+        assert relative_error(answer(model, name), run) < 1e-6, name
+        assert relative_error(answer(few, name), run) < 0.02, name
+
+
 def test_a_model_of_held_commands_is_that_of_its_ticks_in_a_row(tmp_path: Path) -> None:
     model = cosim.linearise(pulled(tmp_path))
     a, b, c, d = model.held(1, ["flange_twist.vx", "cable_tension_N.left"])
@@ -110,10 +128,12 @@ def test_a_model_of_held_commands_is_that_of_its_ticks_in_a_row(tmp_path: Path) 
         model.held(1, ["flange_twist.v"])
 
 
-@pytest.mark.parametrize("integrator", ["bdf2", "implicit_euler"])
+@pytest.mark.parametrize("integrator", ["bdf2", "implicit_euler", "bdf2, lumped"])
 def test_its_modes_are_those_that_the_run_reports(tmp_path: Path, integrator: str) -> None:
+    integrator, _, fidelity = integrator.partition(", ")
     phase = {"name": "hold", "duration_s": 0.1, "cable_tension_N": list(PULLED.values())}
     changes = {"robot": "none", "phase": [phase], "solver.integrator": integrator}
+    changes |= {"fidelity": fidelity} if fidelity else {}
     path = tmp_path / "held.toml"
     path.write_text(on_a_ur5e(PRESSURE_Pa, ""), encoding="utf-8")
     start = {"start.cable_tension_N": list(PULLED.values()), "solver.damping_per_s": 4.0}
@@ -124,13 +144,38 @@ def test_its_modes_are_those_that_the_run_reports(tmp_path: Path, integrator: st
     model = cosim.linearise(simulation)
     frequencies, decays, shapes = model.modes(len(footing.frequencies_Hz))
     # the run reports frequencies without losses: |l|, and c / 2 is the decay of all
-    assert frequencies == pytest.approx(footing.frequencies_Hz, rel=1e-6)
+    assert frequencies == pytest.approx(footing.frequencies_Hz, rel=1e-5 if fidelity else 1e-6)
     assert decays == pytest.approx(2.0, rel=1e-4)
     assert np.abs(shapes).max(axis=(1, 2)) == pytest.approx(1.0)
     assert model.inputs == ("pressure_Pa", "cable_tension_N.right", "cable_tension_N.left")
 
 
-def test_the_film_itself_and_statics_have_no_linear_model(tmp_path: Path) -> None:
+def test_modes_are_written_as_moving_shapes(tmp_path: Path) -> None:
+    phase = {"name": "hold", "duration_s": 0.1}
+    path, written = tmp_path / "held.toml", tmp_path / "modes.rrd"
+    path.write_text(on_a_ur5e(PRESSURE_Pa, ""), encoding="utf-8")
+    simulation = cosim.Simulation(path, overrides={"robot": "none", "phase": [phase], "fidelity": "lumped"})
+    simulation.step()
+    model = cosim.linearise(simulation)
+    model.write_modes(simulation, written, count=2)
+    chunks = [chunk.to_record_batch() for chunk in RrdReader(written).stream().to_chunks()]
+    films = [
+        np.array(film.as_py())
+        for chunk in chunks if "Mesh3D:vertex_positions" in chunk.schema.names
+        for film in chunk.column("Mesh3D:vertex_positions")
+    ]  # fmt: skip
+    rest = np.array(simulation.snapshot.node_position)
+    moved = np.array(films) - rest
+    assert len(moved) == 120
+    _, _, shapes = model.modes(2)
+    for k, shape in enumerate(shapes):
+        own, size = moved[60 * k : 60 * (k + 1)], 0.08 * np.ptp(rest, axis=0).max()
+        assert own[0] == pytest.approx(size * shape.real, abs=1e-6)
+        assert own[15] == pytest.approx(-own[0], abs=1e-6)  # half a swing later
+        assert own[30] == pytest.approx(own[0], abs=1e-6)
+
+
+def test_rigid_bodies_and_statics_have_no_linear_model(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     path.write_text(on_a_ur5e(PRESSURE_Pa, ""), encoding="utf-8")
     for changes in ({"fidelity": "rigid"}, {"coupling.scheme": "iterated"}):

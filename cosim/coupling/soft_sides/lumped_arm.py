@@ -38,8 +38,10 @@ from cosim.soft.linear.kept_factor import NewtonState
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
+from cosim.soft.solve.resting_film import RestingFilm
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.stability import footing, undecided
 from cosim.soft.solve.state import (
@@ -50,7 +52,6 @@ from cosim.soft.solve.state import (
     SoftState,
     StepAim,
     StepOptions,
-    difference_scheme,
     inertia_weight,
 )
 from cosim.soft.solve.time_step import ImplicitStepper
@@ -289,7 +290,7 @@ class SoftArm(SoftSide):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        _, span = difference_scheme(self.dynamics.integrator, self.state, step_s)
+        span = self.dynamics.bed(step_s, first=self.state.earlier is None).span
         return inertia_weight(span, self.dynamics.air_drag_per_s)
 
     def contact_surface(self) -> ContactSurface:
@@ -466,6 +467,25 @@ class SoftArm(SoftSide):
     @cached_property
     def _look(self) -> FilmLook:
         return FilmLook(self.body)
+
+    def linear_step(self, step_s: float, motions: int) -> LinearStep:
+        """Return a step of some length [s] as a matrix, about the present shape as if it was at rest.
+
+        Args:
+            step_s: h [s].
+            motions: how many of the slowest the film has in it, see `RestingFilm`.
+
+        Raises:
+            InputError: nodes have no mass, ends are open, or films press on one another.
+        """
+        if self.state.touching is not None:
+            raise InputError("a linear model has no contact; films press on one another here")
+
+        def seen(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> LinearStep:
+            resting = RestingFilm(newton, self.clamp, self._flange, state, loads)
+            return resting.linear_step(self.dynamics.bed(step_s), motions)
+
+        return self._looked(seen, self.state.positions, self._flange, self._loads)
 
     @property
     def _tested(self) -> NewtonSolver:

@@ -28,7 +28,7 @@ from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supp
 from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, node_motion, rates_from_nodes, rigid_motion, twists
-from cosim.reduced.solve.linear_step import LinearStep, RestingChain
+from cosim.reduced.solve.linear_step import RestingChain
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
 from cosim.reduced.solve.stability import ChainStiffness
 from cosim.reduced.solve.time_step import ChainStepper, given_tensions
@@ -37,6 +37,7 @@ from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.branching import Branching, Footing
+from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
 from cosim.soft.solve.stability import Softest, leave
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions, inertia_weight
@@ -389,9 +390,9 @@ class SectionArm(SoftSide):
 
     def linear_step(self, step_s: float) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest."""
-        last, options = self._last, self._dynamics
+        last = self._last
         resting = RestingChain(self._solver, self.clamp, last.frames, self._loads, last.pressure_Pa)
-        return resting.linear_step(self._stepper.scheme(step_s), options.integrator == "bdf2")
+        return resting.linear_step(self._dynamics.bed(step_s))
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""

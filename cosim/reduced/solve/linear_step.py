@@ -1,65 +1,25 @@
-"""One implicit step of a chain as a matrix, about a shape at rest.
-
-A frame moves by (dr, phi); xi (6 f,) is that of all frames, eta its rate. With the scheme of
-`cosim.reduced.solve.chain_step`, base and speed from the last one or two states and the target
-y = base + share (speed + alpha span u) of inertia, the free frames end where
-
-    (K + c M) xi' = c M y - G du - (K + c M) R_h df,     eta' = (xi' - base) / span,
-
-K the tangent with sealed gas and commanded lengths in it, M the mass matrix of the frames, R_h df the held
-frames on the moved flange, G the gradient's derivative by pressure and tensions. At rest points and their
-targets agree, so inertia has no geometric stiffness. Losses along cables are held.
-"""
+"""A chain at rest to first order, for `cosim.soft.solve.linear_step`: a frame moves by (dr, phi)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, cross_matrix
 from cosim.reduced.sections.assembly import CENTER, FIGURES, change_frames, figures_of
 from cosim.reduced.sections.section_strains import Bed
-from cosim.reduced.solve.chain_step import ChainScheme
 from cosim.reduced.solve.clamp import FrameClamp, node_motion
 from cosim.reduced.solve.newton import ChainSolver, whole_tangent
 from cosim.reduced.solve.stability import chain_stiffness
 from cosim.reduced.solve.time_step import commanded, given_tensions, with_tensions
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import inertia_weight
+from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
+from cosim.soft.solve.step_begin import BedNumbers
 
 _PROBE_Pa = 1.0
 _PROBE = 1e-5  # of a motion, for centre and inertia
-
-LoadName: TypeAlias = tuple[str, int]
-
-
-@final
-@dataclass(frozen=True)
-class LinearStep:
-    """How a step of a chain ends by how it begins, to first order.
-
-    The state (m,) is xi, eta and, with two-step integrators, both one step before.
-
-    Args:
-        matrix: (m + FIGURES, m + 6 + loads), by the state, the flange's motion (dr, phi) up to the end, and
-            the loads at the end; the last rows are the figures, see `fill_figures`.
-        loads: what those are, and of which chamber or cable: ("pressure_Pa", 0), ("cable_tension_N", 1).
-        tip: (3, 6 f + loads), the tip's position by xi and loads at the same instant.
-        nodes: (n, 3, 6 f), the film's nodes by xi.
-    """
-
-    matrix: Array
-    loads: tuple[LoadName, ...]
-    tip: Array
-    nodes: Array
-
-    @property
-    def states(self) -> int:
-        """m, the number of states."""
-        return self.matrix.shape[1] - 6 - len(self.loads)
-
 
 @final
 @dataclass(frozen=True)
@@ -80,43 +40,23 @@ class RestingChain:
     loads: Loads
     pressure_Pa: float
 
-    def linear_step(self, scheme: ChainScheme, two_steps: bool) -> LinearStep:
-        """Return the step.
+    def linear_step(self, bed: BedNumbers) -> LinearStep:
+        """Return a step of the chain.
 
         Args:
-            scheme: of the step.
-            two_steps: whether it looks back over two.
+            bed: numbers of inertia and losses in it.
         """
         names, slopes = self._by_loads()
-        size, carried = 6 * len(self.frames), self._carried()
-        count = size * (4 if two_steps else 2)
-        columns = np.eye(count + 6 + len(names))
-        begin = [columns[k * size : (k + 1) * size] for k in range(count // size)]
-        flange, loads = columns[count : count + 6], columns[count + 6 :]
-        span = 2.0 * scheme.h / 3.0 if two_steps else scheme.h
-        base, speed = begin[0], begin[1]
-        along = carried @ (flange - begin[0][:6]) / span
-        if two_steps:
-            base, speed = (
-                (4.0 * last - first) / 3.0 for last, first in ((base, begin[2]), (speed, begin[3]))
-            )
-            along = (4.0 * along - carried @ (flange - begin[2][:6]) / span) / 3.0
-        losses = scheme.damping + scheme.air_drag
-        target = base + span / (1.0 + losses * span) * (speed + scheme.damping * span * along)
-        mass, bed = self._mass(), inertia_weight(span, losses)
-        tangent = chain_stiffness(self.solver, self.frames, self.loads, self.pressure_Pa) + bed * mass
-        end, rest = carried @ flange, slopes @ loads - bed * (mass @ target)
-        free, held = np.repeat(self.clamp.free, 6), np.repeat(self.clamp.held, 6)
-        pushed = tangent[np.ix_(free, held)] @ end[held] + rest[free]
-        end[free] = -np.linalg.solve(tangent[np.ix_(free, free)], pushed)
-        rate = (end - base) / span
-        dragged = scheme.damping * (carried.T @ (mass @ (rate - along)))
-        wrench = dragged - self._supplied(tangent @ end + rest, end)
-        rows = np.concatenate([end, rate, *begin[:2]])[:count]
-        matrix = np.concatenate([rows, wrench, self._moments() @ end])
+        size = 6 * len(self.frames)
         nodes = node_motion(self.solver.section, self.frames, self.pressure_Pa)
         nodes = nodes.reshape(len(nodes), 3, size)
-        return LinearStep(matrix, names, self._tip(nodes, names), nodes)
+        tangent = chain_stiffness(self.solver, self.frames, self.loads, self.pressure_Pa)
+        body = RestingBody(
+            tangent, self._mass(), np.zeros((size, size)), self._carried(), slopes,
+            np.repeat(self.clamp.held, 6), self._supplied, self._moments(), names, self._tip(nodes, names),
+            nodes,
+        )  # fmt: skip
+        return body.linear_step(bed)
 
     def _carried(self) -> Array:
         """Return R (6 f, 6): how frames move that go along with the flange."""

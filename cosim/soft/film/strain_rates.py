@@ -161,11 +161,18 @@ class StrainRates:
 
         It is half of the power lost, times s.
         """
+        return self._at(x)[0]
+
+    def gradient(self, x: Array) -> Array:
+        """Return the gradient (n, 3) [N] of the potential there."""
+        return self._at(x)[1]
+
+    def _at(self, x: Array) -> tuple[float, Array]:
         film, angles, gradient = self._film, np.empty_like(self._memory), np.zeros_like(x)
         whole = film._replace(parts=np.ascontiguousarray(film.parts[[0, -1]]))
         point = FilmPoint(x, self._memory, angles, gradient, film.no_blocks, np.zeros(0))
         found: float = add_rates(whole, film.no_slots, self._arrays, 0, point)
-        return found
+        return found, gradient
 
 
 def hinge_times(body: SoftBody, hinges: IntArray) -> Array:

@@ -24,12 +24,15 @@ from typing import Final, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, IntArray
 from cosim.errors import ConvergenceError, InputError, SensitivityError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, place_of_largest
 from cosim.soft.elements.cable import add_segments
 from cosim.soft.elements.eyelets import RATIO
+from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.linear.linear_solver import LowRank
+from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, Equilibrium
@@ -51,6 +54,7 @@ class Side(NamedTuple):
         system: assembles the changed body.
         clamp: that holds it.
         loads: on it.
+        inertia: of an implicit step that ends there; None in statics.
     """
 
     offset: float
@@ -59,23 +63,61 @@ class Side(NamedTuple):
     system: SoftSystem
     clamp: Clamp
     loads: Loads
+    inertia: Inertia | None = None
 
 
-def factorise_at(solver: NewtonSolver, here: Equilibrium) -> None:
-    """Factorise the tangent at an equilibrium.
+def factorise_at(solver: NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
+    """Factorise the tangent at an equilibrium, or with inertia where an implicit step ends.
 
     Raises:
         ConvergenceError: it is not positive definite: the equilibrium is not stable.
     """
     # through the solver, which has to know that its factorisation is another one now
     state, frame = here.state, here.world_from_flange.rotation
-    if not solver.factorise(state.positions, state.memory, here.loads, None, frame):
+    if not solver.factorise(state.positions, state.memory, here.loads, inertia, frame):
         raise ConvergenceError(
             "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
             "no useful sensitivity; change the pressure or the flange pose",
             here.residual_N,
             0,
         )
+
+
+class FrozenTangent(NamedTuple):
+    """The tangent of all nodes at a shape, losses along cables frozen.
+
+    Args:
+        pattern: of its blocks.
+        blocks: (blocks, 3, 3) [N/m].
+        low_rank: dense parts; None for none.
+        caps: what missing caps add, by ring.
+    """
+
+    pattern: BlockPattern
+    blocks: Array
+    low_rank: LowRank | None
+    caps: list[tuple[IntArray, Array]]
+
+    @classmethod
+    def of(cls, system: SoftSystem, positions: Array) -> FrozenTangent:
+        """Return that which a system has assembled last, at positions (n, 3) [m]."""
+        blocks, caps = system.tangent_blocks.copy(), system.open_cap_stiffness(positions)
+        return cls(system.tangent_pattern, blocks, system.low_rank, caps)
+
+    def times(self, motion: Array) -> Array:
+        """Return K v of motions v (n, 3, ...)."""
+        row, column = self.pattern.row, self.pattern.column
+        force, below = np.zeros_like(motion), row > column
+        np.add.at(force, row, np.einsum("brc,bc...->br...", self.blocks, motion[column]))
+        turned = np.einsum("bcr,bc...->br...", self.blocks[below], motion[row[below]])
+        np.add.at(force, column[below], turned)
+        if self.low_rank is not None:
+            along = np.einsum("knr,nr...->k...", self.low_rank.vectors, motion)
+            force += np.einsum("k,k...,knr->nr...", self.low_rank.coefficients, along, self.low_rank.vectors)
+        for ring, part in self.caps:
+            own = motion[ring]
+            force[ring] += (part @ own.reshape(len(part), -1)).reshape(own.shape)
+        return force
 
 
 class Slope(NamedTuple):
@@ -101,27 +143,29 @@ class EquilibriumSlope:
         clamp: in force.
         here: where the derivatives are taken.
         kinks: whether the quotient is taken where the forces have a kink, as a search for a minimum may.
+        inertia: of an implicit step that ends there; None in statics.
 
     Raises:
         ConvergenceError: the equilibrium is not stable.
     """
 
-    def __init__(self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False) -> None:
-        factorise_at(solver, here)
+    def __init__(
+        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False,
+        inertia: Inertia | None = None,
+    ) -> None:  # fmt: skip
+        factorise_at(solver, here, inertia)
         self._kinks = kinks
         system = solver.system
         self._solver, self._here, self.assemblies = solver, here, 0
         self._x = np.array(here.state.positions, order="C")
-        self._memory = system.fresh(here.state.memory)
-        self._pattern, self._blocks = system.tangent_pattern, system.tangent_blocks.copy()
-        self._low_rank, self._clamp = system.low_rank, clamp
-        self._caps = system.open_cap_stiffness(self._x)
+        self._memory = system.fresh(here.state.memory) if inertia is None else here.state.memory
+        self._tangent, self._clamp = FrozenTangent.of(system, self._x), clamp
         lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
         pairs = zip(system.body.cables, lengths, strict=True)
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self._own = Side(0.0, 0.0, 0.0, system, clamp, here.loads)
+        self._own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, inertia)
         self.gradient = self._assembled(self._own, self._x, self._x)
 
     def by(self, sides: tuple[Side, ...], name: str) -> Slope:
@@ -141,7 +185,7 @@ class EquilibriumSlope:
         for round_ in range(_ROUNDS_MAX):
             along = motion if redrawn and round_ else None
             quotient, taken = self._quotient(sides, motion, along)
-            pushed = self._stiffness(held - taken) if along is None else np.zeros_like(held)
+            pushed = self._tangent.times(held - taken) if along is None else np.zeros_like(held)
             last, motion = motion, taken + np.where(free, 0.0, held - taken)
             motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
             size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
@@ -158,7 +202,7 @@ class EquilibriumSlope:
             )
         if not self._kinks:
             self._check_kink(sides, motion, name)
-        return Slope(motion, quotient + self._stiffness(motion - taken))
+        return Slope(motion, quotient + self._tangent.times(motion - taken))
 
     def moved(self, side: Side, slope: Slope) -> tuple[Array, Array]:
         """Return positions (n, 3) [m] and gradient (n, 3) [N] on a side."""
@@ -196,21 +240,8 @@ class EquilibriumSlope:
         self.assemblies += 1
         system, memory = side.system, self._memory
         share = system.segment_share(lost_at, side.loads, memory)
-        system.evaluate(x, side.loads, share, memory, hessian=False)
+        system.evaluate(x, side.loads, share, memory, inertia=side.inertia, hessian=False)
         return system.gradient.copy()
-
-    def _stiffness(self, motion: Array) -> Array:
-        """Return K dx (n, 3) [N] of the tangent of all nodes, losses along cables frozen."""
-        row, column, blocks = self._pattern.row, self._pattern.column, self._blocks
-        force, below = np.zeros_like(motion), row > column
-        np.add.at(force, row, np.einsum("brc,bc->br", blocks, motion[column]))
-        np.add.at(force, column[below], np.einsum("bcr,bc->br", blocks[below], motion[row[below]]))
-        if self._low_rank is not None:
-            along = np.einsum("knr,nr->k", self._low_rank.vectors, motion)
-            force += np.einsum("k,knr->nr", self._low_rank.coefficients * along, self._low_rank.vectors)
-        for ring, part in self._caps:
-            force[ring] += (part @ motion[ring].ravel()).reshape(-1, 3)
-        return force
 
     def _check_kink(self, sides: tuple[Side, ...], motion: Array, name: str) -> None:
         """Compare what a second difference of the forces does to the shape with the step itself."""

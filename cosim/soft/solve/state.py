@@ -521,29 +521,29 @@ class StepOptions:
         """Whether what elements find by themselves is to be found as in statics."""
         return self.tolerance_N < _CLOSE_N
 
+    def bed(self, step_s: float, *, first: bool = False) -> BedNumbers:
+        """Return the numbers of the bed that inertia and losses are in a step.
+
+        Args:
+            step_s: h [s].
+            first: whether it begins without a step before it.
+        """
+        two_steps = self.integrator == "bdf2" and not first
+        span = 2.0 * step_s / 3.0 if two_steps else step_s
+        factor = span / (1.0 + self.losses_per_s * span)
+        return BedNumbers(two_steps, span, factor, self.damping_per_s * span)
+
     @property
     def gain(self) -> float:
         """Fraction of a step's gain in velocity that moves the nodes; BDF2 moves them with half of it."""
         return 0.5 if self.integrator == "bdf2" else 1.0
 
 
-def difference_scheme(integrator: Integrator, state: SoftState, h: float) -> tuple[bool, float]:
-    """Return whether the next step looks back over two, and its span s; see `fill_bed`.
-
-    Args:
-        integrator: see the module's text.
-        state: at the beginning of the step.
-        h: its length [s].
-    """
-    two_steps = integrator == "bdf2" and state.earlier is not None
-    return two_steps, 2.0 * h / 3.0 if two_steps else h
-
-
 def inertia_weight(span: float, losses_per_s: float) -> float:
     """Return (1 + c s) / s^2 [1/s^2]: what a step's inertia and losses add to the stiffness, per mass.
 
     Args:
-        span: s [s], of `difference_scheme`.
+        span: s [s], see `BedNumbers`.
         losses_per_s: c [1/s]: alpha + beta of single nodes, beta of the body as one.
     """
     return (1.0 + losses_per_s * span) / span**2
@@ -590,13 +590,10 @@ class StepScheme:
     kind: float
 
     @classmethod
-    def of(cls, two_steps: bool, span: float, options: StepOptions, mass: Array) -> StepScheme:
-        """Return the scheme of steps with a span, under some losses, of nodes (n,) [kg]."""
-        losses = options.losses_per_s
-        inertia = mass * inertia_weight(span, losses)
-        share = options.damping_per_s * span
-        numbers = BedNumbers(two_steps, span, span / (1.0 + losses * span), share)
-        return cls(numbers, inertia, float(inertia.sum()))
+    def of(cls, bed: BedNumbers, options: StepOptions, mass: Array) -> StepScheme:
+        """Return the scheme of steps with a bed, under some losses, of nodes (n,) [kg]."""
+        inertia = mass * inertia_weight(bed.span, options.losses_per_s)
+        return cls(bed, inertia, float(inertia.sum()))
 
 
 @final

@@ -43,7 +43,6 @@ from cosim.soft.solve.state import (
     StepAim,
     StepOptions,
     StepScheme,
-    difference_scheme,
     flange_axes,
     follow_flange,
     place_flight,
@@ -469,11 +468,9 @@ class ImplicitStepper:
 
     def scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
         """Return the scheme of a step; the same object for the same kind of step."""
-        two_steps, span = difference_scheme(self.options.integrator, state, step_s)
-        last = self._scheme
-        if last is None or last.bed[:2] != (two_steps, span):
-            mass = self.solver.system.body.node_mass
-            last = self._scheme = StepScheme.of(two_steps, span, self.options, mass)
+        bed, last = self.options.bed(step_s, first=state.earlier is None), self._scheme
+        if last is None or last.bed != bed:
+            last = self._scheme = StepScheme.of(bed, self.options, self.solver.system.body.node_mass)
         return last
 
     def _inertia(

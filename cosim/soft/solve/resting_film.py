@@ -1,0 +1,185 @@
+"""A film at rest to first order, in few of its motions, for `cosim.soft.solve.linear_step`.
+
+Coordinates: the flange's motion (dr, phi), with which all nodes go along, and beside it motions V of the free
+nodes, orthonormal by mass. V spans the slowest natural modes, how the film gives way to each load, and how it
+lags behind the flange as that moves or turns. So modes in V and slow changes are those of the whole film; the
+film's fast modes follow at once. With as many modes as free components nothing is left out.
+Source: Craig and Kurdila, Fundamentals of Structural Dynamics, chapter 17 (static modes beside natural ones).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose, cross_matrix
+from cosim.errors import InputError
+from cosim.soft.body.loads import Loads
+from cosim.soft.film.strain_rates import StrainRates
+from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.sensitivity import FrozenTangent
+from cosim.soft.solve.stability import softest
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.step_begin import BedNumbers
+
+_SAME: Final = 1e-7  # of the largest singular value, below which a motion is one of the others
+_MOVED_m: Final = 1e-7
+_PRESSED_Pa, _PULLED_N = 1e4, 1.0  # a gradient is linear in both
+
+
+@final
+@dataclass(frozen=True)
+class RestingFilm:
+    """A film at rest under loads.
+
+    Args:
+        solver: Newton's method of symmetric tangents for the body; its factorisation is lost.
+        clamp: nodes held by the flange.
+        flange: its pose.
+        state: where the film is.
+        loads: that act.
+    """
+
+    solver: NewtonSolver
+    clamp: Clamp
+    flange: Pose
+    state: SoftState
+    loads: Loads
+
+    def linear_step(self, bed: BedNumbers, motions: int) -> LinearStep:
+        """Return a step of the film.
+
+        Args:
+            bed: numbers of inertia and losses in it.
+            motions: how many natural modes V has, at most.
+
+        Raises:
+            InputError: nodes have no mass, or ends are open.
+        """
+        system, mass = self.solver.system, self.solver.system.body.node_mass
+        if not (mass > 0.0).all():
+            raise InputError("a linear model needs mass on all nodes; set soft_robot.mass or densities")
+        if not system.conservative:
+            raise InputError("a linear model needs closed ends: set model.closed = true")
+        names, slopes, still = self._by_loads()
+        self._gradient(self.loads, hessian=True)
+        tangent = FrozenTangent.of(system, self.state.positions)
+        carried = self._carried()
+        pushes = np.concatenate([slopes, tangent.times(carried), mass[:, None, None] * carried], axis=2)
+        v = np.concatenate([carried, self._motions(pushes, motions)], axis=2)
+        flat = v.reshape(-1, v.shape[2])
+        stiffness = flat.T @ tangent.times(v).reshape(flat.shape)
+        inertia = flat.T @ (np.repeat(mass, 3)[:, None] * flat)
+        held = np.arange(v.shape[2]) < 6
+        tip = np.concatenate([v[system.body.tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
+        along = np.eye(v.shape[2])[:, :6]
+        body = RestingBody(
+            stiffness, inertia, self._losses(v), along, flat.T @ slopes.reshape(len(flat), -1),
+            held, self._supplied(still), self._moments(v), names, tip, v,
+        )  # fmt: skip
+        return body.linear_step(bed)
+
+    def _gradient(self, loads: Loads, *, hessian: bool = False) -> Array:
+        system, state = self.solver.system, self.state
+        share = system.segment_share(state.positions, loads, state.memory)
+        system.evaluate(state.positions, loads, share, state.memory, hessian=hessian)
+        return system.gradient.copy()
+
+    def _by_loads(self) -> tuple[tuple[LoadName, ...], Array, Array]:
+        """Return what can be commanded, the gradient's derivatives (n, 3, loads) by it, and the gradient."""
+        loads, count = self.loads, self.solver.system.gas.count
+        still, pressures, pulls = self._gradient(loads), loads.pressures(count), loads.cable_tension_N
+        names, columns = list[LoadName](), list[Array]()
+        for k, gas in enumerate(loads.gases(count)):
+            if gas is None:
+                changed = (*pressures[:k], pressures[k] + _PRESSED_Pa, *pressures[k + 1 :])
+                names.append(("pressure_Pa", k))
+                columns.append((self._gradient(replace(loads, pressure_Pa=changed)) - still) / _PRESSED_Pa)
+        lengths = loads.cable_length_m or (None,) * len(pulls)
+        for k in (k for k, length in enumerate(lengths) if length is None):
+            changed = (*pulls[:k], pulls[k] + _PULLED_N, *pulls[k + 1 :])
+            names.append(("cable_tension_N", k))
+            columns.append((self._gradient(replace(loads, cable_tension_N=changed)) - still) / _PULLED_N)
+        whole = np.array(columns).reshape(len(columns), *still.shape)
+        return tuple(names), np.moveaxis(whole, 0, 2), still
+
+    def _carried(self) -> Array:
+        """Return how nodes (n, 3, 6) move that go along with the flange's (dr, phi)."""
+        arms = self.state.positions - self.flange.translation
+        found = np.zeros((len(arms), 3, 6))
+        found[:, :, :3] = np.eye(3)
+        found[:, :, 3:] = [-cross_matrix(arm) for arm in arms]
+        return found
+
+    def _motions(self, pushes: Array, count: int) -> Array:
+        """Return V (n, 3, k), orthonormal by mass.
+
+        Args:
+            pushes: (n, 3, pushes) [N], the answers to which are in it.
+            count: of natural modes.
+        """
+        solver, mass = self.solver, self.solver.system.body.node_mass
+        root = np.sqrt(mass)[:, None, None]
+        if count >= np.count_nonzero(solver.free):
+            own = np.flatnonzero(solver.free)
+            return np.eye(solver.free.size)[:, own].reshape(*solver.free.shape, -1) / root
+        frame = self.flange.rotation
+        found = softest(solver, self.state, self.loads, frame, mass, count)
+        loaded = np.ascontiguousarray(np.moveaxis(np.where(solver.free[..., None], pushes, 0.0), 2, 0))
+        both = np.concatenate([found.shapes, solver.linear.solve_all(loaded)])
+        weighed = np.where(solver.free[..., None], root * np.moveaxis(both, 0, 2), 0.0)
+        columns = weighed.reshape(-1, len(both))
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        turned, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        kept = turned[:, sizes > _SAME * sizes[0]]
+        return kept.reshape(*solver.free.shape, -1) / root
+
+    def _losses(self, v: Array) -> Array:
+        """Return what materials resist rates of motions v (n, 3, k) with (k, k)."""
+        system, x = self.solver.system, self.state.positions
+        rates = StrainRates.of(system.body, system.film)
+        if rates is None:
+            return np.zeros((v.shape[2], v.shape[2]))
+        rates.begin(x, None, 1.0)
+        steps = _MOVED_m / np.abs(v).max(axis=(0, 1))
+        ends = [
+            [rates.gradient(np.ascontiguousarray(x + way * step * v[:, :, k])) for way in (1.0, -1.0)]
+            for k, step in enumerate(steps)
+        ]
+        forces = np.array(
+            [(one - two).ravel() / (2.0 * step) for (one, two), step in zip(ends, steps, strict=True)]
+        )
+        found = forces @ v.reshape(-1, v.shape[2])
+        return np.asarray(0.5 * (found + found.T))
+
+    def _supplied(self, still: Array) -> Callable[[Array, Array], Array]:
+        """Return what the flange's change of supply follows from, see `RestingBody`.
+
+        Levers of held nodes turn with the flange; on free nodes nothing is left at rest.
+
+        Args:
+            still: (n, 3) [N], the gradient.
+        """
+        reaction = self.clamp.reaction(still)
+        arms = self.state.positions[self.clamp.nodes] - self.flange.translation
+        turns = [np.cross(np.cross(axis, arms), reaction).sum(axis=0) for axis in np.eye(3)]
+
+        def supplied(gradient: Array, end: Array) -> Array:
+            found = gradient[:6].copy()
+            found[3:] += np.array(turns).T @ end[3:6]
+            return found
+
+        return supplied
+
+    def _moments(self, v: Array) -> Array:
+        """Return the derivatives (12, k) of centre and inertia about it."""
+        mass, x = self.solver.system.body.node_mass, self.state.positions
+        center = np.einsum("n,nrk->rk", mass, v) / mass.sum()
+        away = x - mass @ x / mass.sum()
+        mixed = np.einsum("n,nr,nsk->rsk", mass, away, v)
+        inertia = 2.0 * np.einsum("rrk,st->stk", mixed, np.eye(3)) - mixed - mixed.swapaxes(0, 1)
+        return np.concatenate([center, inertia.reshape(9, -1)])

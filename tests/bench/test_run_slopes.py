@@ -1,0 +1,93 @@
+"""Derivatives of 200 dynamic ticks against differences of whole runs."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim.base.frames import Array
+from tests.derivatives import differences, relative_error
+
+SWING: dict[str, Any] = {
+    "name": "swing",
+    "duration_s": 0.4,
+    "pressure_Pa": 9e3,
+    "cable_tension_N": [0.4, 0.8],
+}
+BEGIN: dict[str, Any] = {
+    "mode": "dynamic",
+    "robot": "none",
+    "model.published": False,
+    "contact.enabled": False,
+    "contact.self_contact": False,
+    "gravity_m_s2": [0.0, 0.0, 4.0],
+    "clock.tick_s": 0.002,
+    "solver.residual_tolerance_N": 1e-9,
+    "solver.dynamic_tolerance_N": 1e-11,
+    "solver.damping_per_s": 3.0,
+    "solver.air_drag_per_s": 1.0,
+    "soft_robot.film.law": "edge_strain",
+    "soft_robot.film.loss_factor": 0.05,
+    "soft_robot.mass.node_mass_kg": 1e-3,
+    "soft_robot.stack.mesh": "drawn",
+    "soft_robot.stack.neck": {"fused_radius_m": 0.005},
+    "start.pressure_Pa": 8e3,
+    "start.cable_tension_N": [1.0, 0.5],
+    "phase": [SWING],
+}
+DIRECTED = {"soft_robot.cable.corner_0.losses": "directed", "soft_robot.cable.corner_0.capstan_factor": 0.9}
+ASKED = {  # step, and what differences leave of agreement where a motion is small
+    "soft_robot.film.thickness_m": (3e-4, 1e-6),
+    "soft_robot.mass.node_mass_kg": (3e-4, 1e-6),
+    "pressure_Pa.chamber": (3e-4, 1e-6),
+    "cable_tension_N.corner_0": (1e-3, 2e-5),
+    "solver.damping_per_s": (1e-2, 1e-4),
+    "soft_robot.film.loss_factor": (1e-2, 1e-4),
+}
+
+
+@cache
+def jacobian() -> cosim.Jacobian:
+    return cosim.sensitivity("bending_angle", list(ASKED), ["tip_position_m"], overrides=BEGIN)
+
+
+def tip(name: str, value: float, shift: float) -> Array:
+    """Return the tip at the end of a run; a load is shifted at rest and throughout."""
+    changes: dict[str, Any] = {name: value}
+    if name == "pressure_Pa.chamber":
+        changes = {"start.pressure_Pa": value, "phase": [SWING | {"pressure_Pa": 9e3 + shift}]}
+    if name == "cable_tension_N.corner_0":
+        swing = SWING | {"cable_tension_N": [0.4 + shift, 0.8]}
+        changes = {"start.cable_tension_N": [value, 0.5], "phase": [swing]}
+    simulation = cosim.Simulation("bending_angle", overrides=BEGIN | changes)
+    return simulation.step(ticks=simulation.ticks_left).tip_position
+
+
+@pytest.mark.parametrize("name", list(ASKED))
+def test_a_column_against_whole_runs(name: str) -> None:
+    column = list(ASKED).index(name)
+    value, (step, bound) = float(jacobian().parameter_values[column]), ASKED[name]
+    found = differences(lambda x: tip(name, x[0], x[0] - value), np.array([value]), step * value)[0]
+    assert relative_error(found, jacobian().matrix[:, column]) < bound
+
+
+@pytest.mark.parametrize(
+    ("changes", "output", "message"),
+    [
+        ({}, "flange_force_N", "flange_force_N.x: has no derivative in time"),
+        (DIRECTED, "length_m", "set friction_coefficient = 0"),
+        ({"solver.substep_error_m": 1e-5}, "length_m", "leave out solver.substep_error_m"),
+    ],
+)
+def test_what_has_no_derivative_in_time_is_refused(
+    changes: dict[str, Any], output: str, message: str
+) -> None:
+    with pytest.raises(cosim.InputError, match=message):
+        cosim.sensitivity("bending_angle", ["pressure_Pa"], [output], overrides=BEGIN | changes)
+    statics = {**BEGIN, "mode": "quasistatic", "phase": [SWING | {"increments": 2}]}
+    with pytest.raises(cosim.InputError, match=r"solver.damping_per_s: acts in time alone"):
+        cosim.sensitivity("bending_angle", ["solver.damping_per_s"], ["length_m"], overrides=statics)
