@@ -137,6 +137,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _export_path(options)
         case "compare":
             return _compare(options)
+        case "twin":
+            return _twin(options)
         case "list":
             return _list(options.kind)
         case "view" | "video":
@@ -173,7 +175,7 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
             f"--resume {options.resume}: resumes the scenario of that directory, there; "
             "give no SCENARIO, no --set and no --out"
         )
-    with _live_view(options) as live:
+    with _live_view(options, recording=not options.no_recording) as live:
         how = RunOptions(
             not options.no_recording, options.quiet, every_s, started, live, (collection,), options.error
         )
@@ -186,12 +188,19 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
         return code
 
 
-def _live_view(options: argparse.Namespace) -> AbstractContextManager[LiveView | None]:
+def _twin(options: argparse.Namespace) -> int:
+    from cosim.cli.twin import twin_command  # here, because it loads numpy
+
+    with _live_view(options, recording=True) as live:
+        return twin_command(options.scenario, options.streams, _overrides(options), options.out, live)
+
+
+def _live_view(options: argparse.Namespace, *, recording: bool) -> AbstractContextManager[LiveView | None]:
     if not (options.live or options.web):
         return nullcontext()
     from cosim.cli.viewing import live_view  # here, because it loads the viewer
 
-    return live_view(web=options.web, recording=not options.no_recording)
+    return live_view(web=options.web, recording=recording)
 
 
 PLOT: Final = "sweep.png"
