@@ -3,7 +3,8 @@
     python benchmarks/twin.py [--fidelity section] [--tick 0.004] [--seconds 60] [--viewer]
 
 Another process plays the planned motion of light_hexagon_arm forth and back, 125 times a second by RTDE, and
-sends pressures 25 times a second as lines of JSON. It notes when it sends; the latency is from then on.
+sends pressures of 20 to 30 kPa 25 times a second as lines of JSON. It notes when it sends a reading; the
+latency is from then on.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from cosim.telemetry.tick_batch import TickBatch
 
 _SCENARIO: Final = "light_hexagon_arm"
 _PEER: Final = Path(__file__).resolve().parents[1] / "docs" / "rtde_peer.py"
+_START_Pa: Final = 25e3
 _SETTLED_s: Final = 3.0
 """Of the begin, in which the simulation catches up with what was sent while it went to the first reading."""
 
@@ -60,12 +62,10 @@ def peer(ends: Connection, joints: Array, pressure_Pa: Array) -> None:
 
 
 def motion(seconds: float) -> tuple[Array, Array]:
-    """Return joints (n, 6) and pressures (n,) of the planned motion, forth and back."""
-    table = cosim.plan_path(_SCENARIO, whole=True, rate_Hz=125.0)
-    pressure = table.values[:, table.columns.index("chamber.pressure_Pa")]
-    both = np.column_stack([table.joints, pressure])
-    rows = np.resize(np.concatenate([both, both[::-1]]), (round(125.0 * seconds), 7))
-    return rows[:, :6], rows[:, 6]
+    """Return joints (n, 6) of the planned motion, forth and back, and pressures (n,) [Pa]."""
+    joints = cosim.plan_path(_SCENARIO, whole=True, rate_Hz=125.0).joints
+    rows = np.resize(np.concatenate([joints, joints[::-1]]), (round(125.0 * seconds), 6))
+    return rows, _START_Pa + 5e3 * np.sin(0.2 * np.pi * np.arange(len(rows)) / 125.0)
 
 
 @contextmanager
@@ -92,6 +92,7 @@ def main() -> None:
     options = parser.parse_args()
     joints, pressure_Pa = motion(options.seconds)
     given = {"fidelity": options.fidelity, "clock.tick_s": options.tick, "contact.enabled": False}
+    given["start.pressure_Pa"] = _START_Pa
     cosim.Simulation(_SCENARIO, overrides={**given, "phase": []}).step(10)  # kernels and section model
     ours, theirs = multiprocessing.Pipe()
     playing = multiprocessing.get_context("spawn").Process(target=peer, args=(theirs, joints, pressure_Pa))
