@@ -69,13 +69,12 @@ def motion(seconds: float) -> tuple[Array, Array]:
 
 
 @contextmanager
-def recorder(twin: cosim.Twin, viewer: bool) -> Iterator[Any]:
+def recorder(simulation: cosim.Simulation, viewer: bool) -> Iterator[Any]:
     """Give what records a prediction, or does nothing with it."""
     if not viewer:
         yield lambda _: None
         return
     with TemporaryDirectory() as folder:
-        simulation = twin.simulation
         made = rerun_recorder(Path(folder) / "twin.rrd", simulation.scenario.recording, RecordingPart("twin"))
         made.open(simulation.stage)
         yield lambda seen: made.record(TickBatch.of([seen.snapshot]))
@@ -93,7 +92,7 @@ def main() -> None:
     joints, pressure_Pa = motion(options.seconds)
     given = {"fidelity": options.fidelity, "clock.tick_s": options.tick, "contact.enabled": False}
     given["start.pressure_Pa"] = _START_Pa
-    cosim.Simulation(_SCENARIO, overrides={**given, "phase": []}).step(10)  # kernels and section model
+    simulation = cosim.Simulation(_SCENARIO, overrides={**given, "phase": []})
     ours, theirs = multiprocessing.Pipe()
     playing = multiprocessing.get_context("spawn").Process(target=peer, args=(theirs, joints, pressure_Pa))
     playing.start()
@@ -101,8 +100,8 @@ def main() -> None:
     there = {}
     with ExitStack() as stack:
         names = [f"tcp:127.0.0.1:{told}", f"rtde:127.0.0.1:{rtde}"]
-        twin = stack.enter_context(cosim.Twin(_SCENARIO, names, overrides=given))
-        record = stack.enter_context(recorder(twin, options.viewer))
+        twin = stack.enter_context(cosim.Twin(simulation, names))
+        record = stack.enter_context(recorder(simulation, options.viewer))
         began = time.process_time()
         for seen in twin:
             there[round(125.0 * seen.time_s)] = time.monotonic()

@@ -6,20 +6,17 @@ The robot's clock paces it: a reading of time t takes the simulation to t, by wh
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, final
+from typing import Final, Protocol, Self, final
 
 import numpy as np
 
-from cosim.app.simulation import Simulation
-from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command
 from cosim.devices.live.streams import Reading, Stream, Streams, open_stream
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
 APPROACH_s: Final = 2.0
 """Simulated time in which the simulation goes evenly to where the robot is, before it follows."""
@@ -27,6 +24,21 @@ GAP_s: Final = 0.5
 """Of the robot's clock: across a longer one, or back, the simulation moves evenly within this time."""
 _FIRST_s: Final = 10.0
 _ROUNDING: Final = 1e-6
+
+
+class Followed(Protocol):
+    """What steps by commands, such as `Simulation`."""
+
+    @property
+    def stage(self) -> RunInfo:
+        """Everything that does not change."""
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The present state."""
+
+    def step(self, command: Command | None = None, /, *, ticks: int = 1) -> Snapshot:
+        """Advance by some ticks."""
 
 
 @final
@@ -49,26 +61,19 @@ class Prediction:
 class Twin:
     """Follows a robot; iterating yields a `Prediction` for every reading, until all streams have ended.
 
-    The scenario's phases are left out. The simulation first goes to where the robot is, then follows every
-    reading. Where it is slower than the robot, its latency grows: take a faster model or longer ticks.
+    The simulation first goes to where the robot is, then follows every reading. Where it is slower than the
+    robot, its latency grows: take a faster model or longer ticks.
 
     Args:
-        scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
+        simulation: a `Simulation`, of a scenario without phases (`{"phase": []}`) so that it does not end.
         streams: texts as `open_stream` takes them, or streams; one of them has times.
-        overrides: values by key path.
 
     Raises:
-        InputError: the scenario is wrong, a stream cannot be opened, or none has a time within 10 s.
+        InputError: a stream cannot be opened, or none has a time within 10 s.
     """
 
-    def __init__(
-        self,
-        scenario: str | Path | Scenario,
-        streams: Sequence[str | Stream],
-        *,
-        overrides: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.simulation = Simulation(scenario, overrides={**(overrides or {}), "phase": []})
+    def __init__(self, simulation: Followed, streams: Sequence[str | Stream]) -> None:
+        self.simulation = simulation
         self.followed = self.gaps = 0
         """Readings with a time, and jumps of that time."""
         self.latencies_s: list[float] = []

@@ -87,7 +87,7 @@ def _add_design(commands: Any) -> None:
 def _add_replay(commands: Any) -> None:
     replay = commands.add_parser("replay", help="run a policy on a finer model, and say what that changes")
     replay.add_argument(
-        "policy", metavar="POLICY", help="module:function, or a .npz file with weights and bias"
+        "policy", metavar="POLICY", help="module:function, an .onnx file, or .npz with weights and bias"
     )
     replay.add_argument(
         "--fidelity", required=True, choices=("section", "lumped", "refined"), help="the finer model"

@@ -189,10 +189,12 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
 
 
 def _twin(options: argparse.Namespace) -> int:
-    from cosim.cli.twin import twin_command  # here, because it loads numpy
+    from cosim.app.simulation import Simulation  # here, because they load numpy
+    from cosim.cli.twin import twin_command
 
     with _live_view(options, recording=True) as live:
-        return twin_command(options.scenario, options.streams, _overrides(options), options.out, live)
+        simulation = Simulation(options.scenario, overrides={**_overrides(options), "phase": []})
+        return twin_command(simulation, options.streams, simulation.scenario.recording, options.out, live)
 
 
 def _live_view(options: argparse.Namespace, *, recording: bool) -> AbstractContextManager[LiveView | None]:

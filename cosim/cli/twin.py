@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
 import numpy as np
 
 from cosim.app.driver import rerun_recorder
 from cosim.app.run_files import RECORDING
-from cosim.app.twin import Prediction, Twin
+from cosim.app.twin import Followed, Prediction, Twin
 from cosim.cli.screen import Interruption, draw, tell
+from cosim.config.schema.scenario import RecordingTable
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -28,37 +29,36 @@ _RETOLD_S: Final = 1.0
 
 
 def twin_command(
-    scenario: str,
+    simulation: Followed,
     streams: Sequence[str],
-    overrides: Mapping[str, Any],
+    settings: RecordingTable,
     out: Path | None,
     live: LiveView | None,
 ) -> int:
     """Follow a robot until its streams end, or Ctrl-C; return the exit code.
 
     Args:
-        scenario: name or path.
+        simulation: that follows.
         streams: see `open_stream`.
-        overrides: values by key path.
+        settings: of a recording.
         out: file of the recording; None: none.
         live: shows what is predicted; None: the line on the screen alone.
 
     Raises:
-        InputError: the scenario or a stream is wrong.
+        InputError: a stream is wrong.
         SolverError: the physics could not be solved.
     """
     with ExitStack() as stack, Interruption() as interruption:
-        twin = stack.enter_context(Twin(scenario, streams, overrides=overrides))
+        twin = stack.enter_context(Twin(simulation, streams))
         show: list[Callable[[Prediction], None]] = [_line()]
         if live is not None or out is not None:
             path = out or Path(stack.enter_context(TemporaryDirectory())) / RECORDING
-            settings = twin.simulation.scenario.recording
             make = rerun_recorder if live is None else live.recorder
             recorder = make(path, settings, RecordingPart(uuid4().hex))
-            recorder.open(twin.simulation.stage)
+            recorder.open(simulation.stage)
             stack.callback(lambda: recorder.close(repr(twin), "completed"))
             show.append(_recorded(recorder))
-        interruption.open(twin.simulation.stage)
+        interruption.open(simulation.stage)
         try:
             for prediction in twin:
                 for each in show:

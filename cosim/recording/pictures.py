@@ -14,7 +14,7 @@ from typing import Any, Final, final
 import numpy as np
 from rerun.experimental import ViewerClient
 
-from cosim.base.video import encoded, encoder
+from cosim.base.extras import encoded, encoder
 from cosim.errors import InputError, OutputError
 from cosim.recording.viewer import Viewer, start_viewer
 

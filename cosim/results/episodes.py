@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.extras import encoded, encoder
 from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array
 from cosim.base.resources import writing
-from cosim.base.video import encoded, encoder
 from cosim.errors import InputError
 from cosim.results.result import RunResult, array_texts, frame_rows
 
@@ -129,7 +129,6 @@ def write_episodes(
     """
     root = Path(directory)
     _check(root, episodes)
-    shown_per_s = frames_per_s if video else None
     if video:
         encoder()
     with writing(root):
@@ -140,6 +139,7 @@ def write_episodes(
         _write_parquet(root / _EPISODES, _episode_table(episodes, begins, places, videos))
         _write_parquet(root / "meta/tasks.parquet", _task_table(tasks))
         write_whole(root / "meta/stats.json", json.dumps(_statistics(episodes), indent=2))
+        kept = {"video_files_size_in_mb": _FILE_MB if video else 0, "video_path": _VIDEO if video else None}
         info = {
             "codebase_version": VERSION,
             "robot_type": robot,
@@ -148,12 +148,11 @@ def write_episodes(
             "total_tasks": len(tasks),
             "chunks_size": _FILES_A_CHUNK,
             "data_files_size_in_mb": _FILE_MB,
-            "video_files_size_in_mb": _FILE_MB if video else 0,
             "fps": frames_per_s if frames_per_s % 1.0 else int(frames_per_s),
             "splits": {"train": f"0:{len(episodes)}"},
             "data_path": _DATA,
-            "video_path": _VIDEO if video else None,
-            "features": _features(episodes[0], shown_per_s),
+            **kept,
+            "features": _features(episodes[0], frames_per_s if video else None),
         }
         write_whole(root / "meta/info.json", json.dumps(info, indent=2))
 

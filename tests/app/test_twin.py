@@ -40,6 +40,10 @@ def scenario(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str:
     return str(file)
 
 
+def simulated(scenario: str) -> cosim.Simulation:
+    return cosim.Simulation(scenario, overrides={"phase": []})
+
+
 def joints_at(time_s: float) -> list[float]:
     return [*(HOME + 0.05 * np.sin(2.0 * time_s))]
 
@@ -79,7 +83,7 @@ def lines(path: Path, readings: list[dict[str, Any]]) -> str:
 
 def test_every_reading_of_a_ur_is_followed_at_its_time(scenario: str) -> None:
     rows = [joints_at(k / 125.0) for k in range(COUNT)]
-    with controller(rows) as name, cosim.Twin(scenario, [name]) as twin:
+    with controller(rows) as name, cosim.Twin(simulated(scenario), [name]) as twin:
         found = list(twin)
     assert [one.time_s for one in found] == [k / 125.0 for k in range(1, COUNT)]  # the first is gone to
     assert (twin.followed, twin.gaps) == (COUNT - 1, 0)
@@ -98,9 +102,9 @@ def test_a_twin_predicts_what_the_same_commands_do(scenario: str, tmp_path: Path
     readings = [{"time_s": 5.0 + k / 50.0, "joint_position": joints_at(k / 50.0)} for k in range(20)]
     readings[7]["pressure_Pa"] = {"chamber": 15e3}
     readings.insert(12, {"cable_tension_N": {"right": 1.0}})
-    with cosim.Twin(scenario, [lines(tmp_path / "told.jsonl", readings)]) as twin:
+    with cosim.Twin(simulated(scenario), [lines(tmp_path / "told.jsonl", readings)]) as twin:
         found = list(twin)
-    here = cosim.Simulation(scenario, overrides={"phase": []})
+    here = simulated(scenario)
     here.step(cosim.Command(joint_position=joints_at(0.0)), ticks=round(APPROACH_s / 0.002))
     for k in range(1, 20):
         pressure = {"chamber": 15e3} if k >= 7 else {}
@@ -118,7 +122,7 @@ def test_a_twin_predicts_what_the_same_commands_do(scenario: str, tmp_path: Path
 def test_times_between_ticks_and_jumps_of_the_clock(scenario: str, tmp_path: Path) -> None:
     times = [0.0, 0.003, 0.006, 0.0065, 40.0, 40.002, 1.0, 1.004]
     readings = [{"time_s": each, "joint_position": [*HOME]} for each in times]
-    with cosim.Twin(scenario, [lines(tmp_path / "told.jsonl", readings)]) as twin:
+    with cosim.Twin(simulated(scenario), [lines(tmp_path / "told.jsonl", readings)]) as twin:
         ticks = [one.snapshot.tick for one in twin]
     gap = round(GAP_s / 0.002)
     assert np.diff([round(APPROACH_s / 0.002), *ticks]).tolist() == [1, 2, 0, gap, 1, gap, 2]
@@ -167,7 +171,10 @@ def test_the_command_shows_what_it_predicts(
 )
 def test_what_cannot_be_followed_is_refused(scenario: str, tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "told.jsonl").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=said), cosim.Twin(scenario, [f"file:{tmp_path}/told.jsonl"]) as twin:
+    with (
+        pytest.raises(InputError, match=said),
+        cosim.Twin(simulated(scenario), [f"file:{tmp_path}/told.jsonl"]) as twin,
+    ):
         list(twin)
 
 
