@@ -121,24 +121,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             from cosim.cli.trade import trade_command
 
             return trade_command(options)
-        case "export":
-            return _export(options)
-        case "sweep":
-            return _sweep(options)
-        case "identify":
-            return _identify(options)
-        case "design":
-            return _design(options)
-        case "replay":
-            return _replay(options)
-        case "pattern":
-            return _pattern(options)
-        case "export-path":
-            return _export_path(options)
-        case "compare":
-            return _compare(options)
-        case "twin":
-            return _twin(options)
+        case name if name in _PLAIN:
+            return _PLAIN[name](options)
         case "list":
             return _list(options.kind)
         case "view" | "video":
@@ -426,3 +410,17 @@ def _list(kind: str) -> int:
     for name in names:
         print(printable(f"{name:<{width}}  {first_comment(path_of(name))}"))
     return EXIT_DONE
+
+
+_PLAIN: Final = {
+    "export": _export,
+    "sweep": _sweep,
+    "identify": _identify,
+    "design": _design,
+    "replay": _replay,
+    "pattern": _pattern,
+    "export-path": _export_path,
+    "compare": _compare,
+    "twin": _twin,
+}
+"""Commands of a function each, by name."""
