@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from cosim.app.replay import replay as replay
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
+    from cosim.app.twin import Prediction as Prediction
+    from cosim.app.twin import Twin as Twin
     from cosim.base.frames import Pose as Pose
     from cosim.base.kept_parts import KeptParts as KeptParts
     from cosim.base.resources import list_scenarios as list_scenarios
@@ -74,6 +76,7 @@ _NAMES = {
     "cosim.app.progress": "ProgressBar",
     "cosim.app.replay": "replay",
     "cosim.app.simulation": "SavedState Simulation",
+    "cosim.app.twin": "Prediction Twin",
     "cosim.base.frames": "Pose",
     "cosim.base.kept_parts": "KeptParts",
     "cosim.base.resources": "list_scenarios",

@@ -29,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_export_path(commands)
     _add_compare(commands)
+    _add_twin(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
@@ -86,7 +87,7 @@ def _add_design(commands: Any) -> None:
 def _add_replay(commands: Any) -> None:
     replay = commands.add_parser("replay", help="run a policy on a finer model, and say what that changes")
     replay.add_argument(
-        "policy", metavar="POLICY", help="module:function, or a .npz file with weights and bias"
+        "policy", metavar="POLICY", help="module:function, an .onnx file, or .npz with weights and bias"
     )
     replay.add_argument(
         "--fidelity", required=True, choices=("section", "lumped", "refined"), help="the finer model"
@@ -143,6 +144,20 @@ def _add_compare(commands: Any) -> None:
     )
     compare.add_argument("--plot", metavar="FILE", type=Path, help="draw both: a .png file")
     _add_changes(compare)
+
+
+def _add_twin(commands: Any) -> None:
+    twin = commands.add_parser("twin", help="follow a robot while it moves, and show what is predicted")
+    twin.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
+    streams = (
+        "rtde:HOST[:PORT], joints of a UR; or lines of JSON: tcp:HOST:PORT, file:PATH (a serial line too), "
+        "- (standard input)"
+    )
+    twin.add_argument("streams", metavar="STREAM", nargs="+", help=streams)
+    twin.add_argument("--out", metavar="FILE", type=Path, help="record it: a .rrd file")
+    twin.add_argument("--live", action="store_true", help="show it in a viewer")
+    twin.add_argument("--web", action="store_true", help="the same in a browser on this machine")
+    _add_changes(twin)
 
 
 def _add_changes(command: Any, meaning: str = "change a value of the scenario first") -> None:

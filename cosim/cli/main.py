@@ -121,22 +121,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             from cosim.cli.trade import trade_command
 
             return trade_command(options)
-        case "export":
-            return _export(options)
-        case "sweep":
-            return _sweep(options)
-        case "identify":
-            return _identify(options)
-        case "design":
-            return _design(options)
-        case "replay":
-            return _replay(options)
-        case "pattern":
-            return _pattern(options)
-        case "export-path":
-            return _export_path(options)
-        case "compare":
-            return _compare(options)
+        case name if name in _PLAIN:
+            return _PLAIN[name](options)
         case "list":
             return _list(options.kind)
         case "view" | "video":
@@ -173,7 +159,7 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
             f"--resume {options.resume}: resumes the scenario of that directory, there; "
             "give no SCENARIO, no --set and no --out"
         )
-    with _live_view(options) as live:
+    with _live_view(options, recording=not options.no_recording) as live:
         how = RunOptions(
             not options.no_recording, options.quiet, every_s, started, live, (collection,), options.error
         )
@@ -186,12 +172,21 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
         return code
 
 
-def _live_view(options: argparse.Namespace) -> AbstractContextManager[LiveView | None]:
+def _twin(options: argparse.Namespace) -> int:
+    from cosim.app.simulation import Simulation  # here, because they load numpy
+    from cosim.cli.twin import twin_command
+
+    with _live_view(options, recording=True) as live:
+        simulation = Simulation(options.scenario, overrides={**_overrides(options), "phase": []})
+        return twin_command(simulation, options.streams, simulation.scenario.recording, options.out, live)
+
+
+def _live_view(options: argparse.Namespace, *, recording: bool) -> AbstractContextManager[LiveView | None]:
     if not (options.live or options.web):
         return nullcontext()
     from cosim.cli.viewing import live_view  # here, because it loads the viewer
 
-    return live_view(web=options.web, recording=not options.no_recording)
+    return live_view(web=options.web, recording=recording)
 
 
 PLOT: Final = "sweep.png"
@@ -415,3 +410,17 @@ def _list(kind: str) -> int:
     for name in names:
         print(printable(f"{name:<{width}}  {first_comment(path_of(name))}"))
     return EXIT_DONE
+
+
+_PLAIN: Final = {
+    "export": _export,
+    "sweep": _sweep,
+    "identify": _identify,
+    "design": _design,
+    "replay": _replay,
+    "pattern": _pattern,
+    "export-path": _export_path,
+    "compare": _compare,
+    "twin": _twin,
+}
+"""Commands of a function each, by name."""

@@ -10,16 +10,20 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeAlias, final
+from typing import Any, Final, TypeAlias, final
 
 import gymnasium
 import numpy as np
 
+from cosim.base.extras import extra_module
 from cosim.base.frames import Array
 from cosim.errors import InputError
 
 Policy: TypeAlias = Callable[[Mapping[str, Array]], Array]
 """From {"observation", "achieved_goal", "desired_goal"} to an action, each number within -1 to 1."""
+
+_PARTS: Final = ("observation", "achieved_goal", "desired_goal")
+_NUMBERS: Final = {"tensor(double)": np.float64}
 
 
 @final
@@ -46,21 +50,56 @@ class LinearPolicy:
         np.savez(path, weights=self.weights, bias=self.bias)
 
 
+@final
+class OnnxPolicy:
+    """A network in ONNX, run by onnxruntime.
+
+    Its inputs are "observation", "achieved_goal", "desired_goal", or some of them, (1, n) each; its first
+    output is the action (1, actions).
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: it cannot be read, has other inputs, or onnxruntime is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        runtime = extra_module("onnxruntime", "onnx")
+        try:
+            self._session = runtime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own kinds derive from nothing closer
+            raise InputError(f"policy '{path}': cannot be read as ONNX: {error}") from error
+        self._kinds = {each.name: _NUMBERS.get(each.type, np.float32) for each in self._session.get_inputs()}
+        if self._kinds.keys() - {*_PARTS}:
+            raise InputError(
+                f"policy '{path}': its inputs are {', '.join(sorted(self._kinds))}; "
+                f"there are {', '.join(_PARTS)}"
+            )
+
+    def __call__(self, seen: Mapping[str, Array]) -> Array:
+        """Return the action for an observation."""
+        parts = {name: np.asarray(seen[name], dtype=kind)[None] for name, kind in self._kinds.items()}
+        return np.asarray(self._session.run(None, parts)[0])[0]
+
+
 def policy_of(given: str) -> Policy:
     """Return the policy that a text names.
 
     Args:
-        given: "module:function", of a module that Python finds, also in the present folder; or a .npz file
-            with `weights` (actions, k) and `bias` (actions,) of a `LinearPolicy`.
+        given: "module:function", of a module that Python finds, also in the present folder; a .npz file with
+            `weights` (actions, k) and `bias` (actions,) of a `LinearPolicy`; or a file of `OnnxPolicy`.
 
     Raises:
         InputError: there is no such policy, or the file holds something else.
     """
     if given.endswith(".npz"):
         return _read(Path(given))
+    if given.endswith(".onnx"):
+        return OnnxPolicy(Path(given))
     module, colon, name = given.partition(":")
     if not colon:
-        raise InputError(f"policy '{given}': give module:function, or a .npz file of weights")
+        raise InputError(f"policy '{given}': give module:function, a .npz file of weights, or an .onnx file")
     if "" not in sys.path:
         sys.path.insert(0, "")
     try:

@@ -57,15 +57,19 @@ class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, 
             self._end()
         return found
 
-    def write(self, directory: str | Path) -> None:
+    def write(self, directory: str | Path, *, video: bool = False) -> None:
         """Write all episodes, the present one as far as it is, in LeRobot's layout; see `write_episodes`.
+
+        Args:
+            directory: of the data set.
+            video: whether pictures go into videos.
 
         Raises:
             InputError: the directory holds something, or no step has been taken.
             OutputError: it cannot be written.
         """
         self._end()
-        write_episodes(directory, self.episodes, 1.0 / STEP_S)
+        write_episodes(directory, self.episodes, 1.0 / STEP_S, video=video)
 
     def _end(self) -> None:
         if not self._rows:

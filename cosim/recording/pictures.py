@@ -5,12 +5,9 @@ A run's recording as a video file.
 
 from __future__ import annotations
 
-import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import TemporaryFile
 from types import TracebackType
 from typing import Any, Final, final
 
@@ -18,6 +15,7 @@ import numpy as np
 import rerun
 from rerun.experimental import ViewerClient
 
+from cosim.base.extras import encoded, encoder
 from cosim.errors import InputError, OutputError
 from cosim.recording.viewer import Viewer, start_viewer
 
@@ -174,53 +172,12 @@ def write_video(
         raise InputError(f"{frames_per_s:g} frames per second, speed {speed:g}: both must be above 0")
     if min(size) < 2 or any(length % 2 for length in size):
         raise InputError(f"size {size[0]}x{size[1]}: width and height must be even numbers")
-    program, step_s = _encoder(), speed / frames_per_s
-    with Pictures(recordings, size, view) as pictures, _encoded(program, path, frames_per_s) as write:
+    encoder()  # told of before anything is drawn
+    step_s = speed / frames_per_s
+    source = ["-f", "image2pipe", "-c:v", "png", "-framerate", f"{frames_per_s:g}"]
+    with Pictures(recordings, size, view) as pictures, encoded(path, source) as write:
         times = np.arange(0.0, pictures.end_s + 0.5 * step_s, step_s)
         for count, time_s in enumerate(times, 1):
             write(pictures.at(float(time_s)))
             shown(count, len(times))
     return len(times)
-
-
-@contextmanager
-def _encoded(program: str, path: Path, frames_per_s: float) -> Iterator[Callable[[bytes], object]]:
-    """Give what takes a video's frames as PNGs; the file is there once all of them are.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    part = path.with_name(f".part-{path.name}")
-    options = ["-f", "image2pipe", "-c:v", "png", "-framerate", f"{frames_per_s:g}", "-i", "-"]
-    command = [program, "-y", *options, "-pix_fmt", "yuv420p", str(part)]
-    with TemporaryFile() as said:
-        encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
-        assert encoder.stdin is not None, "a pipe"
-        try:
-            with suppress(BrokenPipeError):  # the encoder says why itself
-                yield encoder.stdin.write
-                encoder.stdin.close()
-            if encoder.wait() != 0:
-                said.seek(0)
-                lines = said.read().decode(errors="replace").split("\n")
-                raise OutputError(f"{path}: cannot be written: {' '.join(lines[-3:]).strip()}")
-            part.replace(path)
-        finally:
-            with suppress(BrokenPipeError):
-                encoder.stdin.close()
-            encoder.kill()
-            encoder.wait()
-            part.unlink(missing_ok=True)
-
-
-def _encoder() -> str:
-    """Return the program that writes videos.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        raise InputError("videos need imageio-ffmpeg: pip install 'cosim[video]'") from error
-    return str(imageio_ffmpeg.get_ffmpeg_exe())

@@ -1,7 +1,8 @@
 """Episodes for learning in the layout of LeRobot's data sets, version 3.0: Parquet tables and JSON.
 
-`data/` has a row for every step, with the pictures of cameras as PNG in it; `meta/` says what the columns
-are, which rows belong to which episode, and how numbers are spread. Neither LeRobot nor a video is needed.
+`data/` has a row for every step, with the pictures of cameras as PNG in it, unless they are in `videos/`, an
+MP4 for every episode and camera; `meta/` says what the columns are, which rows belong to which episode, and
+how numbers are spread. LeRobot is not needed.
 Source: the format of LeRobotDataset v3.0, https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
 """
 
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.extras import encoded, encoder
 from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array
 from cosim.base.resources import writing
@@ -29,9 +31,12 @@ if TYPE_CHECKING:
 
 VERSION: Final = "v3.0"
 _DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_VIDEO: Final = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
 _FILE_MB: Final = 100
 _FILES_A_CHUNK: Final = 1000
+_CODING: Final = ("-an", "-c:v", "libx264", "-crf", "18", "-g", "2")
+"""Every second picture of a video stands by itself, so that single ones are read quickly."""
 _STATE: Final = (
     "joint_position", "flange_position", "flange_quaternion", "tip_position", "chamber_pressure_Pa",
     "cable_tension_N",
@@ -102,7 +107,12 @@ def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) 
 
 
 def write_episodes(
-    directory: str | Path, episodes: Sequence[LearningEpisode], frames_per_s: float, robot: str = "cosim"
+    directory: str | Path,
+    episodes: Sequence[LearningEpisode],
+    frames_per_s: float,
+    robot: str = "cosim",
+    *,
+    video: bool = False,
 ) -> None:
     """Write episodes to a new or empty directory.
 
@@ -111,20 +121,25 @@ def write_episodes(
         episodes: at least one, all with the same columns and cameras.
         frames_per_s: steps per second of all of them.
         robot: name of the robot.
+        video: whether pictures go into videos (H.264, lossy) in place of PNG; needs imageio-ffmpeg.
 
     Raises:
-        InputError: the directory holds something, or an episode does not fit.
+        InputError: the directory holds something, an episode does not fit, or imageio-ffmpeg is missing.
         OutputError: it cannot be written.
     """
     root = Path(directory)
     _check(root, episodes)
+    if video:
+        encoder()
     with writing(root):
         tasks = list(dict.fromkeys(episode.task for episode in episodes))
         begins = np.cumsum([0, *map(len, episodes)]).tolist()
-        places = _write_data(root, episodes, tasks, begins, frames_per_s)
-        _write_parquet(root / _EPISODES, _episode_table(episodes, begins, places))
+        places = _write_data(root, episodes, tasks, begins, frames_per_s, video)
+        videos = _write_videos(root, episodes, frames_per_s) if video else {}
+        _write_parquet(root / _EPISODES, _episode_table(episodes, begins, places, videos))
         _write_parquet(root / "meta/tasks.parquet", _task_table(tasks))
         write_whole(root / "meta/stats.json", json.dumps(_statistics(episodes), indent=2))
+        kept = {"video_files_size_in_mb": _FILE_MB if video else 0, "video_path": _VIDEO if video else None}
         info = {
             "codebase_version": VERSION,
             "robot_type": robot,
@@ -133,12 +148,11 @@ def write_episodes(
             "total_tasks": len(tasks),
             "chunks_size": _FILES_A_CHUNK,
             "data_files_size_in_mb": _FILE_MB,
-            "video_files_size_in_mb": 0,
             "fps": frames_per_s if frames_per_s % 1.0 else int(frames_per_s),
             "splits": {"train": f"0:{len(episodes)}"},
             "data_path": _DATA,
-            "video_path": None,
-            "features": _features(episodes[0]),
+            **kept,
+            "features": _features(episodes[0], frames_per_s if video else None),
         }
         write_whole(root / "meta/info.json", json.dumps(info, indent=2))
 
@@ -158,8 +172,8 @@ def _check(root: Path, episodes: Sequence[LearningEpisode]) -> None:
                 raise InputError(f"episode {number}: {name} has {len(rows)} rows, others {len(episode)}")
 
 
-def _features(episode: LearningEpisode) -> dict[str, Any]:
-    """Return what each column is."""
+def _features(episode: LearningEpisode, shown_per_s: float | None = None) -> dict[str, Any]:
+    """Return what each column is; with a rate, pictures are in videos."""
     found: dict[str, Any] = {}
     for name, rows in episode.columns.items():
         kind = np.float32 if rows.dtype.kind == "f" else np.bool_ if rows.dtype.kind == "b" else np.int64
@@ -167,15 +181,61 @@ def _features(episode: LearningEpisode) -> dict[str, Any]:
         found[name] = {"dtype": np.dtype(kind).name, "shape": shape, "names": names and list(names)}
     for name, rows in episode.images.items():
         axes = ["height", "width", "channels"]
-        found[f"{_IMAGE}{name}"] = {"dtype": "image", "shape": list(rows.shape[1:]), "names": axes}
+        about = {"shape": list(rows.shape[1:]), "names": axes}
+        if shown_per_s is None:
+            found[f"{_IMAGE}{name}"] = {"dtype": "image", **about}
+        else:
+            found[f"{_IMAGE}{name}"] = {"dtype": "video", **about, "info": _video_info(rows, shown_per_s)}
     found["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
     for name in ("frame_index", "episode_index", "index", "task_index"):
         found[name] = {"dtype": "int64", "shape": [1], "names": None}
     return found
 
 
+def _video_info(rows: NDArray[np.uint8], shown_per_s: float) -> dict[str, Any]:
+    _, height, width, channels = rows.shape
+    return {
+        "video.height": height, "video.width": width, "video.channels": channels, "video.codec": "h264",
+        "video.pix_fmt": _pixels(height, width), "video.fps": shown_per_s, "video.is_depth_map": False,
+        "has_audio": False,
+    }  # fmt: skip
+
+
+def _pixels(height: int, width: int) -> str:
+    """Return the kind of pixels: colours at half the resolution where both sizes are even, as is usual."""
+    return "yuv444p" if height % 2 or width % 2 else "yuv420p"
+
+
+def _write_videos(
+    root: Path, episodes: Sequence[LearningEpisode], shown_per_s: float
+) -> dict[str, list[float | int]]:
+    """Write a video for every episode and camera, and return their columns in the table of episodes."""
+    columns: dict[str, list[float | int]] = {}
+    for name in episodes[0].images:
+        key, places = f"{_IMAGE}{name}", [divmod(k, _FILES_A_CHUNK) for k in range(len(episodes))]
+        for (chunk, file), episode in zip(places, episodes, strict=True):
+            path = root / _VIDEO.format(video_key=key, chunk_index=chunk, file_index=file)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            height, width = episode.images[name].shape[1:3]
+            source = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}")
+            rate = ("-framerate", f"{shown_per_s:.9g}")
+            with encoded(path, (*source, *rate), (*_CODING, "-pix_fmt", _pixels(height, width))) as write:
+                for picture in episode.images[name]:
+                    write(picture.tobytes())
+        columns[f"videos/{key}/chunk_index"] = [chunk for chunk, _ in places]
+        columns[f"videos/{key}/file_index"] = [file for _, file in places]
+        columns[f"videos/{key}/from_timestamp"] = [0.0] * len(episodes)
+        columns[f"videos/{key}/to_timestamp"] = [len(episode) / shown_per_s for episode in episodes]
+    return columns
+
+
 def _write_data(
-    root: Path, episodes: Sequence[LearningEpisode], tasks: list[str], begins: list[int], frames_per_s: float
+    root: Path,
+    episodes: Sequence[LearningEpisode],
+    tasks: list[str],
+    begins: list[int],
+    frames_per_s: float,
+    video: bool,
 ) -> list[tuple[int, int]]:
     """Write the steps, some 100 MB a file and a row group each; return the file of every episode."""
     from pyarrow import parquet
@@ -192,7 +252,7 @@ def _write_data(
                 "index": begins[k] + counts,
                 "task_index": np.full(len(episode), tasks.index(episode.task)),
             }
-            table = _step_table(episode, index)
+            table = _step_table(episode, index, {} if video else episode.images)
             if writer is None or held + table.nbytes > _FILE_MB * 2**20:
                 if writer is not None:
                     writer.close()
@@ -210,14 +270,16 @@ def _write_data(
     return places
 
 
-def _step_table(episode: LearningEpisode, index: Mapping[str, NDArray[Any]]) -> pa.Table:
+def _step_table(
+    episode: LearningEpisode, index: Mapping[str, NDArray[Any]], images: Mapping[str, NDArray[np.uint8]]
+) -> pa.Table:
     import pyarrow as pa
 
     features, columns = _features(episode), {}
     for name, rows in {**episode.columns, **index}.items():
         values = pa.array(np.ravel(rows).astype(features[name]["dtype"]))
         columns[name] = values if rows.ndim == 1 else pa.FixedSizeListArray.from_arrays(values, rows.shape[1])
-    for name, rows in episode.images.items():
+    for name, rows in images.items():
         files = [{"bytes": png(one), "path": f"{name}-{k:06d}.png"} for k, one in enumerate(rows)]
         kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
         columns[f"{_IMAGE}{name}"] = pa.array(files, kind)
@@ -225,7 +287,10 @@ def _step_table(episode: LearningEpisode, index: Mapping[str, NDArray[Any]]) -> 
 
 
 def _episode_table(
-    episodes: Sequence[LearningEpisode], begins: list[int], places: list[tuple[int, int]]
+    episodes: Sequence[LearningEpisode],
+    begins: list[int],
+    places: list[tuple[int, int]],
+    videos: Mapping[str, list[float | int]],
 ) -> pa.Table:
     import pyarrow as pa
 
@@ -240,6 +305,7 @@ def _episode_table(
         "data/file_index": [file for _, file in places],
         "meta/episodes/chunk_index": [0] * count,
         "meta/episodes/file_index": [0] * count,
+        **videos,
     })  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,42 @@ def test_a_run_is_an_episode_of_states_and_what_was_asked_next(tmp_path: Path) -
     pressures = action[:, list(episode.names["action"]).index("chamber_pressure_Pa.chamber")]
     assert pressures == pytest.approx(result.chamber_pressure_Pa[ticks + 5, 0])
     assert episode.task == result.stage.title
+
+
+@pytest.mark.parametrize(("height", "width"), [(48, 64), (45, 63)])
+def test_pictures_in_videos_are_read_back_by_ffmpeg_alone(tmp_path: Path, height: int, width: int) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    given = [shown(4, height, width, 0), shown(7, height, width, 40)]
+    write_episodes(tmp_path, given, 25.0, video=True)
+    info = json.loads((tmp_path / "meta/info.json").read_text())
+    key = "observation.images.eye"
+    told = info["features"][key]
+    assert (told["dtype"], told["shape"]) == ("video", [height, width, 3])
+    assert (told["info"]["video.fps"], told["info"]["video.codec"]) == (25.0, "h264")
+    assert key not in rows(tmp_path)[0]
+    places = parquet.read_table(tmp_path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    for episode, each in zip(given, places, strict=True):
+        chunk, file = each[f"videos/{key}/chunk_index"], each[f"videos/{key}/file_index"]
+        path = tmp_path / info["video_path"].format(video_key=key, chunk_index=chunk, file_index=file)
+        command = [ffmpeg.get_ffmpeg_exe(), "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+        read = subprocess.run(command, capture_output=True, check=True)
+        said = read.stderr.decode()
+        assert "Video: h264" in said
+        assert "25 fps" in said
+        assert told["info"]["video.pix_fmt"] in said
+        assert each[f"videos/{key}/from_timestamp"] == 0.0
+        assert each[f"videos/{key}/to_timestamp"] == pytest.approx(len(episode) / 25.0)
+        seen = np.frombuffer(read.stdout, np.uint8).reshape(-1, height, width, 3)
+        assert seen.shape == episode.images["eye"].shape
+        assert np.abs(seen.astype(int) - episode.images["eye"]).mean() < 2.0
+
+
+def shown(steps: int, height: int, width: int, begin: int) -> LearningEpisode:
+    """Return an episode whose pictures are shades that get brighter from step to step."""
+    rows, columns = np.mgrid[:height, :width]
+    flat = np.stack([rows, columns, rows + columns], axis=2)
+    images = np.array([flat + 12 * k + begin for k in range(steps)]).astype(np.uint8)
+    return LearningEpisode("look", {"action": np.zeros((steps, 2))}, {"eye": images})
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:

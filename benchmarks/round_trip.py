@@ -1,0 +1,87 @@
+"""Runs the reference scenario, writes it for robots, reads it back with other libraries, and plays it back.
+
+    python benchmarks/round_trip.py [--set KEY=VALUE ...]
+
+Prints what joints lose on the way, how far joints and tip of the played run are from the first one, and the
+torque by which a controller is wrong with one payload, and with one told every 0.5 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+import cosim
+from cosim.base.frames import Array
+from cosim.config.toml.reading import parse_assignment
+from cosim.results.ros_bag import write_bag
+
+_SCENARIO: Final = "ur5e_hexagon_arm"
+
+
+def from_yaml(path: Path) -> Array:
+    """Return the joints (n, 6) of a JointTrajectory."""
+    points = yaml.safe_load(path.read_text(encoding="utf-8"))["points"]
+    return np.array([point["positions"] for point in points])
+
+
+def from_script(path: Path) -> Array:
+    """Return the joints (n, 6) of every servoj in URScript."""
+    rows = re.findall(r"servoj\(\[([^]]*)\]", path.read_text(encoding="utf-8"))
+    return np.array([[float(angle) for angle in row.split(",")] for row in rows])
+
+
+def from_bag(path: Path) -> Array:
+    """Return the joints (n, 6) that were asked for, of a bag."""
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = [said.position for *_, said in reader.iter_decoded_messages(topics=["/joint_targets"])]
+    return np.array(found)
+
+
+def played(result: cosim.RunResult, table: cosim.JointTable, overrides: dict[str, Any]) -> None:
+    """Print how far a replay of a table is from the run that it came from."""
+    found = cosim.replay(_SCENARIO, table, overrides=overrides)
+    again, begin_s = found.result, found.begin_s
+    at = np.minimum(result.time_s, table.time_s[-1])
+
+    def apart(name: str) -> Array:
+        columns = getattr(again, name).T
+        replayed = np.column_stack([np.interp(at + begin_s, again.time_s, column) for column in columns])
+        return np.asarray(np.abs(replayed - getattr(result, name)))
+
+    tip = 1e3 * np.linalg.norm(apart("tip_position"), axis=1)
+    print(
+        f"played back: joints within {apart('joint_position').max():.1e} rad, tip within {tip.max():.3f} mm, "
+        f"at the end {tip[-1]:.3f} mm"
+    )
+
+
+def main() -> None:
+    """Run, write, read, play, and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--set", dest="assignments", metavar="KEY=VALUE", action="append", default=[])
+    overrides = dict(map(parse_assignment, parser.parse_args().assignments))
+    with TemporaryDirectory() as folder:
+        result = cosim.run(_SCENARIO, overrides=overrides, error=False, out=folder)
+        table = cosim.run_path(result, rate_Hz=1.0 / result.stage.tick_s)
+        bag = Path(folder) / "bag"
+        write_bag(result, bag)
+        for name, read in (("way.yaml", from_yaml), ("way.script", from_script)):
+            table.write(Path(folder) / name)
+            print(f"{name}: joints within {np.abs(read(Path(folder) / name) - table.joints).max():.1e} rad")
+        print(f"bag: joints within {np.abs(from_bag(bag / 'bag.mcap') - result.joint_target).max():.1e} rad")
+        print(cosim.payload_torque(folder))
+        played(result, table, overrides)
+
+
+if __name__ == "__main__":
+    main()
