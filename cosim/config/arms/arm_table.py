@@ -174,7 +174,7 @@ class TurntableTable:
         range_rad: smallest and largest angle; at 0 the arm stands where the base says.
         speed_rad_s: largest.
         axis: world.
-        center_m: a point on the axis, world, while rails are at 0; omitted: the origin of the arm's root link.
+        center_m: a point on the axis, world, with rails at 0; omitted: the origin of the arm's root link.
         acceleration_rad_s2: beyond which a motion is reported; omitted: none.
         torque_Nm: largest; the stiffness of its servo follows from it, as of any joint.
         mass_kg: of the table, a disc of 0.2 m about its axis.

@@ -42,17 +42,17 @@ def on_moving_base(arm: ArmFile, base: BaseTable) -> ArmFile:
     Raises:
         InputError: a name of a joint or link is used twice.
     """
-    carriers = (*base.rails, *base.turntables)
+    carriers: list[RailTable | TurntableTable] = [*base.rails, *base.turntables]
     if not carriers:
         return arm
     robot, names = ElementTree.fromstring(arm.urdf), [carrier.name for carrier in carriers]
     root = _root_of(robot)
     links = {element.get("name", "") for element in robot.iter("link")}
-    taken = [name for k, name in enumerate(names) if name in (*arm.joint_names, *names[:k]) or _of(name) in links]
-    if taken:
-        raise InputError(
-            f"arm {arm.name!r}: two joints are called {taken[0]!r}; give the one of its base another name"
-        )
+    for k, name in enumerate(names):
+        if name in (*arm.joint_names, *names[:k]) or _of(name) in links:
+            raise InputError(
+                f"arm {arm.name!r}: two joints are called {name!r}; give the one of its base another name"
+            )
     parent, place = ElementTree.SubElement(robot, "link", name=f"{names[0]}_ground"), np.zeros(3)
     for carrier in carriers:
         center = carrier.joint.center_m or arm.world_from_base.translation
