@@ -76,8 +76,8 @@ def solve(
     meanwhile and brought into their limits, as near to the seed as these allow, afterwards.
 
     Of an arm with more joints than the pose needs, the step is the least one, weighed by the diagonal W: 1,
-    and for a joint that moves towards a limit falling to 0 over the last tenth of its range (after Chan and
-    Dubey, IEEE Trans. Robotics and Automation 11, 1995). Otherwise W = 1.
+    and for a joint that moves towards a limit falling to 0 as a square over the last tenth of its range
+    (after Chan and Dubey, IEEE Trans. Robotics and Automation 11, 1995). Otherwise W = 1.
 
     Args:
         arm: the arm.
@@ -203,7 +203,7 @@ def _weights(arm: Arm, q: Array, step: Array, led: Array | None) -> Array:
     limited = ~arm.turns_fully & np.isfinite(ahead)
     share = np.ones(len(q))
     share[limited] = ahead[limited] / (_SLOWED * (arm.upper - arm.lower)[limited])
-    weights = np.sqrt(np.clip(share, 0.0, 1.0))
+    weights = np.clip(share, 0.0, 1.0)
     return weights if led is None else np.where(np.isnan(led), weights, 0.0)
 
 

@@ -129,9 +129,7 @@ def led_joints(arm: Arm, start: StartTable, phases: Sequence[PhaseTable]) -> tup
                 k = arm.joint_names.index(name)
                 row[k] = value
                 if not arm.lower[k] <= value <= arm.upper[k]:
-                    faults.add(
-                        path, f"is {value:g}; the joint goes from {arm.lower[k]:g} to {arm.upper[k]:g}"
-                    )
+                    faults.add(path, f"is {value:g}; its limits are {arm.lower[k]:g} to {arm.upper[k]:g}")
         free = int(np.isnan(row).sum())
         if free < min(_NEEDED, arm.joint_count):
             faults.add(where, f"leaves {free} joints to follow the flange; at least {_NEEDED} are needed")
