@@ -66,8 +66,8 @@ class ArmFile:
         acceleration_bound: (joints,) [rad/s^2], not negative, beyond which a motion is reported; joints left
             out have none.
         armature: (joints,) inertia of the rotors, seen at the joints; `ARMATURE` unless given.
-        servo_stiffness: (joints,) [N m/rad]; None: from the torque limits.
-        servo_damping: (joints,) [N m s/rad]; None: from the torque limits.
+        servo_stiffness: (joints,) [N m/rad]; None, or nan of a joint: from the torque limits.
+        servo_damping: (joints,) [N m s/rad]; the same.
         world_from_base: pose of the root link.
         home_known: whether anybody has given the home.
         shapes: of links, besides those in the URDF.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, Final, final
 
 import numpy as np
@@ -28,8 +29,8 @@ from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.plan.arm_limits import PathClearances, PlannedArm
 from cosim.plan.arm_plan import planned_arm
-from cosim.plan.clearance import path_clearances
-from cosim.plan.joint_planner import plan_joints
+from cosim.plan.clearance import keeps_clear, path_clearances
+from cosim.plan.joint_planner import led_joints, plan_joints
 from cosim.plan.motion import JointPath
 from cosim.plan.plan import Plan
 from cosim.plan.planning import AnyWay
@@ -236,6 +237,7 @@ class ArmParts:
             cell = None if scenario.scene is None else cell_of(scenario.scene)
             self.driven = motion_of(scenario, cell)
         faults.tell()
+        self._led = led_joints(self.arm, scenario.start, scenario.phases)
         description = SceneDescription(
             arm=file,
             tick_s=scenario.clock.tick_s,
@@ -270,10 +272,17 @@ class ArmParts:
     def plan_joints(
         self, start: Pose, ways: list[AnyWay], blame: Callable[[int], str]
     ) -> tuple[JointPath, ...]:
-        """Return the joint paths of all phases, see `cosim.plan.joint_planner.plan_joints`."""
+        """Return the joint paths of all phases, see `cosim.plan.joint_planner.plan_joints`.
+
+        Where the plan refuses what comes too near, an arm with spare joints begins in another configuration.
+        """
+        settings, around, clear = self._scenario.plan, None, None
+        if settings.collision == "refuse" and self.arm.has_spare_joints:
+            around = self._geometry_name, settings.clearance_m
+            clear = partial(keeps_clear, self.scene, settings.clearance_m)
         return self._kept.made(
-            "joint paths", name_of(self._arm_name, start, ways),
-            lambda: plan_joints(self.arm, start, ways, blame),
+            "joint paths", name_of(self._arm_name, start, ways, self._led, around),
+            lambda: plan_joints(self.arm, start, ways, blame, self._led, clear),
         )  # fmt: skip
 
     def motion_name(self, plan: Plan) -> str:

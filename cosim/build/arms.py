@@ -17,6 +17,7 @@ from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
 from cosim.config.arms.arm_files import arm_source, read_urdf
 from cosim.config.arms.arm_table import BaseTable
+from cosim.config.arms.moving_base import on_moving_base
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
@@ -32,7 +33,7 @@ def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:
 
     Args:
         robot: see `find_arm`.
-        base: where its root link stands; None: as its own file says.
+        base: where its root link stands, and what moves it; None: as its own file says.
 
     Raises:
         InputError: see `find_arm`.
@@ -41,7 +42,7 @@ def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:
     if base is None:
         return arm
     placed = Pose.from_quaternion(np.array(base.quaternion), np.array(base.position_m))
-    return replace(arm, world_from_base=placed)
+    return on_moving_base(replace(arm, world_from_base=placed), base)
 
 
 def find_arm(robot: str) -> ArmFile:

@@ -12,6 +12,7 @@ from cosim.config.device_rules import DEVICE_RULES
 from cosim.config.schema.objects import ObjectTable, WireTable
 from cosim.config.schema.phase import (
     CELL_KEYS,
+    JOINT_KEYS,
     SETPOINTS,
     ForceTable,
     PerChamber,
@@ -33,7 +34,7 @@ MOST_TICKS: Final = 1_000_000_000
 MOST_INCREMENTS: Final = 10_000_000
 MOST_SOLIDS: Final = 2_000
 _REFINE_MAX: Final = 4
-_MOTIONS: Final = ("flange", "flange_turn", "flange_shift_m", "tip_path")
+_MOTIONS: Final = ("flange", "flange_turn", "flange_shift_m", "tip_path", *JOINT_KEYS)
 _NEEDS: Final = {
     "section": "a stack of units",
     "refined": "a geometry that can be drawn finer",
@@ -336,6 +337,7 @@ def _a_cell_is_there_to_be_driven(phase: PhaseTable, scenario: Scenario) -> Told
 def _without_an_arm_nothing_is_around(scenario: Scenario) -> Told:
     if scenario.robot == NO_ARM:
         given = {"object": scenario.objects, "scene": scenario.scene, "arm_base": scenario.arm_base}
+        given |= {f"start.{key}": getattr(scenario.start, key) for key in JOINT_KEYS}
         for key in [key for key, value in given.items() if value]:
             yield key, f"needs an arm; robot is '{NO_ARM}'"
 

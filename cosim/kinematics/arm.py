@@ -198,6 +198,11 @@ class Arm:
         return self.joint_count < _POSE_FREEDOMS
 
     @property
+    def has_spare_joints(self) -> bool:
+        """Whether it has more joints than a pose of the flange needs."""
+        return self.joint_count > _POSE_FREEDOMS
+
+    @property
     def joint_count(self) -> int:
         """Number of joints."""
         return int(self._model.nv)

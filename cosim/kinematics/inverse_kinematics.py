@@ -25,6 +25,7 @@ _ITERATIONS = 60  # at most, per start
 _PATIENCE = 12  # a start is given up when the squared error has not fallen to 0.3 of its value so long ago
 _NEAR_rad = 0.5  # a solution no joint of which is farther from the seed is taken at once
 RESTARTS = 200  # at most, beyond the start from the seed
+_SLOWED = 0.1  # of a joint's range: nearer to a limit than that, other joints take over
 
 PoseError = Callable[[Array], tuple[Array, Array]]
 
@@ -50,21 +51,33 @@ class Solution:
 
 @dataclass
 class _Search:
-    """What has been found so far."""
+    """What has been found so far, with joints at places asked for (joints,), nan where they are free."""
 
     solutions: list[Array]
     best: Array
+    led: Array | None = None
     best_error: float = np.inf
     iterations: int = 0
 
 
-def solve(arm: Arm, target: Pose, seed: Array, candidates: int = 4, restarts: int = RESTARTS) -> Solution:
+def solve(
+    arm: Arm,
+    target: Pose,
+    seed: Array,
+    candidates: int = 4,
+    restarts: int = RESTARTS,
+    led: Array | None = None,
+) -> Solution:
     """Return a configuration near the seed whose flange is at a pose.
 
-    Steps dq = -J^T (J J^T + lambda I)^-1 e with e = log(flange_from_target) and lambda = c |e|^2
+    Steps dq = -W J^T (J W J^T + lambda I)^-1 e with e = log(flange_from_target) and lambda = c |e|^2
     (Levenberg-Marquardt, damping after Sugihara, IEEE Trans. Robotics 27, 2011), from the seed and then
     from points scattered around it ever more widely. Joints that can make a full turn are left free
     meanwhile and brought into their limits, as near to the seed as these allow, afterwards.
+
+    Of an arm with more joints than the pose needs, the step is the least one, weighed by the diagonal W: 1,
+    and for a joint that moves towards a limit falling to 0 as a square over the last tenth of its range
+    (after Chan and Dubey, IEEE Trans. Robotics and Automation 11, 1995). Otherwise W = 1.
 
     Args:
         arm: the arm.
@@ -72,6 +85,7 @@ def solve(arm: Arm, target: Pose, seed: Array, candidates: int = 4, restarts: in
         seed: (joints,) [rad].
         candidates: solutions that are compared, unless one is near the seed; the nearest is taken.
         restarts: at most, beyond the start from the seed; equal ones each time.
+        led: (joints,) [rad], where some joints are to be; nan of the others.
 
     Raises:
         UnreachableError: nothing found; `closest` holds the closest pose.
@@ -79,7 +93,7 @@ def solve(arm: Arm, target: Pose, seed: Array, candidates: int = 4, restarts: in
     start = np.array(seed, dtype=np.float64)
     error = arm.error_towards(target)
     rng = np.random.default_rng(0)
-    search = _Search([], start)
+    search = _Search([], start, led)
     in_reach = bool(np.linalg.norm(target.translation - arm.shoulder) <= arm.reach + _TOLERANCE)
     # Out of reach, a few starts serve to name the closest pose.
     attempt = 0
@@ -102,13 +116,14 @@ def solve(arm: Arm, target: Pose, seed: Array, candidates: int = 4, restarts: in
     return Solution(q, position, rotation, search.iterations, attempt)
 
 
-def follow(arm: Arm, path: Sequence[Pose], start: Array) -> Array:
+def follow(arm: Arm, path: Sequence[Pose], start: Array, led: Array | None = None) -> Array:
     """Return configurations (poses, joints) [rad] along a path, without a change of branch.
 
     Args:
         arm: the arm.
         path: world_from_flange, closely spaced.
         start: (joints,) [rad], at or near the first pose.
+        led: (poses, joints) [rad], where some joints are to be; nan of the others.
 
     Raises:
         UnreachableError: the branch ends (singularity or joint limit) or a joint would have to jump.
@@ -117,7 +132,7 @@ def follow(arm: Arm, path: Sequence[Pose], start: Array) -> Array:
     for index, target in enumerate(path):
         seed = np.array(q, dtype=np.float64)
         error = arm.error_towards(target)
-        search = _Search([], seed)
+        search = _Search([], seed, None if led is None else led[index])
         found = _descend(arm, error, seed, search)
         if found is None:
             reason = f"the branch followed ends before pose {index} of the path"
@@ -143,7 +158,9 @@ def _descend(
     arm: Arm, error: PoseError, start: Array, search: _Search, *, thorough: bool = False
 ) -> Array | None:
     """Return where the steps from a start converge to, or None; the best point goes into `search`."""
-    q, history = start, []
+    q, history, led = start, [], search.led
+    if led is not None:
+        q = np.where(np.isnan(led), q, led)
     limited = np.flatnonzero(~arm.turns_fully)
     iterations = _ITERATIONS * (2 if thorough else 1)
     patience = iterations if thorough else _PATIENCE
@@ -157,7 +174,12 @@ def _descend(
         stalled = len(history) > patience and squared > 0.3 * history[-1 - patience]
         if squared < _CONVERGED or stalled:
             break
-        q = q + _step(deviation, derivative, _DAMPING * squared)
+        damping = _DAMPING * squared
+        step = _step(deviation, derivative, damping)
+        if arm.has_spare_joints:
+            weights = _weights(arm, q, step, led)
+            step = weights * _step(deviation, derivative * weights, damping)
+        q = q + step
         if limited.size:
             q[limited] = np.clip(q[limited], arm.lower[limited], arm.upper[limited])
     position, rotation = np.linalg.norm(deviation[:3]), np.linalg.norm(deviation[3:])
@@ -170,6 +192,19 @@ def _step(deviation: Array, derivative: Array, damping: float) -> Array:
     normal.flat[:: len(deviation) + 1] += damping + 1e-12
     _, weights, failed = dposv(normal, deviation)
     return np.zeros(derivative.shape[1]) if failed else -derivative.T @ weights
+
+
+def _weights(arm: Arm, q: Array, step: Array, led: Array | None) -> Array:
+    """Return the roots (joints,) of the weights of a step: 0 of joints that are led, less near a limit ahead.
+
+    With J times them, and the step times them, the least step is the weighted one.
+    """
+    ahead = np.where(step > 0.0, arm.upper - q, q - arm.lower)
+    limited = ~arm.turns_fully & np.isfinite(ahead)
+    share = np.ones(len(q))
+    share[limited] = ahead[limited] / (_SLOWED * (arm.upper - arm.lower)[limited])
+    weights = np.clip(share, 0.0, 1.0)
+    return weights if led is None else np.where(np.isnan(led), weights, 0.0)
 
 
 def _scattered(arm: Arm, start: Array, spread: float, rng: np.random.Generator) -> Array:

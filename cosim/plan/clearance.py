@@ -11,7 +11,7 @@ times one plus the strain. So the film stays within a ball around the flange's o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from typing import TYPE_CHECKING, Final, final
@@ -26,7 +26,7 @@ from cosim.config.schema.scenario import PlanTable
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import Nearest, PathClearances, Touch, with_touches
 from cosim.plan.arm_plan import asked_motion
-from cosim.plan.motion import CellMotion, progress
+from cosim.plan.motion import CellMotion, JointPath, progress
 from cosim.plan.plan import Plan
 from cosim.plan.planning import flange_key
 from cosim.soft.body.body import SoftBody
@@ -81,6 +81,27 @@ def path_clearances(
         hit = list(soft.nearer_than(bound, *places, *when))
         touches = with_touches(touches, near if film_touches else near + hit, *when)
     return PathClearances(touches, links.nearest, soft.nearest)
+
+
+def keeps_clear(scene: RigidScene, clearance_m: float, paths: Sequence[JointPath]) -> bool:
+    """Return whether links touch neither each other nor, within a clearance, what stands still.
+
+    Args:
+        scene: with the arm and what is around it; a cell is as in its file.
+        clearance_m: of links from what is no part of the robot.
+        paths: of the joints; looked at at their knots.
+    """
+    found = scene.links.solids()
+    among, links = (
+        _Watch(found.solids, chosen) for chosen in (found.among_links, _pairs(found.links, found.others))
+    )
+    for path in paths:
+        for q in [path.first] if path.spline is None else path.spline(path.spline.x):
+            places = scene.dynamics.places(q)
+            near = (among.nearer_than(0.0, *places, 0.0, 0), links.nearer_than(clearance_m, *places, 0.0, 0))
+            if any(True for watched in near for _ in watched):
+                return False
+    return True
 
 
 def check_clearances(clearances: PathClearances | None, plan: Plan, settings: PlanTable) -> None:

@@ -6,19 +6,22 @@ Joint angles along a flange's track, held against the arm's speeds and accelerat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.base.frames import Array, Mask, Pose, rotation_from_vector
+from cosim.config.schema.phase import JOINT_KEYS, PhaseTable, StartTable
+from cosim.config.toml.keys import unknown_name_message
+from cosim.config.toml.reading import Faults
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import follow, solve
 from cosim.plan.arm_limits import ArmLimits
-from cosim.plan.motion import FlangeWay, JointPath
+from cosim.plan.motion import FlangeWay, JointPath, progress
 from cosim.plan.planning import AnyWay
 from cosim.plan.tip_paths import PoseTrack
 
@@ -26,7 +29,7 @@ _SAMPLE_s: Final = 0.005
 _MOST_SAMPLES: Final = 20_000
 
 
-def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str) -> JointPath:
+def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str, led: Array | None = None) -> JointPath:
     """Return the joint angles along a track, from rest to rest.
 
     Args:
@@ -34,15 +37,16 @@ def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str) -> JointPath:
         track: of the flange.
         q: (joints,) [rad], at its begin.
         key: of the scenario that asks for it.
+        led: (joints,) [rad], where some joints are to be at its end; nan of the others.
 
     Raises:
         UnreachableError: the arm cannot follow it, or not as fast; the message begins with the key.
     """
     count, knots = track.pieces, [q]
     for k in range(1, count + 1):
-        pose = track.at(k / count)
+        pose, shares = track.at(k / count), [progress("smooth", k / count, 1.0).value]
         try:
-            knots.append(follow(arm, [pose], knots[-1])[0])
+            knots.append(follow(arm, [pose], knots[-1], _led_through(q, led, shares))[0])
         except UnreachableError as error:
             place = track.instant(k / count)
             try:
@@ -95,19 +99,65 @@ def _below(value: float) -> str:
     return f"{math.floor(value * 10.0**digits) / 10.0**digits:.6g}"
 
 
+_NEEDED: Final = 6  # joints that follow the flange, where others are led
+
+
+def led_joints(arm: Arm, start: StartTable, phases: Sequence[PhaseTable]) -> tuple[Array, ...]:
+    """Return where joints are asked to be (joints,) [rad], at the start and each phase's end; nan: anywhere.
+
+    Args:
+        arm: whose joints.
+        start: of a scenario.
+        phases: of it.
+
+    Raises:
+        ScenarioError: no such joint, of another kind, out of its limits, or too few others.
+    """
+    faults, rows = Faults(), []
+    places = ["start", *(f"phase.{phase.name}" for phase in phases)]
+    for where, table in zip(places, (start, *phases), strict=True):
+        row = np.full(arm.joint_count, np.nan)
+        for key, kind, slides in zip(JOINT_KEYS, ("sliding", "turning"), (True, False), strict=True):
+            fitting = [
+                name for name, own in zip(arm.joint_names, arm.prismatic, strict=True) if own == slides
+            ]
+            for name, value in (getattr(table, key) or {}).items():
+                path = f"{where}.{key}.{name}"
+                if name not in fitting:
+                    faults.add(path, unknown_name_message(f"{kind} joint of the arm", name, tuple(fitting)))
+                    continue
+                k = arm.joint_names.index(name)
+                row[k] = value
+                if not arm.lower[k] <= value <= arm.upper[k]:
+                    faults.add(path, f"is {value:g}; its limits are {arm.lower[k]:g} to {arm.upper[k]:g}")
+        free = int(np.isnan(row).sum())
+        if free < min(_NEEDED, arm.joint_count):
+            faults.add(where, f"leaves {free} joints to follow the flange; at least {_NEEDED} are needed")
+        rows.append(row)
+    faults.tell()
+    return tuple(rows)
+
+
 _START_CONFIGURATIONS = 12
+_LED_STEP = 0.05  # m or rad, of a joint that is led
 _FINER = 2  # pieces of a way whose velocity is to be even
 _SINGULAR = 1e-3  # of the Jacobian's largest singular value: no velocity is asked for that way
 _ROLLS = tuple(sign * quarter * math.pi / 4.0 for quarter in (2, 4, 1, 3) for sign in (1.0, -1.0))  # tried
 
 
 def plan_joints(
-    arm: Arm, start: Pose, ways: list[AnyWay], blame: Callable[[int], str]
+    arm: Arm,
+    start: Pose,
+    ways: list[AnyWay],
+    blame: Callable[[int], str],
+    led: Sequence[Array] = (),
+    clear: Callable[[tuple[JointPath, ...]], bool] | None = None,
 ) -> tuple[JointPath, ...]:
     """Return the joint paths of all phases, on one branch of the inverse kinematics.
 
     Several start configurations are tried, the one nearest to the arm's home first, until one can follow
-    every phase. Where none can, an end pose that is out of reach says more than the place where a path broke
+    every phase, and keeps clear of things meanwhile; where none keeps clear, the first that can follow is
+    taken. Where none can follow, an end pose that is out of reach says more than the place where a path broke
     off, so it is named instead.
 
     Args:
@@ -115,23 +165,34 @@ def plan_joints(
         start: pose of the flange before the first phase.
         ways: motion of the flange in each phase.
         blame: names the key of the scenario that asks for pose k (-1: the start).
+        led: (joints,) [rad] at the start and at the end of each phase, where some joints are to be; nan of
+            those that follow the flange. Empty: all do.
+        clear: whether links keep clear of things on such paths; None: it does not matter.
 
     Raises:
         UnreachableError: the start or a path cannot be reached; the message begins with the key.
     """
+    led = led or [np.full(arm.joint_count, np.nan)] * (1 + len(ways))
     try:
-        nearest = solve(arm, start, arm.home).q
+        nearest = solve(arm, start, arm.home, led=led[0]).q
     except UnreachableError as error:
         raise UnreachableError(
             f"{blame(-1)}: {error}{_rolled_otherwise(arm, start)}", error.closest
         ) from error
     _check_reach(arm, ways, nearest, blame)
     failure: UnreachableError | None = None
-    for candidate in _configurations(arm, start, nearest):
+    touching: tuple[JointPath, ...] | None = None
+    for candidate in _configurations(arm, start, nearest, led[0]):
         try:
-            return _follow_all(arm, ways, candidate, blame)
+            paths = _follow_all(arm, ways, candidate, blame, led[1:])
         except UnreachableError as error:
             failure = failure or error
+            continue
+        if clear is None or clear(paths):
+            return paths
+        touching = touching or paths
+    if touching is not None:
+        return touching
     assert failure is not None
     _check_ends(arm, ways, nearest, blame)
     raise failure
@@ -178,7 +239,7 @@ def _blamed(key: str) -> Iterator[None]:
         raise UnreachableError(f"{key}: {error}", error.closest) from error
 
 
-def _configurations(arm: Arm, start: Pose, nearest: Array) -> Iterator[Array]:
+def _configurations(arm: Arm, start: Pose, nearest: Array, led: Array) -> Iterator[Array]:
     """Yield start configurations; those beside the nearest are found once somebody asks for them."""
     yield nearest
     rng = np.random.default_rng(0)
@@ -186,7 +247,7 @@ def _configurations(arm: Arm, start: Pose, nearest: Array) -> Iterator[Array]:
     for _ in range(_START_CONFIGURATIONS):
         seed = rng.uniform(np.maximum(arm.lower, -math.pi), np.minimum(arm.upper, math.pi))
         try:
-            q = solve(arm, start, seed).q
+            q = solve(arm, start, seed, led=led).q
         except UnreachableError:
             continue
         if all(np.abs(q - other).max() > 1e-3 for other in found):
@@ -194,30 +255,46 @@ def _configurations(arm: Arm, start: Pose, nearest: Array) -> Iterator[Array]:
     yield from sorted(found[1:], key=lambda q: float(np.linalg.norm(q - arm.home)))
 
 
-def _follow_all(arm: Arm, ways: list[AnyWay], q: Array, blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+def _follow_all(
+    arm: Arm, ways: list[AnyWay], q: Array, blame: Callable[[int], str], led: Sequence[Array]
+) -> tuple[JointPath, ...]:
     paths: list[JointPath] = []
-    for index, way in enumerate(ways):
+    for index, (way, asked) in enumerate(zip(ways, led, strict=False)):
         if isinstance(way, PoseTrack):
-            paths.append(track_joints(arm, way, q, blame(index)))
+            paths.append(track_joints(arm, way, q, blame(index), asked))
             q = paths[-1].last
             continue
-        count = way.pieces * (_FINER if way.even else 1)
+        count = max(way.pieces * (_FINER if way.even else 1), _led_pieces(q, asked))
         if count == 0:
             paths.append(JointPath(q, None))
             continue
-        poses = [way.at(k / count) for k in range(1, count + 1)]
+        shares = [k / count for k in range(1, count + 1)]
+        poses = [way.at(share) for share in shares]
         with _blamed(blame(index)):
-            knots = np.concatenate([q[None], follow(arm, poses, q)])
-        paths.append(JointPath(q, _spline(arm, way, knots)))
+            knots = np.concatenate([q[None], follow(arm, poses, q, _led_through(q, asked, shares))])
+        paths.append(JointPath(q, _spline(arm, way, knots, np.isnan(asked))))
         q = paths[-1].last
     return tuple(paths)
 
 
-def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
+def _led_pieces(q: Array, led: Array) -> int:
+    """Return into how many pieces a motion is cut for the joints that are led; 0 where none moves."""
+    farthest = float(np.nan_to_num(np.abs(led - q)).max())
+    return 0 if farthest == 0.0 else max(4, math.ceil(farthest / _LED_STEP))
+
+
+def _led_through(q: Array, led: Array | None, shares: Sequence[float]) -> Array | None:
+    """Return where joints are led (shares, joints) at shares of their way from q; None where none is."""
+    if led is None or np.isnan(led).all():
+        return None
+    return np.asarray(q + np.array(shares)[:, None] * (led - q))
+
+
+def _spline(arm: Arm, way: FlangeWay, knots: Array, free: Mask) -> CubicSpline:
     """Return the joint angles over the fraction of the way, through equally spaced knots (k, joints) [rad].
 
     Where the ends are not at rest, the flange's velocity there is exactly the way's: motions that follow one
-    another at the same pace do so without a jump.
+    another at the same pace do so without a jump. Only joints that are free are corrected for it.
     """
     fractions = np.linspace(0.0, 1.0, len(knots))
     spline = CubicSpline(fractions, knots)
@@ -228,5 +305,6 @@ def _spline(arm: Arm, way: FlangeWay, knots: Array) -> CubicSpline:
         q, slope = np.asarray(spline(fraction)), np.asarray(spline(fraction, 1))
         rows, jacobian = arm.asked_rows(q), arm.jacobian(q)
         missing = way.rate_at_ends - jacobian @ slope
-        slopes.append(slope + np.linalg.lstsq(rows @ jacobian, rows @ missing, rcond=_SINGULAR)[0])
+        slope[free] += np.linalg.lstsq(rows @ jacobian[:, free], rows @ missing, rcond=_SINGULAR)[0]
+        slopes.append(slope)
     return CubicSpline(fractions, knots, bc_type=((1, slopes[0]), (1, slopes[1])))

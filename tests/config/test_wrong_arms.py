@@ -167,13 +167,13 @@ def test_a_chain_that_is_too_long_is_refused_with_its_last_usable_link(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     more = "".join(
-        joined(f"j{k}", "revolute", f"l{k - 1}" if k > 3 else "hand", f"l{k}") for k in range(3, 11)
+        joined(f"j{k}", "revolute", f"l{k - 1}" if k > 3 else "hand", f"l{k}") for k in range(3, 13)
     )
     path = tmp_path / "arm.urdf"
     path.write_text(TWO_JOINTS.replace("</robot>", f"{more}</robot>"))
     line = refusal(path, capsys)
-    assert "10 joints move the flange 'l10'" in line
-    assert line.endswith("(joints that move it): 'l8' (8)"), line
+    assert "12 joints move the flange 'l12'" in line
+    assert line.endswith("(joints that move it): 'l10' (10)"), line
 
 
 def test_a_scenario_on_a_wrong_arm_is_refused_by_check_and_run(

@@ -29,6 +29,7 @@ from cosim.config.arms.chain import (
     numbers,
     replace_unreadable,
 )
+from cosim.config.arms.moving_base import on_moving_base
 from cosim.config.arms.robot_tree import link_of, read_robot
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.parsing import parse
@@ -138,7 +139,7 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
     damping = _of_joints(table.servos.damping, "servos.damping", names, source)
     bound = [_acceleration_bound(joint, _where(joint, path)) for joint in moving]
     base = table.base
-    return ArmFile(
+    arm = ArmFile(
         source.name,
         path,
         ElementTree.tostring(chain.robot, encoding="unicode"),
@@ -155,6 +156,7 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
         files=(*source.files, *chain.files),
         notes=chain.notes,
     )
+    return on_moving_base(arm, base)
 
 
 def check_limited_chain(

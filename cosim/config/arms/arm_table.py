@@ -12,14 +12,24 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, final
+from typing import Annotated, Final, NamedTuple, final
 
 import numpy as np
 
+from cosim.base.arm_file import FIXED
 from cosim.base.frames import Array, Pose
-from cosim.config.toml.keys import NonNegative, Positive, Quaternion, Text, Vector3
+from cosim.config.toml.keys import (
+    Direction,
+    Increasing,
+    Name,
+    NonNegative,
+    Positive,
+    Quaternion,
+    Text,
+    Vector3,
+)
 from cosim.errors import InputError
 
 
@@ -67,21 +77,145 @@ def add_inertial(link: ElementTree.Element, mass_kg: float, pose: Pose, principa
     ElementTree.SubElement(inertial, "inertia", moments, ixy="0", ixz="0", iyz="0")
 
 
+def add_joint(
+    robot: ElementTree.Element, name: str, kind: str, ends: tuple[str, str], pose: Pose
+) -> ElementTree.Element:
+    """Return a joint that is added to a robot.
+
+    Args:
+        robot: gets it.
+        name: of the joint.
+        kind: "fixed", or one of `cosim.base.arm_file.MOVING`.
+        ends: links, parent and child.
+        pose: parent from joint.
+    """
+    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    for end, link in zip(("parent", "child"), ends, strict=True):
+        ElementTree.SubElement(joint, end, link=link)
+    add_origin(joint, pose)
+    return joint
+
+
+def add_cylinder(link: ElementTree.Element, tag: str, pose: Pose, radius: float, length: float) -> None:
+    """Give a link a cylinder along z of a pose in its frame; tag: "visual" or "collision"."""
+    shape = ElementTree.SubElement(link, tag)
+    add_origin(shape, pose)
+    size = {"radius": repr(float(radius)), "length": repr(float(length))}
+    ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "cylinder", size)
+
+
+def standing_along(axis: Array) -> Array:
+    """Return a rotation (3, 3) whose z axis is a unit vector (3,)."""
+    aside = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    aside /= np.linalg.norm(aside)
+    return np.stack([aside, np.cross(axis, aside), axis], axis=1)
+
+
 UNTURNED: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+class BaseJoint(NamedTuple):
+    """What rails and turntables have in common, in [m], [N] or in [rad], [N m].
+
+    Args:
+        kind: "prismatic" or "revolute".
+        bounds: lowest and highest position.
+        speed: largest.
+        acceleration: largest; None: not known.
+        effort: largest force or torque.
+        center_m: world, of a point on the axis; None: the origin of the arm's root link.
+    """
+
+    kind: str
+    bounds: tuple[float, float]
+    speed: float
+    acceleration: float | None
+    effort: float
+    center_m: Vector3 | None
+
+
+@final
+@dataclass(frozen=True)
+class RailTable:
+    """Carries the arm along a line, on what comes before it.
+
+    Args:
+        axis: along which it slides, world.
+        range_m: lowest and highest position; at 0 the arm stands where the base says.
+        speed_m_s: largest.
+        acceleration_m_s2: beyond which a motion is reported; omitted: none.
+        force_N: largest; the stiffness of its servo follows from it, as of any joint.
+        mass_kg: of the carriage.
+        name: of the joint.
+    """
+
+    axis: Direction
+    range_m: Annotated[tuple[float, float], Increasing]
+    speed_m_s: Positive
+    acceleration_m_s2: Positive | None = None
+    force_N: Positive = 5e3
+    mass_kg: Positive = 50.0
+    name: Name = "rail"
+
+    @property
+    def joint(self) -> BaseJoint:
+        """What it is as a joint."""
+        return BaseJoint(
+            "prismatic", self.range_m, self.speed_m_s, self.acceleration_m_s2, self.force_N, None
+        )
+
+
+@final
+@dataclass(frozen=True)
+class TurntableTable:
+    """Turns the arm about an axis, on the rails.
+
+    Args:
+        range_rad: smallest and largest angle; at 0 the arm stands where the base says.
+        speed_rad_s: largest.
+        axis: world.
+        center_m: a point on the axis, world, with rails at 0; omitted: the origin of the arm's root link.
+        acceleration_rad_s2: beyond which a motion is reported; omitted: none.
+        torque_Nm: largest; the stiffness of its servo follows from it, as of any joint.
+        mass_kg: of the table, a disc of 0.2 m about its axis.
+        name: of the joint.
+    """
+
+    range_rad: Annotated[tuple[float, float], Increasing]
+    speed_rad_s: Positive
+    axis: Direction = (0.0, 0.0, 1.0)
+    center_m: Vector3 | None = None
+    acceleration_rad_s2: Positive | None = None
+    torque_Nm: Positive = 2e3
+    mass_kg: Positive = 50.0
+    name: Name = "turntable"
+
+    @property
+    def joint(self) -> BaseJoint:
+        """What it is as a joint."""
+        return BaseJoint(
+            "revolute", self.range_rad, self.speed_rad_s, self.acceleration_rad_s2, self.torque_Nm,
+            self.center_m,
+        )  # fmt: skip
 
 
 @final
 @dataclass(frozen=True)
 class BaseTable:
-    """Where the root link of the arm stands.
+    """Where the root link of the arm stands, and what moves it.
 
     Args:
         position_m: of its origin, world.
         quaternion: (w, x, y, z), world from root link; normalised on use.
+        rails: `[[arm_base.rail]]` in the file (of an arm `[[base.rail]]`), each on the one before; several
+            make a gantry.
+        turntables: `[[arm_base.turntable]]` in the file, each on the one before, the first on the last rail.
     """
 
     position_m: Vector3 = (0.0, 0.0, 0.0)
     quaternion: Quaternion = UNTURNED
+    rails: tuple[RailTable, ...] = field(default=(), metadata={"alias": "rail"})
+    turntables: tuple[TurntableTable, ...] = field(default=(), metadata={"alias": "turntable"})
 
 
 @final
@@ -187,25 +321,15 @@ def add_adapter(robot: ElementTree.Element, flange: str, adapter: AdapterTable, 
     end = Pose.from_quaternion(np.array(adapter.quaternion), np.array(adapter.position_m))
     length, radius, mass_kg = float(np.linalg.norm(end.translation)), adapter.radius_m, adapter.mass_kg
     link = ElementTree.SubElement(robot, "link", name=ADAPTER)
-    joint = ElementTree.SubElement(robot, "joint", name=f"{ADAPTER}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=flange)
-    ElementTree.SubElement(joint, "child", link=ADAPTER)
-    add_origin(joint, end)
+    add_joint(robot, f"{ADAPTER}_joint", FIXED, (flange, ADAPTER), end)
     if length == 0.0 and mass_kg > 0.0:
         raise InputError(f"arm file {path}: an adapter of length 0 has no mass; leave mass_kg out")
     if length == 0.0:
         return ADAPTER
-    axis = end.translation / length
-    aside = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    aside /= np.linalg.norm(aside)
-    standing = np.stack([aside, np.cross(axis, aside), axis], axis=1)
-    middle = end.inverse() @ Pose(standing, 0.5 * end.translation)
+    middle = end.inverse() @ Pose(standing_along(end.translation / length), 0.5 * end.translation)
     if mass_kg > 0.0:
         across, along = mass_kg * (3.0 * radius**2 + length**2) / 12.0, 0.5 * mass_kg * radius**2
         add_inertial(link, mass_kg, middle, np.array([across, across, along]))
     for tag in ("visual", "collision"):
-        shape = ElementTree.SubElement(link, tag)
-        add_origin(shape, middle)
-        size = {"radius": repr(radius), "length": repr(length)}
-        ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "cylinder", size)
+        add_cylinder(link, tag, middle, radius, length)
     return ADAPTER

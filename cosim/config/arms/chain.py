@@ -26,7 +26,7 @@ from cosim.config.arms.robot_tree import link_of
 from cosim.errors import InputError
 
 FLANGE_NAMES: Final = ("attachment_site", "tool0", "flange")
-MOST_JOINTS: Final = 8
+MOST_JOINTS: Final = 10
 _MOST_NAMED: Final = 6
 
 

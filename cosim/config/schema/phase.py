@@ -139,6 +139,9 @@ MOST_SHAKE_PERIODS: Final = 1_000
 CELL_KEYS: Final = ("cell_shift_m", "cell_angle_rad", "cell_speed_m_s", "cell_speed_rad_s")
 """Keys of a phase that drive joints of the cell."""
 
+JOINT_KEYS: Final = ("joint_shift_m", "joint_angle_rad")
+"""Keys of a phase, and of the start, that lead joints of the arm: those that slide, those that turn."""
+
 SETPOINTS: Final = {
     "control_bending_angle_rad": "bending_angle_rad", "control_tip_height_m": "tip_height_m"
 }  # fmt: skip
@@ -269,11 +272,15 @@ class StartTable:
         flange: where it is.
         pressure_Pa: gauge pressure; of all chambers, or a list, or a table by chamber.
         cable_tension_N: at the base end of each cable.
+        joint_shift_m: where joints of the arm that slide are, by name, such as a rail; see `[[phase]]`.
+        joint_angle_rad: the same of those that turn.
     """
 
     flange: FlangePoseTable
     pressure_Pa: PerChamber[Pressure] = 0.0
     cable_tension_N: Tensions = ()
+    joint_shift_m: Mapping[str, float] | None = None
+    joint_angle_rad: Mapping[str, float] | None = None
 
 
 @final
@@ -338,6 +345,9 @@ class PhaseTable:
         flange_turn: relative rotation; may be combined with `flange_shift_m`.
         flange_shift_m: relative displacement, world axes.
         flange_shake: a swing on top of `flange_turn` and `flange_shift_m`.
+        joint_shift_m: where joints of the arm that slide are at the end of the ramp, by name, such as a rail;
+            the others follow the flange. At least six must. Without it a joint follows the flange as well.
+        joint_angle_rad: the same of joints that turn, such as a turntable.
         cell_shift_m: place of slides of the cell at the end of the ramp, by joint; 0 is where its file has
             them.
         cell_angle_rad: the same of its hinges.
@@ -371,6 +381,8 @@ class PhaseTable:
     flange_turn: FlangeTurnTable | None = None
     flange_shift_m: Vector3 | None = None
     flange_shake: FlangeShakeTable | None = None
+    joint_shift_m: Mapping[str, float] | None = None
+    joint_angle_rad: Mapping[str, float] | None = None
     cell_shift_m: Mapping[str, float] | None = None
     cell_angle_rad: Mapping[str, float] | None = None
     cell_speed_m_s: Mapping[str, float] | None = None

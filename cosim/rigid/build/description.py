@@ -271,9 +271,13 @@ class ServoGains:
         effort = np.asarray(effort, dtype=np.float64)
         stiffness = 500.0 * np.maximum(1.0, effort / 37.5)
         stiffness = np.where(arm.prismatic, 50.0 * np.maximum(1e3, effort), stiffness)
-        if arm.servo_stiffness is not None:
-            stiffness = arm.servo_stiffness
-        return cls(stiffness, 0.2 * stiffness if arm.servo_damping is None else arm.servo_damping)
+        stiffness = _given(arm.servo_stiffness, stiffness)
+        return cls(stiffness, _given(arm.servo_damping, 0.2 * stiffness))
+
+
+def _given(values: Array | None, others: Array) -> Array:
+    """Return values that an arm's file gives, and others where it gives none."""
+    return others if values is None else np.where(np.isnan(values), others, values)
 
 
 @dataclass(frozen=True)

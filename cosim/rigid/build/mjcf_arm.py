@@ -19,7 +19,7 @@ import numpy as np
 from cosim.base.arm_file import FIXED, ArmFile, LinkShape
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.config.arms.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, check_limited_chain
-from cosim.config.arms.arm_table import add_inertial, add_origin, text_of
+from cosim.config.arms.arm_table import add_inertial, add_joint, text_of
 from cosim.config.arms.chain import FLANGE_NAMES
 from cosim.errors import InputError
 from cosim.rigid.build.description import VISUAL_GROUP
@@ -119,7 +119,7 @@ def read_mjcf(source: ArmSource) -> ArmFile:
     taken = flange.name in [link.get("name", "") for link in robot.findall("link")]
     end = f"{flange.name}_frame" if taken else flange.name
     ElementTree.SubElement(robot, "link", name=end)
-    _add_joint(robot, f"{end}_fixed", FIXED, parent, end, outer.inverse() @ flange.pose)
+    add_joint(robot, f"{end}_fixed", FIXED, (parent, end), outer.inverse() @ flange.pose)
     joints = robot.findall("joint")
     check_limited_chain(robot, joints, source)
     _check_alone(model, moving, bodies, path)
@@ -221,7 +221,7 @@ def _add_link(
         add_inertial(link, model.body_mass[body], own.inverse() @ middle, model.body_inertia[body])
     placed = outer.inverse() @ Pose.from_quaternion(model.body_quat[body], model.body_pos[body]) @ own
     if joint is None:
-        _add_joint(robot, f"{name}_fixed", FIXED, parent, name, placed)
+        add_joint(robot, f"{name}_fixed", FIXED, (parent, name), placed)
         return name, own
     axis, dof = model.jnt_axis[joint], int(model.jnt_dofadr[joint])
     back = -float(model.qpos0[model.jnt_qposadr[joint]]) * axis  # drawn at this angle, not at zero
@@ -229,7 +229,7 @@ def _add_link(
     zero = Pose(np.eye(3), back) if slides else Pose(rotation_from_vector(back), np.zeros(3))
     limited = bool(model.jnt_limited[joint])
     kind = _KINDS[mujoco.mjtJoint(model.jnt_type[joint])] if limited else "continuous"
-    made = _add_joint(robot, _name(model, _Object.mjOBJ_JOINT, joint), kind, parent, name, placed @ zero)
+    made = add_joint(robot, _name(model, _Object.mjOBJ_JOINT, joint), kind, (parent, name), placed @ zero)
     ElementTree.SubElement(made, "axis", xyz=text_of(axis))
     limit = {"effort": repr(_effort(model, joint)), "velocity": "0"}
     if limited:
@@ -242,16 +242,6 @@ def _add_link(
     }
     ElementTree.SubElement(made, "dynamics", friction)
     return name, own
-
-
-def _add_joint(
-    robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, pose: Pose
-) -> ElementTree.Element:
-    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    add_origin(joint, pose)
-    return joint
 
 
 def _effort(model: mujoco.MjModel, joint: int) -> float:
