@@ -417,7 +417,7 @@ class SectionArm(SoftSide):
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
-        return ContactSurface.of(self.body, self.section.system.pattern)
+        return ContactSurface.of(self.body, self._solver.system.pattern)
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""

@@ -110,7 +110,7 @@ class ChainStiffness:
             return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
         section, frames, count = self._solver.section, self._frames, len(self._frames)
         (_, mode), motion, tip = self._lowest, self._motion[:, :, self._free], section.body.tip
-        system, x = section.system, section.positions(frames, self._pressure)
+        system, x = self._solver.system, section.positions(frames, self._pressure)
         loads = replace(
             self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
         )
