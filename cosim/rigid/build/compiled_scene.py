@@ -223,7 +223,7 @@ _FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, 
 _WITH_WIRES = 1e2  # of a wound wire's many contacts, harder friction doubles the cost of a step
 _TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
 # MuJoCo ends the search along a Newton step after so many points, and with it the iteration, whatever
-# force is left. Its own 50 are too few for friction on many points: it left 2 N of a clamped spool.
+# force is left. Its own 50 are too few for friction on many points: a clamped spool shook the arm.
 _SEARCHES_MAX = 500
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
 _MESH_GREY = "0.80 0.81 0.83 1"
