@@ -222,6 +222,9 @@ _ROBOT_CONTACT = (1, 2)
 _FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, creep goes with its inverse
 _WITH_WIRES = 1e2  # of a wound wire's many contacts, harder friction doubles the cost of a step
 _TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
+# MuJoCo ends the search along a Newton step after so many points, and with it the iteration, whatever
+# force is left. Its own 50 are too few for friction on many points: a clamped spool shook the arm.
+_SEARCHES_MAX = 500
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
@@ -267,7 +270,8 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     spec.compiler.degree = False
     spec.option.timestep = description.step_s
     spec.option.gravity = description.gravity
-    spec.option.tolerance, spec.option.ccd_tolerance = _TOLERANCE, _DEPTH_TOLERANCE_M
+    spec.option.tolerance, spec.option.ls_iterations = _TOLERANCE, _SEARCHES_MAX
+    spec.option.ccd_tolerance = _DEPTH_TOLERANCE_M
     # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     _place_base(spec, description.world_from_base or arm.world_from_base)
