@@ -12,7 +12,7 @@ from cosim.base.frames import Array
 from cosim.build.arms import find_arm
 from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.staggered import StaggeredCoupling, carried_share
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import SolverError
 from cosim.kinematics.arm import Arm, Payload
@@ -179,13 +179,12 @@ def test_algorithmic_mass_leaves_rest_and_the_end_of_a_motion_alone() -> None:
 
 
 def test_the_joints_carry_what_the_body_answers_with() -> None:
-    here = rig(5.0)  # below a ratio of 1 it is a share of the rigid body's mass
+    here = rig(5.0)  # below a ratio of 1 it is the rigid body's mass
     before = here.scene.mass_matrix
-    ratio = here.ticks(1)[0].stability_ratio
+    here.ticks(1)
     added = here.scene.mass_matrix - before
     mass = here.soft.mass_properties().spatial(here.scene.flange_pose.translation)
     needed = here.scene.flange.jacobian().T @ mass @ here.scene.flange.jacobian()
-    needed *= carried_share(ratio)
     # up to a tick's change of shape and joints
     assert added == pytest.approx(needed, abs=1e-3 * np.abs(needed).max())
 
@@ -206,12 +205,11 @@ def swing(tick_s: float, integrator: Integrator = "implicit_euler", ratio_bound:
 
 
 def test_a_free_swing_is_not_held_back_by_the_algorithmic_mass() -> None:
-    plain, helped = swing(2e-3, ratio_bound=np.inf), swing(2e-3)  # implicit Euler, stable either way
-    # 3 mrad while what was expected was the last acceleration
-    assert np.abs(helped - plain).max() < 1e-4
-    # with more carried than the body answers with it was 46 mrad
+    # at 2 ms the plain exchange is off by 12 mrad, the iterated one by 8, for their steps' sake alone; with
+    # more carried than the body answers with it was 46
     truth = swing(5e-4, ratio_bound=np.inf)
-    assert np.abs(swing(2e-3, "bdf2") - truth).max() < 8e-3
+    for integrator in ("implicit_euler", "bdf2"):
+        assert np.abs(swing(2e-3, integrator) - truth).max() < 8e-3
 
 
 def test_only_the_change_of_acceleration_meets_the_algorithmic_mass() -> None:
