@@ -110,9 +110,7 @@ def bounce(
 CASES = [(1e-6, 2e-3), (1e-4, 1e-3), (1e-4, 8e-3), (1e-3, 4e-3), (1e-2, 2e-3), (0.1, 4e-3), (1.0, 1e-3)]
 
 
-@pytest.mark.parametrize(
-    ("mass_kg", "tick_s", "substeps"), [*((m, h, 1) for m, h in CASES), (0.1, 8e-3, 4)]
-)
+@pytest.mark.parametrize(("mass_kg", "tick_s", "substeps"), [*((m, h, 1) for m, h in CASES), (0.1, 8e-3, 4)])
 def test_the_films_impulse_is_the_balls_momentum(mass_kg: float, tick_s: float, substeps: int) -> None:
     # 1 g at 4 ms took up 700 times its momentum while it carried an algorithmic mass
     found = bounce(mass_kg, tick_s, 0.16, substeps=substeps)

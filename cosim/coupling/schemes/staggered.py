@@ -9,9 +9,9 @@ it; a the accelerations of the last ticks:
     implicit Euler:  share = 1,              expected = a_n
     BDF2:            share = min(1, r / 2),  expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r)
 
-A rigid load that is accelerated evenly moves as one body with the flange in any case. With BDF2 and b' = 1 the
-arm feels the soft side's own wrench to second order; with b' = 1 it would grow where the soft side is heavier.
-An answer of implicit Euler is a tick late by itself: the mass at the last acceleration makes up for that.
+A rigid load that is accelerated evenly moves as one body with the flange in any case. With BDF2 the arm feels
+the soft side's own wrench to second order where b' = 1; under a heavier soft side that would grow. Implicit
+Euler answers a tick late by itself: its whole mass at the last acceleration makes up for that.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
