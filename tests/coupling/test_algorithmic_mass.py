@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.schemes.staggered import (
-    StaggeredCoupling,
-    algorithmic_mass,
-    carried_share,
-    expected_acceleration,
-    rigid_share,
-)
+from cosim.coupling.schemes.staggered import StaggeredCoupling, algorithmic_mass, riding_along, rigid_share
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.soft_side import answer_weights, exchange_gain
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -70,6 +64,7 @@ def amplification(ratio: float, stiffness: float, integrator: Integrator, carrie
     """
     weights = answer_weights(integrator)
     c, bare = weights[0], exchange_gain(weights) * ratio
+    rides, expected = riding_along(weights, bare)
     node = 1.0 / (NODES + 1.0)
     springs = np.diag([1.0, *[2.0] * (NODES - 1), 1.0]) - np.eye(NODES + 1, k=1) - np.eye(NODES + 1, k=-1)
     K = stiffness * node * springs
@@ -77,13 +72,13 @@ def amplification(ratio: float, stiffness: float, integrator: Integrator, carrie
     follows = -np.linalg.solve(tangent[1:, 1:], tangent[1:, :1])
     within = c * node * (1.0 + follows.sum())
     share = rigid_share(bare) if carried == "both" else 1.0
-    added = carried_share(bare) * ((1.0 - share) * within + share * c)
+    added = rides * ((1.0 - share) * within + share * c)
     # what each row of the state is a combination of: place, speed, accelerations and force of the mass, then
     # places and speeds of the nodes now and a tick before; h = 1
     state = np.eye(5 + 4 * (NODES + 1))
     place, speed, force = state[0], state[1], state[4]
     x, before, v, v_before = state[5:].reshape(4, NODES + 1, -1)
-    acceleration = (force + added * (expected_acceleration(bare) @ state[2:4])) / (1.0 / ratio + added)
+    acceleration = (force + added * (expected @ state[2:4])) / (1.0 / ratio + added)
     speed = speed + acceleration
     place = place + speed
     base, slow = (x, v) if integrator == "implicit_euler" else ((4 * x - before) / 3, (4 * v - v_before) / 3)

@@ -4,13 +4,14 @@ Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; t
 one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for
 the flange (stability ratio r above a bound), a share of its algorithmic mass A = J^T M_a J rides along on the
 joints. What it takes at the expected acceleration is given back as torque, so that only the unexpected meets
-it:
+it; a the accelerations of the last ticks:
 
-    share = min(1, r / 2),    expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r),
+    implicit Euler:  share = 1,              expected = a_n
+    BDF2:            share = min(1, r / 2),  expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r)
 
-a the accelerations of the last ticks. With b' = 1 the arm feels the soft side's own wrench, to second order.
-Where the soft side is heavier, that would grow: what is expected is nearer to the last acceleration. A rigid
-load that is accelerated evenly moves as one body with the flange in any case.
+A rigid load that is accelerated evenly moves as one body with the flange in any case. With BDF2 the arm feels
+the soft side's own wrench to second order where b' = 1; under a heavier soft side that would grow. Implicit
+Euler answers a tick late by itself: its whole mass at the last acceleration makes up for that.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
@@ -63,7 +64,7 @@ from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, Ite
 from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.soft_sides.soft_side import IMPLICIT_EULER, SoftSide
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.reduced.sections.section_energy import TERMS
@@ -389,23 +390,19 @@ def rigid_share(ratio: float) -> float:
     return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
 
 
-def carried_share(ratio: float) -> float:
-    """Return how much of the algorithmic mass rides along: less leaves the exchange unstable, more delays it.
+def riding_along(weights: tuple[float, ...], ratio: float) -> tuple[float, Array]:
+    """Return the share of the algorithmic mass that rides along, and what of it is given back.
+
+    The latter are the weights (2,) of the last accelerations in the expected one, last first.
 
     Args:
+        weights: s, of `answer_weights`.
         ratio: r, stability ratio of the flange.
     """
-    return min(1.0, 0.5 * ratio)
-
-
-def expected_acceleration(ratio: float) -> Array:
-    """Return the weights (2,) of the last two accelerations in the one expected next, last first.
-
-    Args:
-        ratio: r, stability ratio of the flange.
-    """
+    if weights == IMPLICIT_EULER:
+        return 1.0, np.array([1.0, 0.0])
     change = 1.2 / max(ratio, 1.2)
-    return np.array([1.0 + change, -change])
+    return min(1.0, 0.5 * ratio), np.array([1.0 + change, -change])
 
 
 def algorithmic_mass(
@@ -510,8 +507,8 @@ class StaggeredCoupling(Coupling):
             self._update_stability_ratio()
         taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
         joints = len(self._added) if self._carries else 0
-        weights = expected_acceleration(interface.ratio)
-        return interface.rigid(CarriedInertia(self._added[:joints, :joints].copy(), weights, self._past))
+        carried = CarriedInertia(self._added[:joints, :joints].copy(), self._given_back, self._past)
+        return interface.rigid(carried)
 
     def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
@@ -544,7 +541,11 @@ class StaggeredCoupling(Coupling):
     def carried(self) -> CarriedInertia:
         """Return a copy of what rides on the joints."""
         added = self._added if self._carries else np.zeros((0, 0))
-        return CarriedInertia(added.copy(), expected_acceleration(self.interface.ratio), self._past.copy())
+        return CarriedInertia(added.copy(), self._given_back, self._past.copy())
+
+    @property
+    def _given_back(self) -> Array:
+        return riding_along(self.interface.soft.answer_weights, self.interface.ratio)[1]
 
     @property
     def fine(self) -> FineTicks:
@@ -570,7 +571,8 @@ class StaggeredCoupling(Coupling):
             contact = None if interface.contact is None else interface.contact.planes
             origin, jacobian = scene.flange_pose.translation, scene.flange.jacobian()
             mass = algorithmic_mass(interface.soft, origin, interface.ratio, contact, scene.tick_s)
-            added = carried_share(interface.ratio) * (jacobian.T @ mass @ jacobian)
+            share, _ = riding_along(interface.soft.answer_weights, interface.ratio)
+            added = share * (jacobian.T @ mass @ jacobian)
         if carries or self._carries:
             scene.bodies.carried.carry_on_arm(added)
         if carries and not self._carries:
