@@ -137,7 +137,7 @@ _BEND_MAX = 0.5
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _LEAST_STEP = 0.1  # of the way to a sample
 _FINER_OF = 5  # of so many poses one is sampled on the refined mesh as well
-_CRUMPLED_Pa = 1e3  # below: bent films of a refined mesh are not sampled
+_CRUMPLED_Pa = 500.0  # below: bent films of a refined mesh are not sampled
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
 
 
