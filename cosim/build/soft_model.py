@@ -67,8 +67,8 @@ def section_model(
     if body is None or robot.copies is not None:  # copies share the model of one of them
         body = build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
     body, largest, films = _one_way(body), largest_covered(scenario), film_law(scenario)
-    if films is not None:  # friction has no energy, and units that come near are looked for in all samples
-        films = replace(films, friction=0.0, throughout=False) if FilmFaces.of(body).can_meet else None
+    if films is not None:  # friction has no energy; most samples have units that press
+        films = replace(films, friction=0.0, throughout=True) if FilmFaces.of(body).can_meet else None
     path = cache_directory() / f"section_model_{content_hash(body, largest, films)}.kept"
     model = kept(path, unpacking(SectionModel))
     if model is None:

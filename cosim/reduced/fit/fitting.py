@@ -259,7 +259,7 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
-METHOD: Final = 3
+METHOD: Final = 4
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5
@@ -275,7 +275,7 @@ class Effort:
     """How much is sampled: at so many pressures, so many bent poses at each, splines of so many intervals."""
 
     levels: int = 14
-    samples: int = 24
+    samples: int = 20
     intervals: int = 8
 
 
@@ -303,7 +303,7 @@ def build_model(
     first, effort = coarse or body, effort or Effort()
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
-    work = WorkingRange(spline.pressures(effort.levels), tension, samples=effort.samples)
+    work = WorkingRange(spline.pressures(effort.levels), tension, effort.samples)
     frames = RingFrames.of(first)
     samples = Sampler(first, frames, films).collect(work, _SEED)
     model = fit_model(samples, frames, spline)
