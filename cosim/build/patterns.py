@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.drawing import Drawing, DrawnLine, read_drawing
+from cosim.base.drawing import Drawing, DrawnLine, in_mm, read_drawing
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.errors import MeshError
 from cosim.soft.geometry.cut_pattern import CutPattern, NodeChoice, Placing, flat_film, inflatable
@@ -86,7 +86,8 @@ def _ports(table: PatternTable, drawing: Drawing, name: str) -> tuple[DrawnLine,
     for chamber, lines in zip(table.chambers, found, strict=True):
         if len(lines) > 1:
             raise MeshError(
-                f"{name}: layer PORT_{chamber.upper()} has {len(lines)} lines; a chamber has one port"
+                f"{name}: layer PORT_{chamber.upper()} has {len(lines)} lines, one at "
+                f"{in_mm(lines[1].middle)}; a chamber has one port"
             )
     return tuple(lines[0] for lines in found)
 

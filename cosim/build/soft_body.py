@@ -12,16 +12,18 @@ Soft bodies that are given from Python, as arrays, in place of a scenario's soft
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeAlias, final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from cosim.base.drawing import in_mm
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.kept_parts import content_name
-from cosim.base.triangle_mesh import GroupedSurface, read_surface
+from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern
 from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternTable
@@ -404,6 +406,7 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
     mesh: NamedMesh
     if isinstance(robot.body, MeshTable):
         mesh = drawn_mesh(robot.body)
+        _check_held(mesh, robot.base)
     elif isinstance(robot.body, PatternTable):
         mesh = drawn_pattern(robot.body, robot.base[0])
     else:
@@ -416,6 +419,17 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
             "is needed at least"
         )
     return mesh
+
+
+def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
+    """Refuse a film with a piece that no base holds."""
+    held = np.unique(np.concatenate([mesh.ring(name) for name in base]))
+    for piece in TriangleMesh(mesh.positions, mesh.triangles).shells():
+        if cKDTree(piece.vertices).query(mesh.positions[held])[0].min() > 0.0:
+            raise MeshError(
+                f"the piece of film around {in_mm(piece.vertices.mean(axis=0))} shares no node with the "
+                f"rest, and no base ({', '.join(base)}) holds it: join it, or take it away"
+            )
 
 
 def _films(robot: SoftRobotTable) -> Film | dict[str, Film]:

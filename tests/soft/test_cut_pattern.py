@@ -242,124 +242,6 @@ def test_an_svg_without_a_length_needs_a_unit(tmp_path: Path) -> None:
     assert np.ptp(line.points, axis=0) == pytest.approx((0.06, 0.18), rel=1e-9)
 
 
-def open_seam(sheet: Sheet) -> None:
-    sheet.pouch("SEAL").line("SEAL", [(0, 60), (0, 0), (40, 0), (40, 120), (0, 120), (0, 70)])
-
-
-def crossing(sheet: Sheet) -> None:
-    sheet.pouch("CUT").line("CUT", [(0, 0), (40, 0), (0, 120), (40, 120)], close=True)
-
-
-def port_outside(sheet: Sheet) -> None:
-    sheet.pouch("PORT").port(55.0, 60.0)
-
-
-def second_port(sheet: Sheet) -> None:
-    sheet.pouch().port(20.0, 90.0)
-
-
-def no_port(sheet: Sheet) -> None:
-    sheet.pouch("PORT")
-
-
-def no_cut(sheet: Sheet) -> None:
-    sheet.pouch("CUT")
-
-
-def no_seal(sheet: Sheet) -> None:
-    sheet.pouch("SEAL")
-
-
-def no_tip(sheet: Sheet) -> None:
-    sheet.pouch("TIP")
-
-
-def gap(sheet: Sheet) -> None:
-    sheet.pouch("CUT").line("CUT", [(0, 0.3), (0, 120), (40, 120), (40, 0), (0, 0)])
-
-
-def two_outlines(sheet: Sheet) -> None:
-    sheet.pouch().line("CUT", [(100, 0), (140, 0), (140, 50)], close=True)
-
-
-def crossing_outlines(sheet: Sheet) -> None:
-    sheet.pouch().line("HOLE", [(30, 80), (50, 80), (50, 100), (30, 100)], close=True)
-
-
-def port_on_seam(sheet: Sheet) -> None:
-    sheet.pouch().line("SEAL", [(0, 60), (40, 60)])
-
-
-def a_mere_point(sheet: Sheet) -> None:
-    sheet.pouch().space.add_point((1, 1), dxfattribs={"layer": "SEAL"})
-
-
-def far_too_small(sheet: Sheet) -> None:
-    sheet.scale = 1e-4
-    sheet.pouch()
-
-
-def seam_outside(sheet: Sheet) -> None:
-    sheet.pouch().line("SEAL", [(20, 60), (60, 60)])
-
-
-def unsealed_hole(sheet: Sheet) -> None:
-    sheet.pouch().space.add_circle((20, 90), 5, dxfattribs={"layer": "HOLE"})
-
-
-def printed_frame(sheet: Sheet) -> None:
-    sheet.pouch().line("FRAME", [(0, 60), (40, 60)])
-
-
-@pytest.mark.parametrize(
-    ("broken", "message"),
-    [
-        (
-            open_seam,
-            r"chamber of CIRCLE #\w+ of layer PORT is open at \(0\.00, 6\d\.\d\d\) mm: no seam closes it",
-        ),
-        (crossing, r"LWPOLYLINE #\w+ of layer CUT crosses itself at \(20\.00, 60\.00\) mm"),
-        (port_outside, r"CIRCLE #\w+ of layer PORT at \(55\.00, 60\.00\) mm is outside the sheet"),
-        (second_port, r"at \(20\.00, 90\.00\) mm leads into the chamber of CIRCLE #\w+ of layer PORT"),
-        (no_port, "layer PORT is empty; there are: CUT, SEAL, TIP"),
-        (no_cut, "layer CUT is empty; there are: PORT, SEAL, TIP"),
-        (no_seal, r"layer SEAL is empty: draw the seams on it, or set body\.edge = 'sealed'"),
-        (no_tip, "layer TIP is empty; there are: CUT, PORT, SEAL"),
-        (gap, r"the outline is open at \(0\.00, 0\.\d\d\) mm"),
-        (two_outlines, r"the outline has 2 pieces side by side, one at \(1[23]\d\.\d\d, \d+\.\d\d\) mm"),
-        (
-            crossing_outlines,
-            r"of layer HOLE crosses LWPOLYLINE #\w+ of layer CUT at \(40\.00, (8|10)0\.00\) mm|"
-            r"of layer CUT crosses LWPOLYLINE #\w+ of layer HOLE at \(40\.00, (8|10)0\.00\) mm",
-        ),
-        (port_on_seam, r"CIRCLE #\w+ of layer PORT at \(20\.00, 60\.00\) mm lies on a seam"),
-        (a_mere_point, r"POINT #\w+ of layer SEAL at \(1\.00, 1\.00\) mm has no length"),
-        (far_too_small, r"the outline is 0\.004 x 0\.012 mm; at least 1 mm are meshed: is the unit right"),
-        (seam_outside, r"LWPOLYLINE #\w+ of layer SEAL leaves the outline at \((5\d|60)\.\d\d, 60\.00\) mm"),
-        (unsealed_hole, r"is open at \((1|2)\d\.\d\d, (8|9)\d\.\d\d\) mm: no seam closes it"),
-        (printed_frame, "layer FRAME has lines; printed frames on patterns are not modelled"),
-    ],
-)
-def test_a_broken_pattern_is_told_what_and_where(broken: Any, message: str, tmp_path: Path) -> None:
-    sheet = Sheet()
-    broken(sheet)
-    with pytest.raises(MeshError, match=message):
-        understood(sheet.table(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("unit", "given", "message"),
-    [
-        (0, None, r"states no unit: give body\.unit, such as unit = 'mm'"),
-        (4, "in", r"is in mm, body\.unit says in"),
-        (2, None, r"has \$INSUNITS 2; read are 1 \(in\), 4 \(mm\)"),
-    ],
-)
-def test_a_wrong_or_missing_unit_is_refused(unit: int, given: Any, message: str, tmp_path: Path) -> None:
-    with pytest.raises(MeshError, match=message):
-        understood(Sheet(unit).pouch().table(tmp_path, unit=given))
-
-
 def test_points_and_lines_that_are_there_twice_do_not_matter(tmp_path: Path) -> None:
     once = understood(Sheet().pouch().table(tmp_path))
     doubled = [corner for corner in rectangle() for _ in range(2)]
@@ -378,17 +260,9 @@ def test_ends_that_nearly_meet_are_joined(tmp_path: Path) -> None:
     assert (film.chamber == 0).all()
 
 
-@pytest.mark.parametrize("text", ["", "0\nSECTION\n", "not a drawing", "<svg"])
-@pytest.mark.parametrize("suffix", [".dxf", ".svg"])
-def test_what_is_no_drawing_is_refused(suffix: str, text: str, tmp_path: Path) -> None:
-    path = tmp_path / f"broken{suffix}"
-    path.write_text(text)
-    with pytest.raises(MeshError, match=rf"broken\{suffix}: "):
-        understood(PatternTable(file=str(path), unit="mm", sets=SETS))
-
-
 def test_a_place_is_told_in_mm() -> None:
     assert in_mm(np.array([0.01234, -0.5])) == "(12.34, -500.00) mm"
+    assert in_mm(np.array([0.01234, -0.5, 0.0])) == "(12.34, -500.00, 0.00) mm"
 
 
 def test_pairs_of_sheets_are_joined_at_their_hole_and_closed_at_both_ends(tmp_path: Path) -> None:
