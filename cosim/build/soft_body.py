@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Final, TypeAlias, final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cosim.base.drawing import in_mm
 from cosim.base.frames import Array, IntArray, Pose, cross
@@ -52,6 +51,7 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
+from cosim.soft.geometry.creases import rest_angles
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.refinement import refine
@@ -375,6 +375,7 @@ def build_soft_body(
         wrinkle_panel_m=mesh.face_values.get("wrinkle_panel_m", 0.0),
         hinge_nodes=hinges,
         hinge_stiffness=stiffness,
+        hinge_rest_angle=rest_angles(mesh, hinges),
         fold_barrier_rad=robot.hinge.fold_barrier_rad,
         caps=mesh.caps,
         closed=model.closed,
@@ -423,9 +424,9 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
 
 def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
     """Refuse a film with a piece that no base holds."""
-    held = np.unique(np.concatenate([mesh.ring(name) for name in base]))
+    held = mesh.positions[np.unique(np.concatenate([mesh.ring(name) for name in base]))]
     for piece in TriangleMesh(mesh.positions, mesh.triangles).shells():
-        if cKDTree(piece.vertices).query(mesh.positions[held])[0].min() > 0.0:
+        if not (held[:, None] == piece.vertices).all(axis=2).any():
             raise MeshError(
                 f"the piece of film around {in_mm(piece.vertices.mean(axis=0))} shares no node with the "
                 f"rest, and no base ({', '.join(base)}) holds it: join it, or take it away"

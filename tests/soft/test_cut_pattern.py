@@ -16,17 +16,19 @@ from cosim.base.frames import Array, rotation_from_vector
 from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.film import FilmTable
-from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.config.schema.pattern import PatternFoldTable, PatternSetTable, PatternTable
 from cosim.config.schema.scenario import ModelTable
 from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.hinge import bending_measure
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
+from cosim.soft.solve.assembly import SoftSystem
 
 ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
 
@@ -351,3 +353,40 @@ def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path
     volumes = GasChambers(body.enclosures).enclosed_volumes(bulged[None])[0]
     assert volumes[0] > 1e-6
     assert volumes[1] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("sheet", "side"), [("front", 1.0), ("back", -1.0)])
+def test_a_crease_of_a_welded_tab_rests_at_its_angle_with_its_ridge_outside(
+    sheet: Any, side: float, tmp_path: Path
+) -> None:
+    drawn = Sheet().pouch("PORT").line("SEAL", [(0.0, 60.0), (WIDTH, 60.0)]).port(20.0, 30.0)
+    drawn.line("FOLD_TAB", [(0.0, 90.0), (WIDTH, 90.0)])
+    fold = PatternFoldTable(0.6, layer="FOLD_TAB", sheet=sheet)
+    body = build_soft_body(robot_of(drawn.table(tmp_path, folds=(fold,))), ModelTable())
+    flat = body.positions
+    height = flat[:, 2].max() - 0.03  # of the crease
+    resting = {}
+    for angle in (0.6, -0.6):  # the front faces -y: with its ridge there the tab leans to +y
+        x = flat.copy()
+        beyond = flat[:, 2] > height + 1e-9
+        x[beyond, 1] = side * math.sin(angle) * (flat[beyond, 2] - height)
+        x[beyond, 2] = height + math.cos(angle) * (flat[beyond, 2] - height)
+        system = SoftSystem(body)
+        system.evaluate(x, Loads(gravity=(0.0, 0.0, 0.0)), np.zeros(0), system.memory, hessian=False)
+        resting[angle] = np.abs(system.gradient).max()
+    assert resting[0.6] < 1e-9
+    assert resting[-0.6] > 1e-2
+
+
+def test_creases_of_a_chamber_fold_both_sheets_outwards_and_points_do_as_a_layer(tmp_path: Path) -> None:
+    line = ((0.0, 0.09), (0.04, 0.09))
+    table = Sheet().pouch().table(tmp_path, folds=(PatternFoldTable(0.5, line_m=line),))
+    hinges = build_soft_body(robot_of(table), ModelTable()).hinges
+    turned = np.flatnonzero(np.abs(hinges.rest_angle - math.pi) > 1e-9)
+    np.testing.assert_allclose(hinges.rest_angle[turned], math.pi - 0.5)
+    x = build_soft_body(robot_of(table), ModelTable()).positions
+    edges = x[hinges.nodes[turned, 1:3]]
+    assert np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum() == pytest.approx(2.0 * 0.04)
+    np.testing.assert_allclose(edges[:, :, 2], x[:, 2].max() - 0.03)
+    with pytest.raises(MeshError, match=r"layer FOLD_RIDGE is empty; there are: CUT, PORT, SEAL, TIP"):
+        understood(Sheet().pouch().table(tmp_path, folds=(PatternFoldTable(0.5, layer="FOLD_RIDGE"),)))

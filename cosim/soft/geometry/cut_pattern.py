@@ -20,7 +20,7 @@ from cosim.base.extras import extra_module
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
-from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, Crease, NamedMesh
 from cosim.soft.geometry.outline import check_simple, check_within, sheet_within, with_ends_met
 from cosim.soft.geometry.surface import directed_edges, rims
 
@@ -55,6 +55,16 @@ class NodeChoice:
 
 @final
 @dataclass(frozen=True)
+class DrawnCrease:
+    """A line of a pattern along which a sheet rests at an angle, see `Crease`."""
+
+    line: DrawnLine
+    sheet: SheetName
+    turn_rad: float
+
+
+@final
+@dataclass(frozen=True)
 class CutPattern:
     """Two sheets and how they are welded, in the drawing's coordinates.
 
@@ -65,6 +75,7 @@ class CutPattern:
         ports: a line or point within each chamber.
         chambers: names of the chambers, in the order of their ports; none: there is one.
         folds: lines that become edges of the mesh.
+        creases: those of them that rest at an angle.
         sets: named nodes.
         seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of an edge; None: a quarter of the largest distance to a seam.
@@ -80,6 +91,7 @@ class CutPattern:
     chambers: tuple[str, ...] = ()
     holes: tuple[DrawnLine, ...] = ()
     folds: tuple[DrawnLine, ...] = ()
+    creases: tuple[DrawnCrease, ...] = ()
     sets: tuple[NodeChoice, ...] = ()
     seam_width_m: float = 0.0
     mesh_m: float | None = None
@@ -389,7 +401,8 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         MeshError: a set has no nodes of its sheet.
     """
     flat = _turned(film.mesh.positions, placing.along)
-    flat = flat - flat[film.sets[placing.base]].mean(axis=0)
+    origin = flat[film.sets[placing.base]].mean(axis=0)
+    flat = flat - origin
     sheets, count = _numbered(film, pattern.pairs)
     positions, rise = np.zeros((count, 3)), _rise(film)
     for pair, (back, front) in enumerate(sheets):
@@ -425,7 +438,15 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         face_values={"wrinkle_panel_m": np.full(len(triangles), panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
         chambers=pattern.chambers,
+        creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
     )
+
+
+def _placed(crease: DrawnCrease, placing: Placing, origin: Array) -> Crease:
+    """Return a crease of a single, flat pair in the flange's frame."""
+    flat, points = _turned(crease.line.points, placing.along) - origin, np.zeros((len(crease.line.points), 3))
+    points[:, [0, 2] if placing.upright else [0, 1]] = flat
+    return Crease(points, None if crease.sheet == "both" else crease.sheet, crease.turn_rad)
 
 
 def _numbered(film: FlatFilm, pairs: int) -> tuple[list[tuple[IntArray, IntArray]], int]:
