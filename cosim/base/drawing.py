@@ -88,8 +88,8 @@ class Drawing:
 
 
 def in_mm(point: Array) -> str:
-    """Return a place of a drawing in words."""
-    return f"({1e3 * point[0]:.2f}, {1e3 * point[1]:.2f}) mm"
+    """Return a place (2,) or (3,) [m] in words."""
+    return f"({', '.join(f'{1e3 * number:.2f}' for number in point)}) mm"
 
 
 def read_drawing(path: Path, unit: str | None = None) -> Drawing:
@@ -112,18 +112,20 @@ def read_drawing(path: Path, unit: str | None = None) -> Drawing:
         raise MeshError(f"{path.name}: has {size} bytes; at most {_LARGEST_BYTES} are read")
     read = _read_dxf if path.suffix.lower() == ".dxf" else _read_svg
     found = read(path, unit)
-    layers = {
-        name: tuple(line for line in (_cleaned(line) for line in lines))
-        for name, lines in found.layers.items()
-    }
-    for lines in layers.values():
+    for lines in found.layers.values():
         for line in lines:
-            if not np.isfinite(line.points).all() or np.abs(line.points).max() > _LARGEST_M:
+            if not np.isfinite(line.points).all():
+                raise MeshError(
+                    f"{path.name}: {line.where} has a coordinate that is not finite: draw it again"
+                )
+            if np.abs(line.points).max() > _LARGEST_M:
                 raise MeshError(
                     f"{path.name}: {line.where} reaches beyond {_LARGEST_M:g} m; the drawing is in "
                     f"{found.unit}: is that its unit?"
                 )
-    return replace(found, layers=layers)
+    return replace(
+        found, layers={name: tuple(_cleaned(line) for line in lines) for name, lines in found.layers.items()}
+    )
 
 
 def _cleaned(line: DrawnLine) -> DrawnLine:
@@ -192,6 +194,11 @@ def _entities(entities: Any, around: str | None, depth: int) -> Iterator[tuple[s
         layer = str(entity.dxf.layer)
         layer = around if around is not None and layer == "0" else layer.upper()
         if entity.dxftype() == "INSERT":
+            if entity.block() is None:
+                raise MeshError(
+                    f"INSERT #{entity.dxf.handle} of layer {layer} draws block '{entity.dxf.name}', which "
+                    "the file does not have"
+                )
             copies = entity.multi_insert() if entity.mcount > 1 else (entity,)
             for copy in copies:
                 yield from _entities(copy.virtual_entities(), layer, depth + 1)
@@ -212,9 +219,17 @@ def _dxf_points(entity: Any, metres: float, where: str) -> Iterator[Array]:
             f"{where}: cannot be drawn as a line: explode it, or move it to another layer"
         ) from error
     for piece in made.sub_paths():
-        points = np.array([(p.x, p.y) for p in piece.flattening(_SAGITTA_M / metres, segments=4)])
-        if len(points):
-            yield points
+        # a circle of radius 0 has a start only
+        points = np.array(
+            [tuple(p) for p in piece.flattening(_SAGITTA_M / metres, segments=4)]
+            or [entity.dxf.get("center", made.start)]
+        )
+        rise_m = metres * np.ptp(points[:, 2])
+        if rise_m > SAME_PLACE_M:
+            raise MeshError(
+                f"{where} is not flat: it rises by {1e3 * rise_m:.2f} mm in z; draw it in the xy plane"
+            )
+        yield points[:, :2]
 
 
 def _read_svg(path: Path, given: str | None) -> Drawing:
@@ -223,14 +238,21 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
         document = svg.SVG.parse(str(path), reify=True, ppi=_PX_PER_INCH)
     except Exception as error:  # whatever the parser stumbles over
         raise MeshError(f"{path.name}: is not an SVG file: {error!s:.120}") from error
-    width = str((document.values or {}).get("attributes", {}).get("width", ""))
-    stated = width.strip().lstrip("0123456789.+-eE ") or None
+    attributes = (document.values or {}).get("attributes", {})
+    width = str(attributes.get("width", "")).strip()
+    stated = width.lstrip("0123456789.+-eE ")
     known = stated in _METRES
-    unit = _checked_unit(path, None if not known else given or stated, given)
+    unit = _checked_unit(path, stated if known else None, given)
     # a stated width has made px of its units; otherwise a px is the unit
     metres = _METRES[unit]
     if known:
-        metres *= float(width.strip().removesuffix(stated or "")) / float(document.width)
+        size = float(width.removesuffix(stated))
+        if not size > 0.0 or not attributes.get("height"):
+            raise MeshError(
+                f"{path.name}: has width '{width}' and height '{attributes.get('height', '')}'; give the "
+                "true size of the page, such as width='80mm' height='120mm'"
+            )
+        metres *= size / float(document.width)
     height = float(document.height or 0.0)  # y leads upwards, from the lower left corner of the page
     layers: dict[str, list[DrawnLine]] = {}
     left_out: dict[str, int] = {}
@@ -288,7 +310,9 @@ def _svg_layer(element: Any) -> str | None:
 def _svg_points(element: Any, metres: float) -> Iterator[Array]:
     """Yield the points (k, 2) of an element's lines, in px, y downwards."""
     svg = extra_module("svgelements", "pattern")
-    for piece in svg.Path(element).as_subpaths():
+    for piece in abs(
+        svg.Path(element)
+    ).as_subpaths():  # abs: with transforms that no rect or circle can take up
         points: list[tuple[float, float]] = []
         for segment in svg.Path(piece):
             if isinstance(segment, svg.Move):

@@ -7,10 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.drawing import Drawing, DrawnLine, read_drawing
+from cosim.base.drawing import Drawing, DrawnLine, in_mm, read_drawing
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.errors import MeshError
-from cosim.soft.geometry.cut_pattern import CutPattern, NodeChoice, Placing, flat_film, inflatable
+from cosim.soft.geometry.cut_pattern import (
+    CutPattern,
+    DrawnCrease,
+    NodeChoice,
+    Placing,
+    flat_film,
+    inflatable,
+)
 from cosim.soft.geometry.named_mesh import NamedMesh
 
 
@@ -62,13 +69,18 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         raise MeshError(
             f"{name}: layer FRAME has lines; printed frames on patterns are not modelled: take them away"
         )
+    creases = _creases(table, read, name)
     return CutPattern(
         cut=cut,
         holes=holes,
         seal=seal,
         ports=_ports(table, read, name),
         chambers=table.chambers,
-        folds=read.layers.get("FOLD", ()),
+        folds=(
+            *(line for layer, lines in read.layers.items() if layer.startswith("FOLD") for line in lines),
+            *(crease.line for crease in creases if crease.line.where == _GIVEN_LINE),
+        ),
+        creases=creases,
         sets=tuple(_choice(entry, read, name) for entry in table.sets),
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,
@@ -76,6 +88,21 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         pairs=table.pairs,
         pair_height_m=table.pair_height_m or 0.0,
     )
+
+
+_GIVEN_LINE = "fold.line_m"
+
+
+def _creases(table: PatternTable, drawing: Drawing | None, name: str) -> tuple[DrawnCrease, ...]:
+    """Return the lines that rest at an angle."""
+    found = []
+    for entry in table.folds:
+        if entry.layer is not None and drawing is not None:
+            lines = _layer(drawing, entry.layer, name)
+        else:
+            lines = (DrawnLine(np.array(entry.line_m), _GIVEN_LINE),)
+        found += [DrawnCrease(line, entry.sheet, entry.rest_angle_rad) for line in lines]
+    return tuple(found)
 
 
 def _ports(table: PatternTable, drawing: Drawing, name: str) -> tuple[DrawnLine, ...]:
@@ -86,7 +113,8 @@ def _ports(table: PatternTable, drawing: Drawing, name: str) -> tuple[DrawnLine,
     for chamber, lines in zip(table.chambers, found, strict=True):
         if len(lines) > 1:
             raise MeshError(
-                f"{name}: layer PORT_{chamber.upper()} has {len(lines)} lines; a chamber has one port"
+                f"{name}: layer PORT_{chamber.upper()} has {len(lines)} lines, one at "
+                f"{in_mm(lines[1].middle)}; a chamber has one port"
             )
     return tuple(lines[0] for lines in found)
 
@@ -110,11 +138,14 @@ def _from_points(table: PatternTable) -> CutPattern:
         DrawnLine(np.array(points), f"seams_m[{place}]")
         for place, points in enumerate(table.seams_m, start=1)
     )
+    creases = _creases(table, None, "")
     return CutPattern(
         cut=cut,
         holes=holes,
         seal=(*cut, *(holes if table.pairs == 1 else ()), *seams) if table.edge == "sealed" else seams,
         ports=(DrawnLine(np.array([table.port_m]), "port_m"),),
+        folds=tuple(crease.line for crease in creases),
+        creases=creases,
         sets=tuple(_choice(entry, None, "") for entry in table.sets),
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,

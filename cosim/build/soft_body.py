@@ -12,16 +12,17 @@ Soft bodies that are given from Python, as arrays, in place of a scenario's soft
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeAlias, final
 
 import numpy as np
 
+from cosim.base.drawing import in_mm
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.kept_parts import content_name
-from cosim.base.triangle_mesh import GroupedSurface, read_surface
+from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern
 from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternTable
@@ -50,6 +51,7 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
+from cosim.soft.geometry.creases import rest_angles
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.refinement import refine
@@ -372,6 +374,7 @@ def build_soft_body(
         wrinkle_panel_m=mesh.face_values.get("wrinkle_panel_m", 0.0),
         hinge_nodes=hinges,
         hinge_stiffness=stiffness,
+        hinge_rest_angle=rest_angles(mesh, hinges),
         fold_barrier_rad=robot.hinge.fold_barrier_rad,
         caps=mesh.caps,
         closed=model.closed,
@@ -403,6 +406,7 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
     mesh: NamedMesh
     if isinstance(robot.body, MeshTable):
         mesh = drawn_mesh(robot.body)
+        _check_held(mesh, robot.base)
     elif isinstance(robot.body, PatternTable):
         mesh = drawn_pattern(robot.body, robot.base[0])
     else:
@@ -415,6 +419,17 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
             "is needed at least"
         )
     return mesh
+
+
+def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
+    """Refuse a film with a piece that no base holds."""
+    held = mesh.positions[np.unique(np.concatenate([mesh.ring(name) for name in base]))]
+    for piece in TriangleMesh(mesh.positions, mesh.triangles).shells():
+        if not (held[:, None] == piece.vertices).all(axis=2).any():
+            raise MeshError(
+                f"the piece of film around {in_mm(piece.vertices.mean(axis=0))} shares no node with the "
+                f"rest, and no base ({', '.join(base)}) holds it: join it, or take it away"
+            )
 
 
 def _films(robot: SoftRobotTable) -> Film | dict[str, Film]:

@@ -240,8 +240,12 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]], d
 @pytest.mark.parametrize(
     ("positions", "triangles", "message"),
     [
-        (SQUARE[:4], [[0, 1, 2], [0, 1, 3]], r"triangles \[0, 1\] both run along edge \[0, 1\]"),
-        (SQUARE, [[0, 1, 2], [1, 0, 3], [0, 1, 4]], r"edge \[0, 1\] belongs to 3 triangles \[0, 1, 2\]"),
+        (SQUARE[:4], [[0, 1, 2], [0, 1, 3]], r"triangles \[0, 1\] both run along edge \[0, 1\] at \(.*\) mm"),
+        (
+            SQUARE,
+            [[0, 1, 2], [1, 0, 3], [0, 1, 4]],
+            r"edge \[0, 1\] at \(.*\) mm belongs to 3 triangles \[0, 1, 2\]",
+        ),
         (SQUARE[:3], [[0, 1, 3]], r"triangle 0 uses nodes \[0, 1, 3\]; nodes 0 to 2 exist"),
         (SQUARE[:3], [[0, 1, -1]], "nodes 0 to 2 exist"),
         (SQUARE[:3], [[0, 1, 1]], "one of them twice"),

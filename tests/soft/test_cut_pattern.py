@@ -16,17 +16,19 @@ from cosim.base.frames import Array, rotation_from_vector
 from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.film import FilmTable
-from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.config.schema.pattern import PatternFoldTable, PatternSetTable, PatternTable
 from cosim.config.schema.scenario import ModelTable
 from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.hinge import bending_measure
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
+from cosim.soft.solve.assembly import SoftSystem
 
 ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
 
@@ -242,124 +244,6 @@ def test_an_svg_without_a_length_needs_a_unit(tmp_path: Path) -> None:
     assert np.ptp(line.points, axis=0) == pytest.approx((0.06, 0.18), rel=1e-9)
 
 
-def open_seam(sheet: Sheet) -> None:
-    sheet.pouch("SEAL").line("SEAL", [(0, 60), (0, 0), (40, 0), (40, 120), (0, 120), (0, 70)])
-
-
-def crossing(sheet: Sheet) -> None:
-    sheet.pouch("CUT").line("CUT", [(0, 0), (40, 0), (0, 120), (40, 120)], close=True)
-
-
-def port_outside(sheet: Sheet) -> None:
-    sheet.pouch("PORT").port(55.0, 60.0)
-
-
-def second_port(sheet: Sheet) -> None:
-    sheet.pouch().port(20.0, 90.0)
-
-
-def no_port(sheet: Sheet) -> None:
-    sheet.pouch("PORT")
-
-
-def no_cut(sheet: Sheet) -> None:
-    sheet.pouch("CUT")
-
-
-def no_seal(sheet: Sheet) -> None:
-    sheet.pouch("SEAL")
-
-
-def no_tip(sheet: Sheet) -> None:
-    sheet.pouch("TIP")
-
-
-def gap(sheet: Sheet) -> None:
-    sheet.pouch("CUT").line("CUT", [(0, 0.3), (0, 120), (40, 120), (40, 0), (0, 0)])
-
-
-def two_outlines(sheet: Sheet) -> None:
-    sheet.pouch().line("CUT", [(100, 0), (140, 0), (140, 50)], close=True)
-
-
-def crossing_outlines(sheet: Sheet) -> None:
-    sheet.pouch().line("HOLE", [(30, 80), (50, 80), (50, 100), (30, 100)], close=True)
-
-
-def port_on_seam(sheet: Sheet) -> None:
-    sheet.pouch().line("SEAL", [(0, 60), (40, 60)])
-
-
-def a_mere_point(sheet: Sheet) -> None:
-    sheet.pouch().space.add_point((1, 1), dxfattribs={"layer": "SEAL"})
-
-
-def far_too_small(sheet: Sheet) -> None:
-    sheet.scale = 1e-4
-    sheet.pouch()
-
-
-def seam_outside(sheet: Sheet) -> None:
-    sheet.pouch().line("SEAL", [(20, 60), (60, 60)])
-
-
-def unsealed_hole(sheet: Sheet) -> None:
-    sheet.pouch().space.add_circle((20, 90), 5, dxfattribs={"layer": "HOLE"})
-
-
-def printed_frame(sheet: Sheet) -> None:
-    sheet.pouch().line("FRAME", [(0, 60), (40, 60)])
-
-
-@pytest.mark.parametrize(
-    ("broken", "message"),
-    [
-        (
-            open_seam,
-            r"chamber of CIRCLE #\w+ of layer PORT is open at \(0\.00, 6\d\.\d\d\) mm: no seam closes it",
-        ),
-        (crossing, r"LWPOLYLINE #\w+ of layer CUT crosses itself at \(20\.00, 60\.00\) mm"),
-        (port_outside, r"CIRCLE #\w+ of layer PORT at \(55\.00, 60\.00\) mm is outside the sheet"),
-        (second_port, r"at \(20\.00, 90\.00\) mm leads into the chamber of CIRCLE #\w+ of layer PORT"),
-        (no_port, "layer PORT is empty; there are: CUT, SEAL, TIP"),
-        (no_cut, "layer CUT is empty; there are: PORT, SEAL, TIP"),
-        (no_seal, r"layer SEAL is empty: draw the seams on it, or set body\.edge = 'sealed'"),
-        (no_tip, "layer TIP is empty; there are: CUT, PORT, SEAL"),
-        (gap, r"the outline is open at \(0\.00, 0\.\d\d\) mm"),
-        (two_outlines, r"the outline has 2 pieces side by side, one at \(1[23]\d\.\d\d, \d+\.\d\d\) mm"),
-        (
-            crossing_outlines,
-            r"of layer HOLE crosses LWPOLYLINE #\w+ of layer CUT at \(40\.00, (8|10)0\.00\) mm|"
-            r"of layer CUT crosses LWPOLYLINE #\w+ of layer HOLE at \(40\.00, (8|10)0\.00\) mm",
-        ),
-        (port_on_seam, r"CIRCLE #\w+ of layer PORT at \(20\.00, 60\.00\) mm lies on a seam"),
-        (a_mere_point, r"POINT #\w+ of layer SEAL at \(1\.00, 1\.00\) mm has no length"),
-        (far_too_small, r"the outline is 0\.004 x 0\.012 mm; at least 1 mm are meshed: is the unit right"),
-        (seam_outside, r"LWPOLYLINE #\w+ of layer SEAL leaves the outline at \((5\d|60)\.\d\d, 60\.00\) mm"),
-        (unsealed_hole, r"is open at \((1|2)\d\.\d\d, (8|9)\d\.\d\d\) mm: no seam closes it"),
-        (printed_frame, "layer FRAME has lines; printed frames on patterns are not modelled"),
-    ],
-)
-def test_a_broken_pattern_is_told_what_and_where(broken: Any, message: str, tmp_path: Path) -> None:
-    sheet = Sheet()
-    broken(sheet)
-    with pytest.raises(MeshError, match=message):
-        understood(sheet.table(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("unit", "given", "message"),
-    [
-        (0, None, r"states no unit: give body\.unit, such as unit = 'mm'"),
-        (4, "in", r"is in mm, body\.unit says in"),
-        (2, None, r"has \$INSUNITS 2; read are 1 \(in\), 4 \(mm\)"),
-    ],
-)
-def test_a_wrong_or_missing_unit_is_refused(unit: int, given: Any, message: str, tmp_path: Path) -> None:
-    with pytest.raises(MeshError, match=message):
-        understood(Sheet(unit).pouch().table(tmp_path, unit=given))
-
-
 def test_points_and_lines_that_are_there_twice_do_not_matter(tmp_path: Path) -> None:
     once = understood(Sheet().pouch().table(tmp_path))
     doubled = [corner for corner in rectangle() for _ in range(2)]
@@ -378,17 +262,9 @@ def test_ends_that_nearly_meet_are_joined(tmp_path: Path) -> None:
     assert (film.chamber == 0).all()
 
 
-@pytest.mark.parametrize("text", ["", "0\nSECTION\n", "not a drawing", "<svg"])
-@pytest.mark.parametrize("suffix", [".dxf", ".svg"])
-def test_what_is_no_drawing_is_refused(suffix: str, text: str, tmp_path: Path) -> None:
-    path = tmp_path / f"broken{suffix}"
-    path.write_text(text)
-    with pytest.raises(MeshError, match=rf"broken\{suffix}: "):
-        understood(PatternTable(file=str(path), unit="mm", sets=SETS))
-
-
 def test_a_place_is_told_in_mm() -> None:
     assert in_mm(np.array([0.01234, -0.5])) == "(12.34, -500.00) mm"
+    assert in_mm(np.array([0.01234, -0.5, 0.0])) == "(12.34, -500.00, 0.00) mm"
 
 
 def test_pairs_of_sheets_are_joined_at_their_hole_and_closed_at_both_ends(tmp_path: Path) -> None:
@@ -477,3 +353,40 @@ def test_chambers_have_the_names_of_their_ports_and_their_own_gas(tmp_path: Path
     volumes = GasChambers(body.enclosures).enclosed_volumes(bulged[None])[0]
     assert volumes[0] > 1e-6
     assert volumes[1] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("sheet", "side"), [("front", 1.0), ("back", -1.0)])
+def test_a_crease_of_a_welded_tab_rests_at_its_angle_with_its_ridge_outside(
+    sheet: Any, side: float, tmp_path: Path
+) -> None:
+    drawn = Sheet().pouch("PORT").line("SEAL", [(0.0, 60.0), (WIDTH, 60.0)]).port(20.0, 30.0)
+    drawn.line("FOLD_TAB", [(0.0, 90.0), (WIDTH, 90.0)])
+    fold = PatternFoldTable(0.6, layer="FOLD_TAB", sheet=sheet)
+    body = build_soft_body(robot_of(drawn.table(tmp_path, folds=(fold,))), ModelTable())
+    flat = body.positions
+    height = flat[:, 2].max() - 0.03  # of the crease
+    resting = {}
+    for angle in (0.6, -0.6):  # the front faces -y: with its ridge there the tab leans to +y
+        x = flat.copy()
+        beyond = flat[:, 2] > height + 1e-9
+        x[beyond, 1] = side * math.sin(angle) * (flat[beyond, 2] - height)
+        x[beyond, 2] = height + math.cos(angle) * (flat[beyond, 2] - height)
+        system = SoftSystem(body)
+        system.evaluate(x, Loads(gravity=(0.0, 0.0, 0.0)), np.zeros(0), system.memory, hessian=False)
+        resting[angle] = np.abs(system.gradient).max()
+    assert resting[0.6] < 1e-9
+    assert resting[-0.6] > 1e-2
+
+
+def test_creases_of_a_chamber_fold_both_sheets_outwards_and_points_do_as_a_layer(tmp_path: Path) -> None:
+    line = ((0.0, 0.09), (0.04, 0.09))
+    table = Sheet().pouch().table(tmp_path, folds=(PatternFoldTable(0.5, line_m=line),))
+    hinges = build_soft_body(robot_of(table), ModelTable()).hinges
+    turned = np.flatnonzero(np.abs(hinges.rest_angle - math.pi) > 1e-9)
+    np.testing.assert_allclose(hinges.rest_angle[turned], math.pi - 0.5)
+    x = build_soft_body(robot_of(table), ModelTable()).positions
+    edges = x[hinges.nodes[turned, 1:3]]
+    assert np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum() == pytest.approx(2.0 * 0.04)
+    np.testing.assert_allclose(edges[:, :, 2], x[:, 2].max() - 0.03)
+    with pytest.raises(MeshError, match=r"layer FOLD_RIDGE is empty; there are: CUT, PORT, SEAL, TIP"):
+        understood(Sheet().pouch().table(tmp_path, folds=(PatternFoldTable(0.5, layer="FOLD_RIDGE"),)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 import cosim
 from cosim.base.frames import rotation_from_quaternion, vector_from_rotation
@@ -91,6 +92,25 @@ def test_the_soft_arm_s_gripper_lifts_the_bridge() -> None:
     gripped, lifted = turns_about_y("gripper_lifts_bridge", "bridge", {"grip": 0.4, "lift": 0.6})
     assert abs(gripped) < 0.05  # it lies on the ground until it is taken
     assert lifted < -0.5  # rad, about -y
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "force_N"),
+    [("pouch_gripper_lifts_ball", "ball", 2.0), ("bellows_gripper_lifts_box", "box", 3.0)],
+)
+def test_a_gripper_from_a_drawing_or_a_mesh_holds_100_g_when_shaken(
+    name: str, body: str, force_N: float
+) -> None:
+    pytest.importorskip("ezdxf", reason="needs the extra pattern")
+    shorter = {"phase.shake.duration_s": 1.5, "phase.hold.duration_s": 0.1}
+    result = cosim.run(name, overrides=shorter, error=False)
+    held = result.body_position[:, result.body(body)]
+    place = held - result.flange_position
+    closed, end = at_end_of(result, "close"), at_end_of(result, "hold")
+    assert result.summary["warnings"] == []
+    assert held[end, 2] - held[0, 2] > 0.19
+    assert np.linalg.norm(place[closed:] - place[end], axis=1).max() < 2e-3  # it does not slip
+    assert result.contact_force_N[end] > force_N
 
 
 def test_a_conveyor_brings_the_spool_below_the_gripper() -> None:

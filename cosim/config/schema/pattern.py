@@ -60,6 +60,30 @@ class PatternSetTable:
 
 
 @final
+@dataclass(frozen=True)
+class PatternFoldTable:
+    """A crease: the lines of a layer, or points, along which the film rests at an angle.
+
+    Args:
+        rest_angle_rad: from flat, without load; positive: the ridge is on the outer side of the sheet.
+        layer: of the drawing, such as FOLD or FOLD_valley.
+        line_m: points of a line, in the drawing's coordinates.
+        sheet: that is folded; where the sheets are welded flat, both follow the one that is named. "both":
+            both sheets of a chamber, each outwards.
+    """
+
+    rest_angle_rad: Annotated[float, Interval(gt=-3.1, lt=3.1)]
+    layer: Text | None = None
+    line_m: Polyline | None = None
+    sheet: Literal["both", "front", "back"] = "both"
+
+    @rule
+    def _is_said_once(self) -> Told:
+        if (self.layer is None) == (self.line_m is None):
+            yield "", "give layer or line_m, and one of these"
+
+
+@final
 @dataclass(frozen=True, kw_only=True)
 class PatternTable(BodySourceTable):
     """A film of two flat sheets that are welded along seams, as it is cut.
@@ -86,6 +110,7 @@ class PatternTable(BodySourceTable):
         along: direction in the drawing that leads away from the base.
         plane: "upright": that direction is the flange's z axis, and the sheets lie in its xz plane, the front
             towards -y. "flat": the sheets lie in the flange's xy plane, the front towards +z.
+        folds: `[[body.fold]]` in the file, of a single pair; lines of layer FOLD without one rest flat.
         sets: `[[body.set]]` in the file; the middle of the robot's first base comes to the flange's origin.
         tip: the set at the free end.
         center: sets that the centre line runs through between base and tip; the tip's direction is that
@@ -108,6 +133,7 @@ class PatternTable(BodySourceTable):
     along: Literal["+x", "-x", "+y", "-y"] = "+y"
     plane: Literal["upright", "flat"] = "upright"
     sets: Annotated[tuple[PatternSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
+    folds: tuple[PatternFoldTable, ...] = field(default=(), metadata={"alias": "fold"})
     tip: Name = "tip"
     center: tuple[Name, ...] = ()
 
@@ -151,6 +177,10 @@ class PatternTable(BodySourceTable):
         for entry in self.sets if self.file is None else ():
             if entry.layer is not None:
                 yield f"set.{entry.name}.layer", "is of a drawing; give box_m or line_m"
+        if self.folds and self.pairs > 1:
+            yield "fold", "is of a single pair of sheets; pairs is more than 1"
+        elif self.file is None and any(entry.layer is not None for entry in self.folds):
+            yield "fold.layer", "is of a drawing; give line_m"
 
     @rule
     def _has_chambers(self) -> Told:

@@ -20,12 +20,12 @@ from cosim.base.extras import extra_module
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
-from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, Crease, NamedMesh
+from cosim.soft.geometry.outline import check_simple, check_within, sheet_within, with_ends_met
 from cosim.soft.geometry.surface import directed_edges, rims
 
 FRONT, BACK, WELDED = "front", "back", "welded"
 SheetName = Literal["both", "front", "back"]
-_SMALLEST_M: Final = 1e-3  # of an outline
 _EDGES_TO_SEAM: Final = 4.0
 _MOST_BY_DEFAULT: Final = 3000  # triangles of a sheet
 _WELDED_BENDING: Final = 4.0  # of each sheet: two sheets as one, twice as thick, bend 8 times as hard as one
@@ -55,6 +55,16 @@ class NodeChoice:
 
 @final
 @dataclass(frozen=True)
+class DrawnCrease:
+    """A line of a pattern along which a sheet rests at an angle, see `Crease`."""
+
+    line: DrawnLine
+    sheet: SheetName
+    turn_rad: float
+
+
+@final
+@dataclass(frozen=True)
 class CutPattern:
     """Two sheets and how they are welded, in the drawing's coordinates.
 
@@ -65,6 +75,7 @@ class CutPattern:
         ports: a line or point within each chamber.
         chambers: names of the chambers, in the order of their ports; none: there is one.
         folds: lines that become edges of the mesh.
+        creases: those of them that rest at an angle.
         sets: named nodes.
         seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of an edge; None: a quarter of the largest distance to a seam.
@@ -80,6 +91,7 @@ class CutPattern:
     chambers: tuple[str, ...] = ()
     holes: tuple[DrawnLine, ...] = ()
     folds: tuple[DrawnLine, ...] = ()
+    creases: tuple[DrawnCrease, ...] = ()
     sets: tuple[NodeChoice, ...] = ()
     seam_width_m: float = 0.0
     mesh_m: float | None = None
@@ -139,14 +151,14 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
             seam does not close, or a set has no nodes. The message has the place in the drawing.
     """
     for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds):
-        if len(line.points) < 2:
+        if np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() < SAME_PLACE_M:
             raise MeshError(f"{line.where or 'a line'} at {in_mm(line.middle)} has no length: take it away")
     met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
     first, second = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
     pattern = replace(
         pattern, cut=tuple(met[:first]), holes=tuple(met[first:second]), seal=tuple(met[second:])
     )
-    sheet = _sheet((*pattern.cut, *pattern.holes))
+    sheet = sheet_within((*pattern.cut, *pattern.holes))
     lines = [FlatLine(line.points, LineKind.CUT) for line in pattern.cut]
     lines += [FlatLine(line.points, LineKind.HOLE) for line in pattern.holes]
     lines += [FlatLine(points, LineKind.SEAL) for points in _seams(pattern, sheet)]
@@ -155,7 +167,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
         if not choice.corners_only:
             lines += [FlatLine(line.points, LineKind.OTHER) for line in choice.lines if len(line.points) > 1]
     for line in (*pattern.seal, *pattern.folds):
-        _check_within(line, sheet)
+        check_within(line, sheet)
     corners = [line.points for choice in pattern.sets if choice.corners_only for line in choice.lines]
     points = np.concatenate([np.zeros((0, 2)), *corners])
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
@@ -170,109 +182,6 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     joined = np.zeros(len(shared), dtype=bool)
     joined[mesh.edges_of(LineKind.HOLE)] = pattern.pairs > 1
     return FlatFilm(mesh, chamber, shared, joined & ~shared, _depth(mesh, chamber), sets)
-
-
-def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
-    """Return lines whose open ends lie exactly on what they nearly touch, `SAME_PLACE_M` at most away."""
-    shapely = extra_module("shapely", "pattern")
-    counts = [len(line.points) for line in lines]
-    points = np.concatenate([np.zeros((0, 2)), *(line.points for line in lines)])
-    last = np.cumsum(counts) - 1
-    is_open = [len(line.points) > 1 and not line.closed for line in lines]
-    ends = np.concatenate([last - counts + 1, last])[np.tile(is_open, 2)].astype(np.int64)
-    movable = np.zeros(len(points), dtype=bool)
-    movable[ends] = True
-    near = cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
-    for end, around in sorted(zip(ends.tolist(), near, strict=True)):
-        there = sorted(around, key=lambda other: (movable[other], other))
-        points[end] = points[there[0]]
-    walls = [shapely.LineString(part) for part in np.split(points, last[:-1] + 1) if len(part) > 1]
-    for end, around in zip(ends.tolist(), near, strict=True):
-        others = [wall for wall in walls if shapely.distance(shapely.Point(points[end]), wall) < SAME_PLACE_M]
-        if len(around) == 1 and len(others) > 1:  # on another line, between its corners
-            wall = max(others, key=lambda wall: shapely.distance(shapely.Point(points[end]), wall))
-            points[end] = np.array(shapely.shortest_line(wall, shapely.Point(points[end])).coords)[0]
-    return [
-        replace(line, points=part) for line, part in zip(lines, np.split(points, last[:-1] + 1), strict=True)
-    ]
-
-
-def _sheet(cut: Sequence[DrawnLine]) -> Any:
-    """Return the film within outlines and without holes, as shapely polygons."""
-    shapely = extra_module("shapely", "pattern")
-    if not cut:
-        raise MeshError("the pattern has no outline: layer CUT is empty")
-    joined = shapely.unary_union([shapely.LineString(line.points) for line in cut], grid_size=1e-9)
-    for line in cut:
-        _check_simple(line)
-    _check_apart(cut)
-    polygons, cuts, dangles, invalid = shapely.polygonize_full([joined])
-    for open_line in [*dangles.geoms, *cuts.geoms, *invalid.geoms][:1]:
-        end = _loose_end(open_line, joined)
-        raise MeshError(f"the outline is open at {in_mm(end)}: close the line of layer CUT there")
-    rings = shapely.polygonize([shapely.LineString(line.points) for line in cut]).geoms or polygons.geoms
-    if not len(rings):
-        raise MeshError("the outline encloses no area: close the lines of layer CUT")
-    sheet = shapely.Polygon()
-    for ring in sorted((shapely.Polygon(face.exterior) for face in rings), key=lambda face: -face.area):
-        sheet = sheet.symmetric_difference(ring)
-    if sheet.is_empty or sheet.geom_type != "Polygon":
-        parts = sorted(getattr(sheet, "geoms", ()), key=lambda part: part.area)
-        point = np.array(parts[0].representative_point().coords[0]) if parts else np.zeros(2)
-        raise MeshError(
-            f"the outline has {len(parts)} pieces side by side, one at {in_mm(point)}; a pattern has one, "
-            "with holes in it"
-        )
-    size = np.ptp(np.array(sheet.exterior.coords), axis=0)
-    if size.min() < _SMALLEST_M:
-        raise MeshError(
-            f"the outline is {1e3 * size[0]:.3g} x {1e3 * size[1]:.3g} mm; at least {1e3 * _SMALLEST_M:g} mm "
-            "are meshed: is the unit right?"
-        )
-    return sheet
-
-
-def _check_apart(lines: Sequence[DrawnLine]) -> None:
-    """Refuse outlines that cross one another."""
-    shapely = extra_module("shapely", "pattern")
-    drawn = [shapely.LineString(line.points) for line in lines]
-    first, second = shapely.STRtree(drawn).query(drawn, predicate="crosses")
-    for a, b in zip(first.tolist(), second.tolist(), strict=True):
-        point = np.array(shapely.intersection(drawn[a], drawn[b]).representative_point().coords[0])
-        raise MeshError(f"{lines[a].where} crosses {lines[b].where} at {in_mm(point)}: draw them apart")
-
-
-def _check_simple(line: DrawnLine) -> None:
-    shapely = extra_module("shapely", "pattern")
-    drawn = shapely.LineString(line.points)
-    if drawn.is_simple:
-        return
-    noded = shapely.unary_union([drawn])
-    ends = np.concatenate([np.array(piece.coords)[[0, -1]] for piece in noded.geoms])
-    cells, count = np.unique(np.round(ends / SAME_PLACE_M), axis=0, return_counts=True)
-    crossing = cells[np.argmax(count)] * SAME_PLACE_M
-    raise MeshError(f"{line.where or 'a line'} crosses itself at {in_mm(crossing)}")
-
-
-def _loose_end(line: Any, lines: Any) -> Array:
-    """Return the end of a line that meets no other."""
-    shapely = extra_module("shapely", "pattern")
-    ends = np.array(line.coords)[[0, -1]]
-    others = shapely.difference(lines, line)
-    if others.is_empty:
-        return ends[1]
-    return ends[int(np.argmax(shapely.distance(shapely.points(ends), others)))]
-
-
-def _check_within(line: DrawnLine, sheet: Any) -> None:
-    """Refuse a line that leaves the sheet."""
-    shapely = extra_module("shapely", "pattern")
-    outside = shapely.difference(shapely.LineString(line.points), sheet.buffer(2.0 * SAME_PLACE_M))
-    if not outside.is_empty:
-        point = np.array(outside.representative_point().coords[0])
-        raise MeshError(
-            f"{line.where or 'a seam'} leaves the outline at {in_mm(point)}: draw it within layer CUT"
-        )
 
 
 def _check_followed(seam: Array, mesh: FlatMesh, edge_m: float) -> None:
@@ -292,7 +201,7 @@ def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:
     """Return the seams' lines, or the outlines of their width."""
     shapely = extra_module("shapely", "pattern")
     for line in pattern.seal:
-        _check_simple(line)
+        check_simple(line)
     if not pattern.seam_width_m:
         return [line.points for line in pattern.seal]
     drawn = shapely.unary_union([shapely.LineString(line.points) for line in pattern.seal])
@@ -492,7 +401,8 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         MeshError: a set has no nodes of its sheet.
     """
     flat = _turned(film.mesh.positions, placing.along)
-    flat = flat - flat[film.sets[placing.base]].mean(axis=0)
+    origin = flat[film.sets[placing.base]].mean(axis=0)
+    flat = flat - origin
     sheets, count = _numbered(film, pattern.pairs)
     positions, rise = np.zeros((count, 3)), _rise(film)
     for pair, (back, front) in enumerate(sheets):
@@ -528,7 +438,15 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         face_values={"wrinkle_panel_m": np.full(len(triangles), panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
         chambers=pattern.chambers,
+        creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
     )
+
+
+def _placed(crease: DrawnCrease, placing: Placing, origin: Array) -> Crease:
+    """Return a crease of a single, flat pair in the flange's frame."""
+    flat, points = _turned(crease.line.points, placing.along) - origin, np.zeros((len(crease.line.points), 3))
+    points[:, [0, 2] if placing.upright else [0, 1]] = flat
+    return Crease(points, None if crease.sheet == "both" else crease.sheet, crease.turn_rad)
 
 
 def _numbered(film: FlatFilm, pairs: int) -> tuple[list[tuple[IntArray, IntArray]], int]:

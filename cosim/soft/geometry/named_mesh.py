@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, final
 
 import numpy as np
 
@@ -15,6 +15,22 @@ from cosim.soft.geometry.surface import check_face_groups, check_face_values, ch
 
 BENDING_FACTOR: Final = "bending_factor"
 """Face value that multiplies the bending stiffness of the film at its hinges; omitted: 1."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Crease:
+    """A line along which the film is folded when it is free of load.
+
+    Args:
+        points: (k, 3) [m] of the line, in the flange's frame.
+        sheet: face group that is folded there; None: all sheets, but not where they are welded flat.
+        turn_rad: from flat; positive: its ridge is on the outer side.
+    """
+
+    points: Array
+    sheet: str | None
+    turn_rad: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +52,7 @@ class NamedMesh:
         sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds
             within a sheet and turns freely between two. None: the film is one surface.
         chambers: face groups that enclose a gas each; every triangle is in one. None: the film encloses one.
+        creases: of flat sheets.
 
     Raises:
         MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring or line names a node that does not
@@ -56,6 +73,7 @@ class NamedMesh:
     face_values: Mapping[str, Array] = field(default_factory=dict)
     sheets: tuple[str, ...] = ()
     chambers: tuple[str, ...] = ()
+    creases: tuple[Crease, ...] = ()
 
     def __post_init__(self) -> None:
         check_mesh(self.positions, self.triangles, [self.face_groups[name] for name in self.sheets])

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from cosim.base.drawing import in_mm
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import device_function
 from cosim.errors import MeshError
@@ -75,9 +76,9 @@ def check_mesh(positions: Array, triangles: IntArray, sheets: Sequence[IntArray]
     _check_nodes(positions, triangles)
     _check_shapes(positions, triangles)
     for places in sheets:
-        _check_edges(triangles[places])
+        _check_edges(positions, triangles[places])
     if not sheets:
-        _check_edges(triangles)
+        _check_edges(positions, triangles)
 
 
 def _check_nodes(positions: Array, triangles: IntArray) -> None:
@@ -98,6 +99,10 @@ def _check_nodes(positions: Array, triangles: IntArray) -> None:
         raise MeshError(f"node {np.flatnonzero(~used)[0]} belongs to no triangle; remove it")
 
 
+def _at(positions: Array, nodes: IntArray) -> str:
+    return f"at {in_mm(positions[nodes].mean(axis=0))}"
+
+
 def _check_shapes(positions: Array, triangles: IntArray) -> None:
     area = triangle_area(positions, triangles)
     edges = positions[directed_edges(triangles)]
@@ -107,12 +112,13 @@ def _check_shapes(positions: Array, triangles: IntArray) -> None:
     if bad.size:
         t = bad[0]
         raise MeshError(
-            f"triangle {t} (nodes {triangles[t].tolist()}) is degenerate: area {area[t]:.3g} m^2, "
-            f"at least {bound[t]:.3g} m^2 is needed for a longest edge of {longest[t]:.3g} m"
+            f"triangle {t} (nodes {triangles[t].tolist()}) {_at(positions, triangles[t])} is degenerate: "
+            f"area {area[t]:.3g} m^2, at least {bound[t]:.3g} m^2 is needed for a longest edge of "
+            f"{longest[t]:.3g} m"
         )
 
 
-def _check_edges(triangles: IntArray) -> None:
+def _check_edges(positions: Array, triangles: IntArray) -> None:
     edges = directed_edges(triangles)
     undirected, inverse, count = np.unique(
         np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
@@ -122,7 +128,8 @@ def _check_edges(triangles: IntArray) -> None:
     if bad.size:
         some = (np.flatnonzero(inverse == bad[0]) // 3)[:_NAMED].tolist()
         raise MeshError(
-            f"edge {undirected[bad[0]].tolist()} belongs to {count[bad[0]]} triangles {some}"
+            f"edge {undirected[bad[0]].tolist()} {_at(positions, undirected[bad[0]])} belongs to "
+            f"{count[bad[0]]} triangles {some}"
             f"{' and others' if count[bad[0]] > _NAMED else ''}; 2 at most"
         )
     forward, count = np.unique(edges, axis=0, return_counts=True)
@@ -131,8 +138,8 @@ def _check_edges(triangles: IntArray) -> None:
         edge = forward[bad[0]]
         owners = (np.flatnonzero((edges == edge).all(axis=1)) // 3)[:_NAMED].tolist()
         raise MeshError(
-            f"triangles {owners} both run along edge {edge.tolist()} in the same sense: "
-            "one of them is turned inside out"
+            f"triangles {owners} both run along edge {edge.tolist()} {_at(positions, edge)} in the same "
+            "sense: one of them is turned inside out"
         )
 
 
