@@ -16,7 +16,7 @@ from cosim.base.resources import writing
 from cosim.bench.design import Designed, design_lines
 from cosim.bench.equilibria import bench_scenario
 from cosim.bench.fitting import Identified
-from cosim.bench.parameters import with_values
+from cosim.bench.parameters import shared, with_values
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
@@ -87,10 +87,11 @@ def write_results(result: Identified, directory: Path, source: str) -> list[Path
     Raises:
         OutputError: they cannot be written.
     """
+    pairs = zip(result.bench.parameter, result.found, strict=True)
     keys = {
-        key: found.value
-        for entry, found in zip(result.bench.parameter, result.found, strict=True)
-        for key in (entry.key, *entry.also)
+        key: value
+        for entry, found in pairs
+        for key, value in shared((entry.key, *entry.also), found.value).items()
     }
     head = [
         f"values that `cosim identify` has found from {source}:",
@@ -115,9 +116,9 @@ def write_designs(results: Sequence[Designed], directory: Path, source: str) -> 
     """
     best = results[0]
     keys = {
-        key: value
+        key: each
         for entry, value in zip(best.study.parameter, best.found.values.tolist(), strict=True)
-        for key in (entry.key, *entry.also)
+        for key, each in shared((entry.key, *entry.also), value).items()
         if key.startswith("soft_robot.")
     }
     head = [f"values that `cosim design` has found for {source}:", *design_lines(best)]
@@ -175,7 +176,8 @@ def _plain(key: str, table: Any) -> str:
     """Return a key of the soft robot as `[known]` names it: without names or places of entries of lists."""
     found, here = [], table
     for part in key.split("."):
-        if isinstance(here, list):
+        if isinstance(here, list) or part.isdecimal():
+            here = here if isinstance(here, list) else []
             entry = [each for each in here if isinstance(each, dict) and each.get("name") == part]
             here = entry[0] if entry else None
             continue

@@ -21,6 +21,7 @@ from cosim.soft.solve.step_begin import BedNumbers
 _PROBE_Pa = 1.0
 _PROBE = 1e-5  # of a motion, for centre and inertia
 
+
 @final
 @dataclass(frozen=True)
 class RestingChain:
