@@ -2,9 +2,9 @@
 
     python benchmarks/design.py --most 300
 
-The studies are those of docs/design.md, with three units where there are choices, on the film's own mesh. Without derivatives:
-scipy's COBYQA on the same variables, quantities and sizes. A design is as good once its goal is within 1 %
-of that of `cosim design` and its limits are missed by less than 1 % of their size.
+The studies are those of docs/design.md, with three units where there are choices, on the film's own mesh.
+Without derivatives: scipy's COBYQA on the same variables, quantities and sizes. A design is as good once its
+goal is within 1 % of that of `cosim design` and its limits are missed by less than 1 % of their size.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ def without_derivatives(study: DesignStudyTable, most: int) -> DesignProblem:
     problem.begin()
 
     def solved(x: np.ndarray) -> np.ndarray:
+        x = np.clip(x, 0.0, 1.0)  # it looks beyond bounds on its way
         if len(problem.history) >= most and not problem.is_at(x):
             raise Spent
         return problem.reached(x)

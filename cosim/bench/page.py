@@ -32,6 +32,9 @@ _STYLE: Final = (
 )
 
 
+_INSIDE = 0.75  # of held-out rows, below which intervals are too narrow
+
+
 def value_lines(result: Identified) -> list[str]:
     """Return a line for each value that was found."""
     lines = []
@@ -53,15 +56,20 @@ def series_lines(result: Identified) -> list[str]:
         left, scaled = (result.predicted - result.measured)[rows], result.scaled[rows]
         fitted, held = result.fitted[rows], result.held_out[rows]
         span = float(np.ptp(result.measured[rows])) or 1.0
-        parts = [f"{entry.table.name}: fitted rows off by {_share(left[fitted], span)} of the range"]
+        parts = [f"fitted rows off by {_share(left[fitted], span)} of the range"] if fitted.any() else []
         if held.any():
             parts.append(f"held out rows by {_share(left[held], span)}")
+            inside = int((np.abs(left[held]) <= result.band[rows][held]).sum())
+            if result.found:
+                parts.append(f"{inside} of {int(held.sum())} of them in their 95 % interval")
+            if result.found and inside < _INSIDE * held.sum():
+                parts.append("the model is off by more than its interval says")
         if result.outliers[rows].any():
             places = ", ".join(str(row + 1) for row in np.flatnonzero(result.outliers[rows]))
             parts.append(f"outliers set aside: row {places}")
         if _systematic(scaled[fitted]):
             parts.append("the model cannot follow it: what is left is no noise, neighbours are off alike")
-        lines.append("; ".join(parts))
+        lines.append(f"{entry.table.name}: {'; '.join(parts)}")
     return lines
 
 
