@@ -5,7 +5,8 @@
 Four curves of three square units are made by the model itself at known values: length and volume over
 pressure, deflection over load, bending angle over tension. Looked for are the moduli of film and frames, and
 the tension that a cable keeps at an eyelet. Noise is 1 % of each curve's range, seeded. Every repeat is a
-whole `cosim identify`, with its checks, outliers and profile likelihood.
+whole `cosim identify`, with its checks, outliers and profile likelihood. A second set of curves is made on
+a mesh that is refined twice (16 times the triangles), every fourth row held out.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import numpy as np
 
 from cosim.bench.curves import Curves
 from cosim.bench.fitting import identify
+from cosim.bench.page import series_lines, value_lines
 from cosim.config.benches import BenchTable, Series, load_bench
 
 TRUE = {
@@ -41,23 +43,33 @@ scenario = "bending_angle"
 [set]
 model.published = false
 contact.self_contact = false
+soft_robot.stack.mesh = "drawn"
 """
 CURVES = {
-    "extension": ("length_m", "length_m", 'loads.pressure_Pa = "load_Pa"', np.linspace(3e3, 12e3, 4), "Pa"),
-    "volume": ("volume_m3", "volume_m3", 'loads.pressure_Pa = "load_Pa"', np.linspace(3e3, 12e3, 4), "Pa"),
+    "extension": ("length_m", "length_m", 'loads.pressure_Pa = "load_Pa"', (3e3, 12e3), "Pa"),
+    "volume": ("volume_m3", "volume_m3", 'loads.pressure_Pa = "load_Pa"', (3e3, 12e3), "Pa"),
     "deflection": (
         "tip_position_m.x", "tip_m", 'loads = { pressure_Pa = 8e3, "force_N.unit_3.outer.x" = "load_N" }',
-        np.linspace(0.1, 0.4, 4), "N",
+        (0.1, 0.4), "N",
     ),
     "angle": (
         "bending_angle_rad", "angle_rad",
-        'loads = { pressure_Pa = 8e3, "cable_tension_N.corner_0" = "load_N" }', np.linspace(0.2, 0.8, 4), "N",
+        'loads = { pressure_Pa = 8e3, "cable_tension_N.corner_0" = "load_N" }', (0.2, 0.8), "N",
     ),
 }  # fmt: skip
 
 
-def made(folder: Path) -> tuple[BenchTable, tuple[Series, ...]]:
-    """Return the bench with curves of its own model at the true values."""
+def made(
+    folder: Path, rows: int = 4, refine: int = 0, hold_out: int = 0
+) -> tuple[BenchTable, tuple[Series, ...]]:
+    """Return the bench with curves of its model at the true values.
+
+    Args:
+        folder: that files are written to.
+        rows: of each curve.
+        refine: how often each triangle is divided into four where curves are made, not where they are fitted.
+        hold_out: see `SeriesTable`.
+    """
     text = [HEAD]
     for key, (true, start) in TRUE.items():
         high = min(3.0 * true, 1.0) if true < 1.0 else 3.0 * true
@@ -65,16 +77,17 @@ def made(folder: Path) -> tuple[BenchTable, tuple[Series, ...]]:
         text.append(
             f'[[parameter]]\nkey = "{key}"{also}\nlow = {0.3 * true}\nhigh = {high}\nstart = {start}\n'
         )
-    for name, (quantity, column, loads, values, unit) in CURVES.items():
-        rows = "\n".join(f"{value!r},{k + 1.0}" for k, value in enumerate(values.tolist()))
-        (folder / f"{name}.csv").write_text(f"load_{unit},{column}\n{rows}\n")
+    for name, (quantity, column, loads, ends, unit) in CURVES.items():
+        lines = "\n".join(f"{load!r},{k + 1.0}" for k, load in enumerate(np.linspace(*ends, rows).tolist()))
+        (folder / f"{name}.csv").write_text(f"load_{unit},{column}\n{lines}\n")
         text.append(
             f'[[series]]\nname = "{name}"\nfile = "{name}.csv"\nquantity = "{quantity}"\n'
-            f'measured = "{column}"\n{loads}\nnoise = 1.0\nhold_out = 0\n'
+            f'measured = "{column}"\n{loads}\nnoise = 1.0\nhold_out = {hold_out}\n'
         )
     (folder / "bench.toml").write_text("\n".join(text))
     bench, series = load_bench(folder / "bench.toml")
-    values = Curves(bench, series).at(np.array([true for true, _ in TRUE.values()]))
+    true = replace(bench, set={**bench.set, "soft_robot.stack.refine": refine}) if refine else bench
+    values = Curves(true, series).at(np.array([true for true, _ in TRUE.values()]))
     parts = np.split(values, np.cumsum([len(entry.values) for entry in series])[:-1])
     return bench, tuple(
         replace(entry, values=tuple(own.tolist()), noise=NOISE * float(np.ptp(own)))
@@ -111,6 +124,9 @@ def main() -> None:
         off = np.array([each.value for each in exact.found]) / truth - 1.0
         report["without_noise"] = dict(zip(TRUE, off.tolist(), strict=True))
         print(f"without noise, relative: {report['without_noise']}")
+        fine = identify(*made(Path(folder), 8, 2, 4), force=True)
+        report["refined_twice"] = [*fine.check.lines(), *value_lines(fine), *series_lines(fine)]
+        print("\n".join(["curves of the film refined twice:", *report["refined_twice"]]), flush=True)
         held, aside = np.zeros(len(TRUE), int), 0
         for seed in range(options.repeats):
             found = identify(bench, noisy(series, seed))
