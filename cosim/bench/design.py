@@ -7,7 +7,7 @@ refined mesh changes is added to goal and limits as a constant, and found again 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -18,7 +18,10 @@ from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario
 from cosim.bench.outputs import outputs_of
 from cosim.config.benches import FreeTable
 from cosim.config.design_studies import DesignStudyTable, GoalTable, LimitTable
+from cosim.config.loading import load_scenario
+from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import ConvergenceError, InputError
 
@@ -54,7 +57,7 @@ class Designed:
 
     Args:
         study: with the choice in `set`.
-        choice: its name; "" without choices.
+        choice: its name, and that of the start where there are several; "" with neither.
         start: where the search began; without what it reaches where it has no equilibrium.
         found: the best design, on its own mesh.
         refined: what both reach on the refined mesh; empty if it was not asked for.
@@ -90,15 +93,17 @@ class DesignProblem:
 
     Args:
         study: checked, of one choice.
-        fidelity: "lumped" or "refined".
+        refined: whether the mesh is refined: a stack's twice, a pattern's to edges of half the length.
 
     Raises:
         InputError: a parameter, load or quantity does not exist.
     """
 
-    def __init__(self, study: DesignStudyTable, fidelity: str = "lumped") -> None:
+    def __init__(self, study: DesignStudyTable, *, refined: bool = False) -> None:
         self.study, self._names = study, [case.name for case in study.case]
-        scenario = bench_scenario(study.scenario, {**study.set, "fidelity": fidelity})
+        scenario = bench_scenario(study.scenario, {**study.set, "fidelity": "lumped"})
+        if refined:
+            scenario = _refined(scenario)
         rows = [
             LoadRow(f"case.{case.name}.loads", f"case.{case.name}", case.name, case.loads)
             for case in study.case
@@ -235,6 +240,16 @@ class DesignProblem:
         return self.cost(reached) + _WEIGHT * float(np.minimum(self.missed(reached), _BAD).sum())
 
 
+def _refined(scenario: Scenario) -> Scenario:
+    robot = scenario.soft_robot
+    body = robot.body if isinstance(robot, SoftRobotTable) else None
+    if not isinstance(body, PatternTable):
+        return load_scenario(scenario, {"fidelity": "refined"})
+    if body.mesh_m is None:
+        raise InputError("a pattern is verified on edges of half the length: set soft_robot.body.mesh_m")
+    return load_scenario(scenario, {"soft_robot.body.mesh_m": 0.5 * body.mesh_m})
+
+
 @final
 class _Local:
     """Goal and limits near a design, to second order: exact slopes, and what they have changed by so far.
@@ -327,27 +342,61 @@ def search(problem: DesignProblem, start: Array) -> DesignValues:
     return problem.best()
 
 
-def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = True) -> Designed:
-    """Return the best design of one choice.
+@final
+@dataclass(frozen=True)
+class DesignTask:
+    """A search for a worker.
+
+    Args:
+        study: with the choice in `set`.
+        choice: its name; "" without choices.
+        begin: number of the start; 0 is that of the file.
+        verify: whether the design is verified on the refined mesh, see `solve_choice`.
+    """
+
+    study: DesignStudyTable
+    choice: str = ""
+    begin: int = 0
+    verify: bool = True
+
+    @property
+    def name(self) -> str:
+        """As people read it."""
+        return " ".join(
+            filter(None, (self.choice, f"start {self.begin + 1}" if self.study.starts > 1 else ""))
+        )
+
+    def solved(self) -> Designed | ConvergenceError:
+        """Return what it leads to, or why there is nothing."""
+        try:
+            return solve_choice(self)
+        except ConvergenceError as error:
+            return error
+
+
+def solve_choice(task: DesignTask) -> Designed:
+    """Return the best design of one choice, from one start.
 
     With `verify`, one that meets its limits is solved on the refined mesh. What that mesh changes is then
     added to goal and limits, and the search goes on from there, until the refined mesh meets the limits.
 
     Args:
-        study: with the choice in `set`.
-        choice: its name.
-        verify: see above.
+        task: choice and start.
 
     Raises:
         InputError: a parameter, load or quantity does not exist.
         ConvergenceError: the robot has no equilibrium at the start, or on the refined mesh.
     """
+    study = task.study
     problem = DesignProblem(study)
+    if task.begin:
+        random = np.random.default_rng((study.seed, task.begin))
+        problem.start = random.random(len(study.parameter))
     problem.begin()
     first, found = problem.history[0], search(problem, problem.start)
     refined: tuple[Array, ...] = ()
-    if verify and (problem.missed(found.reached) <= _MET).all():
-        fine = DesignProblem(study, "refined")
+    if task.verify and (problem.missed(found.reached) <= _MET).all():
+        fine = DesignProblem(study, refined=True)
         before, after = fine.solved(first.values), fine.solved(found.values)
         for _ in range(_ROUNDS):
             if (problem.missed(after) <= _MET).all() or len(problem.history) >= study.evaluations:
@@ -358,31 +407,39 @@ def solve_choice(study: DesignStudyTable, choice: str = "", *, verify: bool = Tr
         refined = before, after
     reached = refined[-1] if refined else found.reached
     plain = DesignValues(found.values, problem.plain(found))
-    return Designed(study, choice, first, plain, refined, problem.missed(reached), len(problem.history))
+    return Designed(study, task.name, first, plain, refined, problem.missed(reached), len(problem.history))
 
 
 def design(
-    study: DesignStudyTable, *, verify: bool = True, tell: Callable[[str], None] = lambda _text: None
+    study: DesignStudyTable,
+    *,
+    verify: bool = True,
+    each: Callable[..., Iterable[Designed | ConvergenceError]] = map,
+    tell: Callable[[str], None] = lambda _text: None,
 ) -> list[Designed]:
-    """Return the best design of every choice, the best choice first.
+    """Return the best design of every choice and start, the best one first.
 
     Args:
         study: see `load_design_study`.
         verify: whether designs are verified on the refined mesh, see `solve_choice`.
+        each: calls a function with each of some tasks, such as the `map` of an executor.
         tell: told what is done.
 
     Raises:
         InputError: a parameter, load or quantity does not exist.
         ConvergenceError: no choice has an equilibrium at its start.
     """
+    kinds = [(replace(study, set={**study.set, **choice.set}), choice.name) for choice in study.choice]
+    tasks = [
+        DesignTask(own, name, begin, verify)
+        for own, name in kinds or [(study, "")]
+        for begin in range(study.starts)
+    ]
     results, failed = list[tuple[bool, float, Designed]](), None
-    for choice in study.choice or (None,):
-        own = study if choice is None else replace(study, set={**study.set, **choice.set})
-        try:
-            found = solve_choice(own, "" if choice is None else choice.name, verify=verify)
-        except ConvergenceError as error:
-            failed = error
-            tell(f"{choice.name if choice else 'start'}: {error}")
+    for task, found in zip(tasks, each(DesignTask.solved, tasks), strict=True):
+        if isinstance(found, ConvergenceError):
+            failed = found
+            tell(f"{task.name or 'start'}: {found}")
             continue
         results.append((not found.feasible, _goal(found), found))
         tell(f"{found.choice or 'designed'}: {found.evaluations} designs solved")

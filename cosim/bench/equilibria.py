@@ -15,6 +15,7 @@ from cosim.bench.parameters import (
     LoadParameter,
     StaticModel,
     parameters_of,
+    shared,
     value_at,
     with_load,
     with_values,
@@ -156,8 +157,8 @@ class Equilibria:
         return np.array(found)
 
     def _built(self, values: Array) -> tuple[SoftArm, StaticModel]:
-        pairs = [(self.keys[k], float(values[k])) for k in self._robot]
-        scenario = with_values(self.scenario, {key: value for keys, value in pairs for key in keys})
+        changes = [shared(self.keys[k], float(values[k])) for k in self._robot]
+        scenario = with_values(self.scenario, {key: value for each in changes for key, value in each.items()})
         statics = replace(static_options(scenario), tolerance_N=_TOLERANCE_N, start_tolerance_N=_TOLERANCE_N)
         flange = pose_of(scenario.start.flange)
         arm = SoftArm(fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario))

@@ -12,7 +12,7 @@ Source: Seber and Wild, Nonlinear Regression, section 5.10.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
@@ -72,6 +72,8 @@ class Identified:
         held_out: (rows,) whether it was kept out to be predicted.
         outliers: (rows,) whether it was set aside.
         equilibria: how many were solved.
+        band: (rows,), half of the 95 % interval of what is measured there, by the values' uncertainty and by
+            noise as large as the residuals are; not numbers if nothing was fitted.
     """
 
     bench: BenchTable
@@ -86,6 +88,7 @@ class Identified:
     held_out: Mask
     outliers: Mask
     equilibria: int
+    band: Array
 
     @property
     def scaled(self) -> Array:
@@ -219,6 +222,19 @@ class Fit:
         )  # fmt: skip
         return found.x, float((self.residuals(found.x) ** 2).sum())
 
+    def band(self, best: Array, spread: float) -> Array:
+        """Return half of the 95 % interval (rows,) of what is measured, to first order in the values.
+
+        Args:
+            best: where the sum of squares is least.
+            spread: variance of the residuals over that of the noise, at least 1.
+        """
+        self.predicted(best)
+        inner = self.jacobian(best)
+        rows = np.concatenate([self.scaled(best), self._zeros.T], axis=1)
+        known = np.einsum("ri,ij,rj->r", rows, np.linalg.pinv(inner.T @ inner), rows)
+        return np.asarray(np.sqrt(_CHI2 * spread * (1.0 + known)) * self.noise)
+
     def interval(self, best: Array, least: float, number: int, spread: float) -> Interval:
         """Return the 95 % interval of a parameter by profile likelihood.
 
@@ -325,8 +341,8 @@ def identify(
     spread = max(1.0, least / freedom)
     tell(f"fitted after {fit.curves.rows.solved} equilibria; intervals follow")
     found = tuple(fit.interval(best, least, number, spread) for number in range(fit.count))
-    fit.predicted(best)
-    return _result(fit, bench, series, check, odd, found, best, outliers)
+    result = _result(fit, bench, series, check, odd, found, best, outliers)
+    return replace(result, band=fit.band(best, spread))
 
 
 def _without_outliers(fit: Fit, start: Array) -> tuple[Array, Mask]:
@@ -367,5 +383,5 @@ def _result(
     aside = np.zeros(len(predicted), bool) if outliers is None else outliers
     return Identified(
         bench, tuple(series), check, tuple(odd), found, predicted, fit.measured, fit.noise, fit.rows,
-        fit.held_out, aside, fit.curves.rows.solved,
+        fit.held_out, aside, fit.curves.rows.solved, np.full(len(predicted), np.nan),
     )  # fmt: skip

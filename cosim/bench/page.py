@@ -16,7 +16,7 @@ from cosim.base.resources import writing
 from cosim.bench.design import Designed, design_lines
 from cosim.bench.equilibria import bench_scenario
 from cosim.bench.fitting import Identified
-from cosim.bench.parameters import with_values
+from cosim.bench.parameters import shared, with_values
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
@@ -30,6 +30,9 @@ _STYLE: Final = (
     "td,th{padding:.2em .8em;border-bottom:1px solid #ccc;text-align:right}td:first-child,th:first-child"
     "{text-align:left}svg{margin:.5em}"
 )
+
+
+_INSIDE = 0.75  # of held-out rows, below which intervals are too narrow
 
 
 def value_lines(result: Identified) -> list[str]:
@@ -53,15 +56,20 @@ def series_lines(result: Identified) -> list[str]:
         left, scaled = (result.predicted - result.measured)[rows], result.scaled[rows]
         fitted, held = result.fitted[rows], result.held_out[rows]
         span = float(np.ptp(result.measured[rows])) or 1.0
-        parts = [f"{entry.table.name}: fitted rows off by {_share(left[fitted], span)} of the range"]
+        parts = [f"fitted rows off by {_share(left[fitted], span)} of the range"] if fitted.any() else []
         if held.any():
             parts.append(f"held out rows by {_share(left[held], span)}")
+            inside = int((np.abs(left[held]) <= result.band[rows][held]).sum())
+            if result.found:
+                parts.append(f"{inside} of {int(held.sum())} of them in their 95 % interval")
+            if result.found and inside < _INSIDE * held.sum():
+                parts.append("the model is off by more than its interval says")
         if result.outliers[rows].any():
             places = ", ".join(str(row + 1) for row in np.flatnonzero(result.outliers[rows]))
             parts.append(f"outliers set aside: row {places}")
         if _systematic(scaled[fitted]):
             parts.append("the model cannot follow it: what is left is no noise, neighbours are off alike")
-        lines.append("; ".join(parts))
+        lines.append(f"{entry.table.name}: {'; '.join(parts)}")
     return lines
 
 
@@ -87,10 +95,11 @@ def write_results(result: Identified, directory: Path, source: str) -> list[Path
     Raises:
         OutputError: they cannot be written.
     """
+    pairs = zip(result.bench.parameter, result.found, strict=True)
     keys = {
-        key: found.value
-        for entry, found in zip(result.bench.parameter, result.found, strict=True)
-        for key in (entry.key, *entry.also)
+        key: value
+        for entry, found in pairs
+        for key, value in shared((entry.key, *entry.also), found.value).items()
     }
     head = [
         f"values that `cosim identify` has found from {source}:",
@@ -115,9 +124,9 @@ def write_designs(results: Sequence[Designed], directory: Path, source: str) -> 
     """
     best = results[0]
     keys = {
-        key: value
+        key: each
         for entry, value in zip(best.study.parameter, best.found.values.tolist(), strict=True)
-        for key in (entry.key, *entry.also)
+        for key, each in shared((entry.key, *entry.also), value).items()
         if key.startswith("soft_robot.")
     }
     head = [f"values that `cosim design` has found for {source}:", *design_lines(best)]
@@ -175,7 +184,8 @@ def _plain(key: str, table: Any) -> str:
     """Return a key of the soft robot as `[known]` names it: without names or places of entries of lists."""
     found, here = [], table
     for part in key.split("."):
-        if isinstance(here, list):
+        if isinstance(here, list) or part.isdecimal():
+            here = here if isinstance(here, list) else []
             entry = [each for each in here if isinstance(each, dict) and each.get("name") == part]
             here = entry[0] if entry else None
             continue

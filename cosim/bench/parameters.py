@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias, final
 
@@ -91,7 +92,7 @@ class ModelParameter:
 
     Args:
         name: of it.
-        keys: paths; several are moved together.
+        keys: paths; several are moved together, those with a minus before them the other way.
         value: of it.
     """
 
@@ -122,7 +123,7 @@ class ModelParameter:
         def built(offset: float) -> SoftSystem:
             if not offset or self.keys[0] in _SOLVER:
                 return model.system
-            changed = with_values(model.scenario, dict.fromkeys(self.keys, self.value + offset))
+            changed = with_values(model.scenario, shared(self.keys, self.value + offset))
             body = fidelity_body(changed)
             _check_alike(model.system.body, body, self.name)
             return SoftSystem(body)
@@ -263,8 +264,8 @@ def _found(name: ParameterName, model: StaticModel) -> Iterator[AnyParameter]:
     keys = (name,) if isinstance(name, str) else tuple(name)
     if not keys or not all(isinstance(key, str) for key in keys):
         raise InputError(f"a parameter is {name!r}; give a name, or a list of names that are moved together")
-    if all(key.startswith(_ROBOT) or key in _SOLVER for key in keys):
-        values = [value_at(model.scenario, key) for key in keys]
+    if all(key.removeprefix("-").startswith(_ROBOT) or key in _SOLVER for key in keys):
+        values = [sign * value_at(model.scenario, key) for key, sign in shared(keys, 1.0).items()]
         if len(set(values)) > 1:
             raise InputError(
                 f"{', '.join(keys)}: differ, {values}; values that are moved together must be equal"
@@ -286,6 +287,11 @@ def _found(name: ParameterName, model: StaticModel) -> Iterator[AnyParameter]:
     for place, each in enumerate(known):
         if of in ("", each):
             yield LoadParameter(f"{kind}.{each}", kind, place)
+
+
+def shared(keys: Sequence[str], value: float) -> dict[str, float]:
+    """Return what keys that share a value are set to: one with a minus before it to the opposite."""
+    return {key.removeprefix("-"): -value if key.startswith("-") else value for key in keys}
 
 
 def value_at(scenario: Scenario, key: str) -> float:
@@ -326,23 +332,33 @@ def with_values(scenario: Scenario, values: dict[str, float]) -> Scenario:
     """
     changes, table = dict[str, Any](), None
     for key, value in values.items():
-        parent, _, last = key.rpartition(".")
-        if last.isdecimal():  # an entry of a list of numbers, which is set as a whole
-            table = to_table(scenario) if table is None else table
-            whole = changes.get(parent)
-            if whole is None:
-                whole = table
-                for part in parent.split("."):
-                    whole = _entry(whole, part)
-            changes[parent] = [value if k == int(last) else each for k, each in enumerate(whole, start=1)]
-        else:
+        parent, places = _listed(key)
+        if not places:
             changes[key] = value
+            continue
+        table = to_table(scenario) if table is None else table  # a list of numbers is set as a whole
+        if parent not in changes:
+            here: Any = table
+            for part in parent.split("."):
+                here = _entry(here, part)
+            changes[parent] = deepcopy(here)
+        entry = changes[parent]
+        for place in places[:-1]:
+            entry = entry[place]
+        entry[places[-1]] = value
     return load_scenario(scenario, changes)
 
 
+def _listed(key: str) -> tuple[str, list[int]]:
+    """Return the path of a list, and the places from 0 of a number in it; none of a key that is no entry."""
+    parts, places = key.split("."), list[int]()
+    while parts[-1].isdecimal():
+        places.insert(0, int(parts.pop()) - 1)
+    return ".".join(parts), places
+
+
 def _last(key: str) -> str:
-    parent, _, last = key.rpartition(".")
-    return _last(parent) if last.isdecimal() else last
+    return _listed(key)[0].rpartition(".")[2]
 
 
 def _sided(made: Callable[[float], Any], step: float, name: str) -> list[tuple[float, float, float, Any]]:

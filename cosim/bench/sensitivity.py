@@ -114,7 +114,8 @@ def sensitivity(
             "soft_robot.stack.ring_heights.2", or of loads that act: "pressure_Pa.CHAMBER",
             "gas_mass_kg.CHAMBER" of a sealed one, "cable_tension_N.CABLE", "cable_length_m.CABLE" where that
             is commanded; without .NAME those of all. In time also "solver.damping_per_s" and
-            "solver.air_drag_per_s". A tuple of keys is one value that they share.
+            "solver.air_drag_per_s". A tuple of keys is one value that they share, one
+            with a minus before it the opposite.
         outputs: "tip_position_m", "tip_direction", "bending_angle_rad", "length_m" (of the centre line),
             "volume_m3", "pressure_Pa", "cable_length_m" (of the route), "cable_tension_N" (at the base end),
             "frame_strain" (largest of the printed frames), "mass_kg", "flange_force_N", "flange_torque_Nm",

@@ -82,6 +82,10 @@ def _add_design(commands: Any) -> None:
         "--out", metavar="DIR", type=Path, help="where to (default: runs/ and the file's name)"
     )
     design.add_argument("--unverified", action="store_true", help="without the refined mesh")
+    design.add_argument(
+        "--workers", metavar="N", type=int,
+        help="processes for several choices and starts (default: one for each processor)",
+    )  # fmt: skip
 
 
 def _add_replay(commands: Any) -> None:

@@ -327,7 +327,14 @@ def _design(options: argparse.Namespace) -> int:
     from cosim.config.design_studies import load_design_study
 
     study = load_design_study(options.study)
-    results = design(study, verify=not options.unverified, tell=tell)
+    verify, searches = not options.unverified, study.starts * max(1, len(study.choice))
+    if searches == 1:
+        results = design(study, verify=verify, tell=tell)
+    else:
+        from cosim.sweeps.engines import Engine  # here: one search needs no workers
+
+        with Engine(workers=options.workers).pool() as pool:
+            results = design(study, verify=verify, each=pool.executor.map, tell=tell)
     for found in results:
         if found.choice:
             print(printable(f"{found.choice}:"))

@@ -43,7 +43,8 @@ class FreeTable:
             loads have in place of a number.
         low: the least that it may be.
         high: the most that it may be, above low.
-        also: further keys that have the same value, such as the factors of several cables.
+        also: further keys that have the same value, such as the factors of several cables; the opposite
+            value with a minus before the key, such as corners of a pattern that is symmetric about x = 0.
         start: where the search begins; omitted: what the robot's file says.
     """
 

@@ -112,7 +112,9 @@ class DesignStudyTable:
         limit: `[[limit]]` in the file.
         choice: `[[choice]]` in the file.
         set: values by key path, on top of the scenario.
-        evaluations: designs that are solved at most, for each choice.
+        evaluations: designs that are solved at most, from each start of each choice.
+        starts: how often each choice is searched: from the file's values first, then from random ones.
+        seed: of the random values.
     """
 
     scenario: Text
@@ -123,6 +125,8 @@ class DesignStudyTable:
     choice: tuple[ChoiceTable, ...] = ()
     set: Mapping[str, Any] = field(default_factory=dict)
     evaluations: Annotated[int, Interval(ge=2, le=10_000)] = 30
+    starts: Annotated[int, Interval(ge=1, le=1000)] = 1
+    seed: Annotated[int, Interval(ge=0, lt=2**31)] = 0
 
 
 def load_design_study(source: str | Path) -> DesignStudyTable:

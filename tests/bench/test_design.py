@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cosim.bench.design import DesignProblem, design, design_lines, solve_choice
+from cosim.bench.design import DesignProblem, DesignTask, design, design_lines, solve_choice
 from cosim.bench.page import write_designs
 from cosim.config.design_studies import DesignStudyTable, load_design_study
 from cosim.config.loading import load_soft_robot
@@ -60,6 +61,66 @@ soft_robot.stiffener.density_kg_m3 = 1270.0
 """
 
 
+POUCH = """
+schema = 2
+name = "pouch"
+source = "own drawing"
+base = ["base"]
+known.assumed = ["body", "film", "group", "hinge", "stiffener"]
+film.law = "edge_strain"
+film.young_modulus_Pa = 0.5e9
+film.poisson_ratio = 0.3
+film.thickness_m = 0.06e-3
+film.density_kg_m3 = 950.0
+hinge.rule = "shell"
+[body]
+kind = "pattern"
+outline_m = [[-0.015, 0.0], [0.015, 0.0], [0.012, 0.08], [-0.012, 0.08]]
+edge = "sealed"
+port_m = [0.0, 0.02]
+mesh_m = 0.0063
+[[body.set]]
+name = "base"
+box_m = [[-1.0, -0.001], [1.0, 0.005]]
+[[body.set]]
+name = "tip"
+box_m = [[-1.0, 0.079], [1.0, 0.081]]
+[[group]]
+name = "back"
+film.law = "edge_strain"
+film.young_modulus_Pa = 3e9
+film.poisson_ratio = 0.35
+film.thickness_m = 0.4e-3
+film.density_kg_m3 = 1390.0
+"""
+OUTLINE = """
+scenario = "pouch_finger_bends"
+starts = 3
+[set]
+soft_robot = "{robot}"
+contact.self_contact = false
+[[parameter]]
+key = "soft_robot.body.outline_m.2.1"
+also = ["-soft_robot.body.outline_m.1.1"]
+low = 0.008
+high = 0.03
+[[parameter]]
+key = "gas"
+low = 2e3
+high = 15e3
+start = 5e3
+[[case]]
+name = "bent"
+loads.pressure_Pa = "gas"
+[goal]
+quantity = "bending_angle_rad"
+sense = "most"
+[[limit]]
+quantity = "volume_m3.chamber"
+at_most = 1e-5
+"""
+
+
 def study(folder: Path, text: str) -> DesignStudyTable:
     path = folder / "study.toml"
     path.write_text(text, encoding="utf-8")
@@ -77,14 +138,42 @@ def test_slopes_of_goal_and_limits_are_those_of_their_values(tmp_path: Path) -> 
         assert relative_error(row, by_differences) < 1e-5
 
 
+def outline(folder: Path) -> DesignStudyTable:
+    (folder / "pouch.toml").write_text(POUCH, encoding="utf-8")
+    return study(folder, OUTLINE.format(robot=folder / "pouch.toml"))
+
+
+def test_slopes_by_the_width_of_an_outline_are_those_of_the_drawn_pouch(tmp_path: Path) -> None:
+    problem = DesignProblem(outline(tmp_path))
+    found = differences(problem.reached, problem.start, 2e-3).T
+    problem.reached(problem.start)
+    angle, volume = zip(problem.slopes(problem.start), found, strict=True)
+    assert relative_error(*volume) < 1e-5
+    assert relative_error(*angle) < 2e-3  # what solutions of a soft pouch resolve
+
+
+def test_further_starts_are_random_within_the_bounds_and_seeded(tmp_path: Path) -> None:
+    limited = replace(outline(tmp_path), evaluations=2)
+    ranked = design(limited, verify=False)
+    assert sorted(found.choice for found in ranked) == ["start 1", "start 2", "start 3"]
+    starts = {found.choice: found.start.values for found in ranked}
+    assert starts["start 1"] == pytest.approx([0.015, 5e3])
+    assert all((limited.parameter[0].low < values[0] < 0.03) for values in starts.values())
+    assert not np.allclose(starts["start 2"], starts["start 3"])
+    again, other = (
+        solve_choice(DesignTask(replace(limited, seed=seed), begin=1, verify=False)) for seed in (0, 1)
+    )
+    assert np.array_equal(again.start.values, starts["start 2"])
+    assert not np.array_equal(other.start.values, starts["start 2"])
+
+
 def test_the_least_tension_is_the_one_that_the_limit_needs(tmp_path: Path) -> None:
     text = STUDY.replace("[[parameter]]", LIGHT + "[[parameter]]", 1)
     probe = DesignProblem(study(tmp_path, text + LENGTH.format(bound=0.0) + WIDTH.format(bound=0.01)))
     wanted = np.array([3e-3, 0.25])
     _, shorter, mass = probe.solved(wanted).tolist()
-    found = solve_choice(
-        study(tmp_path, text + LENGTH.format(bound=shorter) + WIDTH.format(bound=mass)), verify=False
-    )
+    limited = study(tmp_path, text + LENGTH.format(bound=shorter) + WIDTH.format(bound=mass))
+    found = solve_choice(DesignTask(limited, verify=False))
     assert found.feasible
     assert found.evaluations <= 20
     assert found.found.values == pytest.approx(wanted, rel=5e-3)

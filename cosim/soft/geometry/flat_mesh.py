@@ -363,7 +363,14 @@ def _delaunay(sheet: Any, positions: Array, edges: IntArray) -> IntArray:
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
     # nodes of a straight edge may stand a rounding beside it, with slivers beyond
-    return np.asarray(triangles[inside & (signed_area(positions, triangles) > _SLIVER * longest)])
+    return _ordered(triangles[inside & (signed_area(positions, triangles) > _SLIVER * longest)])
+
+
+def _ordered(triangles: IntArray) -> IntArray:
+    """Return triangles (m, 3) in the order of their nodes, so that meshes that are alike are equal."""
+    first = (triangles.argmin(axis=1)[:, None] + np.arange(3)) % 3
+    turned = np.take_along_axis(triangles, first, axis=1)
+    return np.asarray(turned[np.lexsort(turned.T[::-1])])
 
 
 def signed_area(positions: Array, triangles: IntArray) -> Array:
