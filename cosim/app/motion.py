@@ -199,7 +199,9 @@ def _sampled(result: RunResult, ticks: IntArray, name: str, rate_Hz: float) -> J
     within = np.minimum(at, time_s[-1])
     others = np.hstack([along, result.chamber_pressure_Pa[ticks], payload_rows(result)[ticks]])
     columns = [np.interp(within, time_s, column) for column in others.T]
-    angles = CubicSpline(time_s, result.joint_target[ticks])(within)
+    # the target of a tick is that of its begin
+    asked = result.joint_target[np.minimum(ticks + 1, len(result.tick) - 1)]
+    angles = CubicSpline(time_s, asked)(within)
     heads = (*_joint_heads(stage), *cables, *chambers, *PAYLOAD)
     return JointTable(name, heads, at, np.column_stack([angles, *columns]))
 

@@ -1,6 +1,7 @@
 """A run as a ROS 2 bag of MCAP: for `ros2 bag play`, for readers of bags, and for Foxglove.
 
-Times are those of the run, from 0 on. Frames: `world`, `flange`, and one for every body of the scene.
+Times are those of the run, from 0 on. Frames: `world`, `flange`, one for every body of the scene, and
+`camera_NAME`, with z along its line of sight.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 
 from cosim.base.extras import extra_module
-from cosim.base.frames import Array, rotations_from_quaternions
+from cosim.base.frames import Array, quaternion_from_rotation, rotations_from_quaternions
 from cosim.base.resources import writing
 from cosim.errors import InputError
+from cosim.results.episodes import png
 from cosim.results.result import RunResult, frame_rows
+from cosim.telemetry.snapshot import CameraInfo
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -98,11 +101,15 @@ class _Messages:
         self._film = dict(zip(result.frame_tick[every].tolist(), every.tolist(), strict=True))
         self._turns = rotations_from_quaternions(result.flange_quaternion)
         self._tip = [_facing(direction) for direction in result.tip_direction]
+        self._pictures = {
+            camera.name: {tick: k for k, tick in enumerate(result.images[camera.name].tick.tolist())}
+            for camera in result.stage.cameras
+        }
 
     def all(self) -> Iterator[tuple[float, Message]]:
         """Yield instants [s] and messages, in order."""
         makers: Sequence[Callable[[int], Iterator[Message]]] = (
-            self._joints, self._poses, self._wrench, self._numbers, self._shape,
+            self._joints, self._poses, self._wrench, self._numbers, self._shape, self._seen,
         )  # fmt: skip
         for row, time_s in enumerate(self._result.time_s.tolist()):
             for make in makers:
@@ -137,24 +144,29 @@ class _Messages:
             yield topic, kind, self._of(kind, header=self._header(row, ""), name=names, **arrays)
 
     def _poses(self, row: int) -> Iterator[Message]:
-        run, kind = self._result, "geometry_msgs/msg/TransformStamped"
+        run = self._result
         frames = [(_FLANGE, run.flange_position[row], run.flange_quaternion[row])]
         frames += [(_TIP, run.tip_position[row], self._tip[row])]
         frames += zip(run.stage.body_names, run.body_position[row], run.body_quaternion[row], strict=True)
-        header, moved = self._header(row, _WORLD), []
-        for name, place, turn in frames:
-            transform = self._of(
-                "geometry_msgs/msg/Transform", translation=self._vector(place), rotation=self._turn(turn)
-            )
-            moved.append(self._of(kind, header=header, child_frame_id=name, transform=transform))
-        yield "/tf", "tf2_msgs/msg/TFMessage", self._of("tf2_msgs/msg/TFMessage", transforms=moved)
+        yield "/tf", "tf2_msgs/msg/TFMessage", self._moved(row, frames)
         pose = self._of(
             "geometry_msgs/msg/Pose",
             position=self._vector(run.tip_position[row], "geometry_msgs/msg/Point"),
             orientation=self._turn(self._tip[row]),
         )
         kind = "geometry_msgs/msg/PoseStamped"
-        yield "/tip_pose", kind, self._of(kind, header=header, pose=pose)
+        yield "/tip_pose", kind, self._of(kind, header=self._header(row, _WORLD), pose=pose)
+
+    def _moved(self, row: int, frames: Sequence[tuple[str, Array, Array]]) -> Any:
+        """Return where frames are: names, places (3,) and quaternions (4,)."""
+        header, moved = self._header(row, _WORLD), []
+        for name, place, turn in frames:
+            transform = self._of(
+                "geometry_msgs/msg/Transform", translation=self._vector(place), rotation=self._turn(turn)
+            )
+            stamped = {"header": header, "child_frame_id": name, "transform": transform}
+            moved.append(self._of("geometry_msgs/msg/TransformStamped", **stamped))
+        return self._of("tf2_msgs/msg/TFMessage", transforms=moved)
 
     def _wrench(self, row: int) -> Iterator[Message]:
         run, kind, turn = self._result, "geometry_msgs/msg/WrenchStamped", self._turns[row].T
@@ -200,7 +212,48 @@ class _Messages:
         )
         yield "/film", kind, marker
 
+    def _seen(self, row: int) -> Iterator[Message]:
+        run = self._result
+        for camera in run.stage.cameras:
+            picture = self._pictures[camera.name].get(int(run.tick[row]))
+            if picture is None:
+                continue
+            topic, seen, (width, height) = (
+                f"/camera/{_topic(camera.name)}",
+                run.images[camera.name],
+                camera.size,
+            )
+            frame = f"camera_{camera.name}"
+            header = self._header(row, frame)
+            turn = quaternion_from_rotation(seen.rotation[picture] * _OPTICAL)
+            yield "/tf", "tf2_msgs/msg/TFMessage", self._moved(row, [(frame, seen.position[picture], turn)])
+            kind, file = "sensor_msgs/msg/CompressedImage", png(seen.rgb[picture])
+            data = np.frombuffer(file, np.uint8)
+            yield f"{topic}/image", kind, self._of(kind, header=header, format="png", data=data)
+            size, depth = {"height": height, "width": width}, seen.depth_m[picture].astype("<f4").tobytes()
+            kind, of = "sensor_msgs/msg/Image", {"encoding": "32FC1", "is_bigendian": 0, "step": 4 * width}
+            data = np.frombuffer(depth, np.uint8)
+            yield f"{topic}/depth", kind, self._of(kind, header=header, **size, **of, data=data)
+            kind = "sensor_msgs/msg/CameraInfo"
+            yield f"{topic}/camera_info", kind, self._lens(header, camera)
 
+    def _lens(self, header: Any, camera: CameraInfo) -> Any:
+        """Return the pinhole of a camera, without distortion."""
+        (width, height), length = camera.size, camera.focal_length
+        k = np.array([[length, 0.0, 0.5 * width], [0.0, length, 0.5 * height], [0.0, 0.0, 1.0]])
+        whole = self._of(
+            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        projection = np.hstack([k, np.zeros((3, 1))])
+        return self._of(
+            "sensor_msgs/msg/CameraInfo", header=header, height=height, width=width,
+            distortion_model="plumb_bob", d=np.zeros(5), k=k.ravel(), r=np.eye(3).ravel(),
+            p=projection.ravel(), binning_x=0, binning_y=0, roi=whole,
+        )  # fmt: skip
+
+
+_OPTICAL: Final = np.array([1.0, -1.0, -1.0])
+"""ROS has a camera's y axis down and its z axis along the line of sight."""
 _NO_BYTES: Final = np.zeros(0, np.uint8)
 
 

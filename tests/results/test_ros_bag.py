@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,12 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import cosim
 from cosim.app import api
 from cosim.base.frames import rotations_from_quaternions
 from cosim.cli.main import main
 from cosim.results import ros_bag
+from cosim.results.result import CameraImages
+from cosim.telemetry.snapshot import CameraInfo
 
 
 @pytest.fixture
@@ -86,6 +90,37 @@ def test_the_film_is_drawn_ten_times_a_second(result: cosim.RunResult, tmp_path:
     nodes = result.node_position[int(np.argmin(np.abs(result.frame_time_s - time_s)))]
     corners = [xyz(point) for point in last.points]
     np.testing.assert_array_equal(corners, nodes[result.stage.soft_triangles.ravel()])
+
+
+def test_what_a_camera_saw_is_in_the_bag(result: cosim.RunResult, tmp_path: Path) -> None:
+    random, rows = np.random.default_rng(5), [0, 3, 7]
+    turns = random.normal(size=(3, 4))
+    turns = rotations_from_quaternions(turns / np.linalg.norm(turns, axis=1, keepdims=True))
+    seen = CameraImages(
+        result.tick[rows], result.time_s[rows], random.integers(0, 256, (3, 4, 6, 3), dtype=np.uint8),
+        random.uniform(0.1, 2.0, (3, 4, 6)).astype(np.float32), np.zeros((3, 4, 6), np.int16),
+        random.normal(size=(3, 3)), turns,
+    )  # fmt: skip
+    stage = replace(result.stage, cameras=(CameraInfo("tip", (6, 4), 0.9, 10.0),))
+    ros_bag.write_bag(replace(result, stage=stage, images={"tip": seen}), tmp_path / "bag")
+    found = read(tmp_path / "bag" / "bag.mcap")
+    pictures, depths, lenses = (found[f"/camera/tip/{name}"] for name in ("image", "depth", "camera_info"))
+    assert [time_s for time_s, _ in pictures] == pytest.approx(result.time_s[rows].tolist())
+    for k, (_, picture) in enumerate(pictures):
+        assert (picture.header.frame_id, picture.format) == ("camera_tip", "png")
+        np.testing.assert_array_equal(np.array(Image.open(io.BytesIO(bytes(picture.data)))), seen.rgb[k])
+        depth = np.frombuffer(bytes(depths[k][1].data), "<f4").reshape(4, 6)
+        np.testing.assert_array_equal(depth, seen.depth_m[k])
+    height = lenses[0][1].height
+    assert height / 2.0 / lenses[0][1].k[4] == pytest.approx(np.tan(0.45))
+    frames = [each for _, message in found["/tf"] for each in message.transforms]
+    placed = [each.transform for each in frames if each.child_frame_id == "camera_tip"]
+    for k, each in enumerate(placed):
+        turn = each.rotation
+        (rotation,) = rotations_from_quaternions(np.array([[turn.w, turn.x, turn.y, turn.z]]))
+        np.testing.assert_allclose(rotation[:, 2], -seen.rotation[k][:, 2], atol=1e-12)  # along the sight
+        np.testing.assert_allclose(rotation[:, 0], seen.rotation[k][:, 0], atol=1e-12)
+        np.testing.assert_array_equal(xyz(each.translation), seen.position[k])
 
 
 def test_the_tip_points_along_z_of_its_frame() -> None:
