@@ -208,6 +208,8 @@ def test_an_arm_with_spare_joints_begins_where_its_way_is_clear(load: Any) -> No
     phases = still(flange_shift_m=[0.0, 0.1, 0.0])
     more = {"arm_base": RAIL | {"position_m": [0.0, 0.0, 0.1]}, "object": [PILLAR], "plan.clearance_m": 0.01}
     warned = build(load(phases, **more)).stage.arm
+    assert warned is not None
     assert any("touches pillar" in line or "near pillar" in line for line in warned.warnings())
-    refused = build(load(phases, **more, **{"plan.collision": "refuse"}))
-    assert refused.stage.arm.warnings() == []
+    clear = build(load(phases, **more, **{"plan.collision": "refuse"})).stage.arm
+    assert clear is not None
+    assert clear.warnings() == []
