@@ -25,6 +25,13 @@ LONG = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},
     "path.toml": {"mode": "quasistatic"},
+    "tip_path_on_rail": {
+        "mode": "quasistatic",
+        "model.published": True,
+        "phase.reach.increments": 4,
+        "phase.follow.increments": 4,
+        "phase.follow.tip_path.points_m": [[0.5, 0.25, 0.85], [0.5, 0.55, 0.85]],
+    },
     "gripper_lifts_roll": {
         "model.published": True,
         "clock.tick_s": 0.008,

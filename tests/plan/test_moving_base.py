@@ -29,36 +29,39 @@ ALONG, ACROSS = (
     RailTable((1.0, 0.0, 1.0), (-0.5, 0.5), 1.0, name="lift"),
 )
 TABLE = TurntableTable((-3.0, 3.0), 1.0, (0.0, 0.0, 1.0), (0.5, 0.0, 0.0))
+TILTED = TurntableTable((-1.0, 1.0), 1.0, (0.0, 3.0, 0.0), (0.2, 0.0, 0.3), name="tilt")
 RAIL = {"rail": [{"axis": [0.0, 1.0, 0.0], "range_m": [-0.1, 2.0], "speed_m_s": 1.0}]}
 DOWN = rotation_from_direction(np.array([0.0, 0.0, -1.0]))
 
 
-def carried(flange: Pose, along_m: float, across_m: float, angle: float) -> Pose:
-    """Return where a flange is once rails have moved and the table has turned about its axis."""
-    turn, center = rotation_from_vector(np.array([0.0, 0.0, angle])), np.array([0.5, 0.0, 0.0])
+def carried(flange: Pose, along_m: float, across_m: float, angle: float, tilt: float) -> Pose:
+    """Return where a flange is once all has moved: each table turns about its axis at zero, last first."""
+    for turned, axis, center in ((tilt, 1, TILTED.center_m), (angle, 2, TABLE.center_m)):
+        turn, point = rotation_from_vector(turned * np.eye(3)[axis]), np.array(center)
+        flange = Pose(turn @ flange.rotation, point + turn @ (flange.translation - point))
     shift = along_m * np.array([0.0, 1.0, 0.0]) + across_m * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0)
-    return Pose(turn @ flange.rotation, center + turn @ (flange.translation - center) + shift)
+    return Pose(flange.rotation, flange.translation + shift)
 
 
 @pytest.mark.parametrize("robot", ["ur5e", "six.xml"])
 def test_rails_and_turntables_carry_the_arm_in_both_engines(robot: str, tmp_path: Path) -> None:
     (tmp_path / "six.xml").write_text(SIX_JOINTS_MJCF)
     robot = str(tmp_path / robot) if robot.endswith("xml") else robot
-    base = BaseTable(PLACE, CEILING, (ALONG, ACROSS), (TABLE,))
+    base = BaseTable(PLACE, CEILING, (ALONG, ACROSS), (TABLE, TILTED))
     file, fixed = placed_arm(robot, base), Arm(placed_arm(robot, BaseTable(PLACE, CEILING)))
     arm, scene = Arm(file), RigidScene(SceneDescription(file))
-    assert arm.joint_names == ("rail", "lift", "turntable", *fixed.joint_names)
-    assert arm.home[:3].tolist() == [1.25, 0.0, 0.0]
+    assert arm.joint_names == ("rail", "lift", "turntable", "tilt", *fixed.joint_names)
+    assert arm.home[:4].tolist() == [1.25, 0.0, 0.0, 0.0]
     check_engines_agree(scene, arm, file.armature)
     rng = np.random.default_rng(1)
     for _ in range(20):
         q = rng.uniform(*arm.drawn_from)
-        found, expected = arm.forward(q), carried(fixed.forward(q[3:]), *q[:3].tolist())
+        found, expected = arm.forward(q), carried(fixed.forward(q[4:]), *q[:4].tolist())
         np.testing.assert_allclose(found.translation, expected.translation, atol=1e-12)
         np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-12)
     # rails feel the mass of all that they carry, the root link's too, and the rotor's 0.1 kg
     masses = [float(mass.get("value", "0")) for mass in ElementTree.fromstring(file.urdf).iter("mass")]
-    assert masses.count(50.0) == 3
+    assert masses.count(50.0) == 4
     assert scene.dynamics.at(q).mass_matrix[0, 0] == pytest.approx(sum(masses) + 0.1, rel=1e-9)
 
 
@@ -205,6 +208,8 @@ def test_an_arm_with_spare_joints_begins_where_its_way_is_clear(load: Any) -> No
     phases = still(flange_shift_m=[0.0, 0.1, 0.0])
     more = {"arm_base": RAIL | {"position_m": [0.0, 0.0, 0.1]}, "object": [PILLAR], "plan.clearance_m": 0.01}
     warned = build(load(phases, **more)).stage.arm
+    assert warned is not None
     assert any("touches pillar" in line or "near pillar" in line for line in warned.warnings())
-    refused = build(load(phases, **more, **{"plan.collision": "refuse"}))
-    assert refused.stage.arm.warnings() == []
+    clear = build(load(phases, **more, **{"plan.collision": "refuse"})).stage.arm
+    assert clear is not None
+    assert clear.warnings() == []
