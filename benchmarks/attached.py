@@ -97,11 +97,12 @@ def momentum(ticks: int) -> None:
     change = float(np.abs(np.array(found) - found[0]).max())
     size = float(np.abs(found[0]).max())
     print(
-        f"momentum over {ticks * h:g} s: {change / size:.2g} of its size, {change / moved:.2g} of what moved"
+        f"momentum over {ticks * h:g} s: {change:.2g} kg m/s off, {change / size:.2g} of its size, "
+        f"{change / moved:.2g} of what moved"
     )
 
 
 if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
-    momentum(count // 2)
+    momentum(5 * count // 2)
     loops(count)

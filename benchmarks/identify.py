@@ -86,8 +86,8 @@ def made(
         )
     (folder / "bench.toml").write_text("\n".join(text))
     bench, series = load_bench(folder / "bench.toml")
-    true = replace(bench, set={**bench.set, "soft_robot.stack.refine": refine}) if refine else bench
-    values = Curves(true, series).at(np.array([true for true, _ in TRUE.values()]))
+    maker = replace(bench, set={**bench.set, "soft_robot.stack.refine": refine}) if refine else bench
+    values = Curves(maker, series).at(np.array([true for true, _ in TRUE.values()]))
     parts = np.split(values, np.cumsum([len(entry.values) for entry in series])[:-1])
     return bench, tuple(
         replace(entry, values=tuple(own.tolist()), noise=NOISE * float(np.ptp(own)))

@@ -14,8 +14,7 @@ from cosim.app.driver import log, named_body, prepared
 from cosim.base.files import cache_directory
 from cosim.base.frames import Array, IntArray, Wrench
 from cosim.base.kept_parts import KeptParts
-from cosim.base.resources import writing
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_archive import WrittenState, read_archive
 from cosim.base.state_check import KnownStates, check_state
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
@@ -41,7 +40,7 @@ Values: TypeAlias = "float | Sequence[float] | Mapping[str, float]"
 
 @final
 @dataclass(frozen=True)
-class AttachedState:
+class AttachedState(WrittenState):
     """A soft robot and the scene that it hangs on, between two ticks; made by `Attached.save`.
 
     Args:
@@ -60,17 +59,9 @@ class AttachedState:
     loads: Any
     ledger: Any
 
-    def write(self, path: str | Path) -> None:
-        """Write the state to a file, which `Attached.restore` reads.
-
-        Args:
-            path: of the file, an archive of NumPy (.npz).
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        with writing(path):
-            write_archive(Path(path), {"tick": self.tick}, self)
+    @property
+    def _ticks(self) -> int:
+        return self.tick
 
 
 @dataclass
@@ -105,6 +96,9 @@ class Attached:
     Around every `mujoco.mj_step(model, data)` come `before(model, data)` and `after(model, data)`; `step` is
     all three. What acts on the scene is that of the last tick, as in a staggered run of `Simulation`. The
     first `before` brings the soft robot to rest where its mount is then.
+
+    Ticks stay in a row until something of them is read. A loop that reads `tip_position`, `film` and `wrench`
+    alone leaves the row as it is.
 
     Args:
         scenario: with the soft robot, without arm and phases.
@@ -149,8 +143,8 @@ class Attached:
         if run.stepping:
             raise InputError("before() was called twice; after mj_step comes after(model, data)")
         if not run.steps:
-            run.carrier.begin()
             run.loads = self._loads(run)
+            run.carrier.begin()
         run.scene.begin_step()
         run.stepping = True
 
@@ -177,26 +171,28 @@ class Attached:
         if run.steps:
             return
         try:
-            taken = run.carrier.end(run.loads)
+            run.carrier.end(run.loads)
         except SolverError as error:
             raise error.at(f"soft robot at {self._host.at!r}, {run.scene.time_s:.4f} s") from error.__cause__
-        run.tick, run.ledger = run.tick + 1, taken.last_entry
+        run.tick, run.ledger = run.tick + 1, run.carrier.last_entry
 
-    def step(self, model: Model, data: Data) -> None:
-        """Take one step of MuJoCo with the soft robot: `before`, `mj_step`, `after`.
+    def step(self, model: Model, data: Data, steps: int = 1) -> None:
+        """Take steps of MuJoCo with the soft robot, each of them `before`, `mj_step`, `after`.
 
         Args:
             model: as of `before`.
             data: its state.
+            steps: how many.
 
         Raises:
             InputError: as of `before` and `after`.
             SolverError: the same.
         """
-        self.before(model, data)
-        assert self._hung is not None, "before() has made it"
-        self._hung.scene.step()
-        self.after(model, data)
+        for _ in range(steps):
+            self.before(model, data)
+            assert self._hung is not None, "before() has made it"
+            self._hung.scene.step()
+            self.after(model, data)
 
     def reset(self, model: Model, data: Data) -> None:
         """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
@@ -246,6 +242,11 @@ class Attached:
         if not isinstance(over_s, float | int) or not 0.0 <= over_s < float("inf"):
             raise InputError(f"over_s is {over_s!r}; must be a time in seconds, 0 or more")
         ticks = max(1, round(over_s / self.tick_s))
+        if self._hung is not None:
+            self._hung.carrier.follow()  # what was not commanded yet continues from what is there
+        self._ask(command, ticks)
+
+    def _ask(self, command: Command, ticks: int) -> None:
         if self._hung is None:
             self._waiting.append((command, ticks))
         else:
@@ -259,27 +260,27 @@ class Attached:
     @pressure_Pa.setter
     def pressure_Pa(self, values: Values) -> None:
         names = self.scenario.soft_robot.chamber_names()
-        self.command(Command(pressure_Pa=_by_name(values, names, "pressure_Pa")))
+        self._ask(Command(pressure_Pa=_by_name(values, names, "pressure_Pa")), 1)
 
     @property
     def tension_N(self) -> tuple[float, ...]:
         """Tension of each cable at its base in the last tick; set it to a number, one each, or by name."""
-        return tuple(self._run.loads.cable_tension_N)
+        return tuple(self._begun_run.loads.cable_tension_N)
 
     @tension_N.setter
     def tension_N(self, values: Values) -> None:
         names = self.scenario.soft_robot.cable_names()
-        self.command(Command(cable_tension_N=_by_name(values, names, "tension_N")))
+        self._ask(Command(cable_tension_N=_by_name(values, names, "tension_N")), 1)
 
     @property
     def tick(self) -> int:
         """Ticks of the soft robot since it was brought to rest."""
-        return self._run.tick
+        return self._begun_run.tick
 
     @property
     def wrench(self) -> Wrench:
         """What the soft robot exerts on its mount at present, at its origin, world axes."""
-        return self._run.carrier.wrench
+        return self._begun_run.carrier.wrench
 
     @property
     def ledger(self) -> LedgerEntry:
@@ -290,13 +291,12 @@ class Attached:
     @property
     def tip_position(self) -> Array:
         """(3,) [m], world."""
-        soft = self._parts.soft
-        return soft.body.tip_position(soft.state.positions)
+        return self._model.body.tip_position(self._begun_run.carrier.positions)
 
     @property
     def film(self) -> Array:
         """Nodes of the film (n, 3) [m], world."""
-        return self._parts.soft.state.positions.copy()
+        return self._begun_run.carrier.positions.copy()
 
     @property
     def triangles(self) -> IntArray:
@@ -356,6 +356,13 @@ class Attached:
 
     @property
     def _run(self) -> _Hung:
+        """What hangs, all of it where the last tick has ended."""
+        run = self._begun_run
+        run.carrier.follow()
+        return run
+
+    @property
+    def _begun_run(self) -> _Hung:
         if self._hung is None:
             raise InputError("the soft robot hangs on nothing yet; call before() or reset() with model, data")
         return self._hung
@@ -370,6 +377,7 @@ class Attached:
         ahead = parts.commands.ahead(0, done, 1)
         if ahead is not None:
             return parts.loads(ahead.soft[0])
+        run.carrier.follow()
         step = StepToTake(0, done, run.tick * self.tick_s, self.tick_s)
         return parts.loads(parts.command(step).soft)
 
@@ -438,9 +446,10 @@ def _scenario(host: HostModel, robot: str | Path | None) -> Scenario:
 def _compile(scenario: Scenario) -> None:
     from cosim.base.compilation import compile_modules  # here: it brings the kernels
     from cosim.build.kernel_modules import contact_modules, exchange_modules
+    from cosim.coupling import open_ticks
 
     touched = contact_modules() if scenario.contact.enabled else ()
-    compile_modules(log, (*exchange_modules(scenario), *touched))
+    compile_modules(log, (*exchange_modules(scenario), open_ticks, *touched))
 
 
 def _check(run: _Hung, model: Model, data: Data) -> None:

@@ -12,8 +12,7 @@ from cosim.app.checkpoint import Checkpoint, check_shown, naming
 from cosim.app.driver import build_simulation, log, named_body, prepared
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
-from cosim.base.resources import writing
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_archive import WrittenState, read_archive
 from cosim.base.state_check import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, repr=False)
-class SavedState:
+class SavedState(WrittenState):
     """A simulation between two ticks; made by `Simulation.save`.
 
     Args:
@@ -45,17 +44,9 @@ class SavedState:
     _run: Any
     snapshot: Snapshot
 
-    def write(self, path: str | Path) -> None:
-        """Write the state to a file, from which `Simulation(..., start=path)` continues.
-
-        Args:
-            path: of the file, an archive of NumPy (.npz).
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        with writing(path):
-            write_archive(Path(path), {"tick": self.snapshot.tick}, self)
+    @property
+    def _ticks(self) -> int:
+        return self.snapshot.tick
 
     def __repr__(self) -> str:
         """Return one line: where the simulation is."""

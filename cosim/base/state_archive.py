@@ -21,6 +21,7 @@ import struct
 import sys
 import zipfile
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import fields, is_dataclass
@@ -32,6 +33,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from cosim.base.files import whole_file
+from cosim.base.resources import writing
 from cosim.errors import InputError
 
 Kind = TypeVar("Kind")
@@ -60,6 +62,28 @@ def write_archive(target: Path | BinaryIO, header: Mapping[str, Any], state: Any
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
     with whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
         np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **encoder.named)
+
+
+class WrittenState(ABC):
+    """A saved state that can be written to a file."""
+
+    @property
+    @abstractmethod
+    def _ticks(self) -> int:
+        """How many ticks had been taken."""
+
+    @final
+    def write(self, path: str | Path) -> None:
+        """Write the state to a file, from which the simulation that saved it, or one like it, can continue.
+
+        Args:
+            path: of the file, an archive of NumPy (.npz).
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        with writing(path):
+            write_archive(Path(path), {"tick": self._ticks}, self)
 
 
 def read_header(path: Path) -> dict[str, Any]:

@@ -116,6 +116,7 @@ def _add_export(commands: Any) -> None:
     export.add_argument("--vtk", action="store_true", help="the deformed film, film.pvd and its .vtp files")
     export.add_argument("--plot", action="store_true", help="the usual curves, curves.png")
     export.add_argument("--bag", action="store_true", help="a ROS 2 bag of MCAP, for Foxglove too: bag/")
+    export.add_argument("--usd", action="store_true", help="scene and film in time as USD, scene.usdc")
     times = "times of the film (default: all frames of the recording)"
     _add_list(export, "--at", "times_s", "SECONDS", times, type=float, nargs="+")
     export.add_argument("--out", metavar="DIR", type=Path, help="where to (default: the run's directory)")

@@ -12,16 +12,17 @@ from pathlib import Path
 from typing import Final
 
 from cosim.app.ended_run import load_run
-from cosim.app.run_files import OutputDirectory
+from cosim.app.run_files import SCENARIO, OutputDirectory
 from cosim.base.files import write_whole
+from cosim.base.kept_parts import KeptParts
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
 from cosim.config.arms.package_files import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
-from cosim.config.loading import load_file
-from cosim.config.schema.scenario import Scenario
+from cosim.config.loading import load_file, load_scenario
+from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
 from cosim.config.toml.reading import blamed_on
@@ -30,6 +31,7 @@ from cosim.errors import InputError, ScenarioError
 from cosim.results.exports import COLLECTION, write_csv, write_film
 from cosim.results.result import RunResult, figure_kind
 from cosim.results.ros_bag import BAG, check_bags, write_bag
+from cosim.results.usd import USD, check_usd, write_usd
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
@@ -186,6 +188,8 @@ def export_command(
         figure_kind()
     if "bag" in wanted:
         check_bags()
+    if "usd" in wanted:
+        check_usd()
     result = load_run(directory)
     with OutputDirectory(directory if out is None else out) as target:
         target.make()
@@ -218,7 +222,20 @@ def _export_bag(result: RunResult, target: OutputDirectory, _: Sequence[float]) 
     return target.path / BAG, f", {messages} messages; ros2 bag play, or open its .mcap in Foxglove"
 
 
-EXPORTS: Final = {"csv": _export_csv, "vtk": _export_film, "plot": _export_plot, "bag": _export_bag}
+def _export_usd(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
+    from cosim.build.arm_parts import ArmParts  # here: it brings both engines
+
+    target.claim(USD)
+    assert result.directory is not None, "it was loaded from there"
+    scenario = load_scenario(result.directory / SCENARIO)
+    shapes = () if scenario.robot == NO_ARM else ArmParts(scenario, KeptParts()).scene.shapes
+    times = write_usd(result, shapes, target.path / USD)
+    return target.path / USD, f", {times} times; open it in usdview, Blender or Omniverse"
+
+
+EXPORTS: Final = {
+    "csv": _export_csv, "vtk": _export_film, "plot": _export_plot, "bag": _export_bag, "usd": _export_usd,
+}  # fmt: skip
 """What `cosim export` writes, each by the option of its name."""
 
 

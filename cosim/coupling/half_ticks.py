@@ -95,7 +95,7 @@ def _give_back(scene: NativeScene, carried: CarriedInertia) -> None:
 
 
 @device_function
-def _load(scene: NativeScene, carried: CarriedInertia, ticks: Any, k: int) -> None:
+def load_scene(scene: NativeScene, carried: CarriedInertia, ticks: Any, k: int) -> None:
     """Let the wrench of row k act on the flange, and give back what is carried."""
     for r in range(6):
         scene.applied[r] = ticks.figures[k, WRENCH + r]
@@ -185,7 +185,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         scene.control[j, 0], scene.control[j, 1] = servos.position[k, j], servos.velocity[k, j]
         scene.control[j, 2] = torque
         ticks.joint_speed[k, j] = scene.speed[j]  # until `_read_scene`
-    _load(scene, carried, ticks, k)
+    load_scene(scene, carried, ticks, k)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
     for i in range(scene.pace[0]):
         if i > 0:
@@ -214,7 +214,7 @@ def take_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> b
 @kernel
 def load_rigid_side(rigid: RigidSide, ticks: Ticks, k: int) -> None:
     """Load the rigid side for a rigid half that somebody else takes; `read_rigid_half` follows it."""
-    _load(rigid.scene, rigid.carried, ticks, k)
+    load_scene(rigid.scene, rigid.carried, ticks, k)
 
 
 @kernel

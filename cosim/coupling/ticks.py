@@ -42,7 +42,7 @@ class CarriedInertia(NamedTuple):
 
     Args:
         inertia: (joints, joints) [kg m^2], algorithmic mass; (0, 0) for none.
-        weights: (k,) of the last accelerations, see `staggered.riding_along`.
+        weights: (k,) of the last accelerations, see `algorithmic_mass.riding_along`.
         past: (k, joints) [rad/s^2], those of the ticks before the last one; kept up to date.
     """
 

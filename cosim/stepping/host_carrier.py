@@ -11,6 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, Wrench
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import Servos
@@ -53,6 +54,7 @@ class HostCarrier(SceneCarrier):
     def __init__(self, scene: HostScene, soft: SoftSide, contact: ContactLaw | None) -> None:
         super().__init__(scene, soft, contact)
         self._scene = scene
+        self._last: TicksTaken | None = None
 
     @property
     def report(self) -> Mapping[str, str]:
@@ -70,29 +72,54 @@ class HostCarrier(SceneCarrier):
     def servos(self, references: JointReference) -> Servos:
         return _NO_SERVOS
 
+    @property
+    def _staggered(self) -> StaggeredCoupling:
+        assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
+        return self._coupling
+
+    @property
+    def wrench(self) -> Wrench:
+        row = self._staggered.open_row
+        return super().wrench if row is None else row.wrench
+
+    @property
+    def positions(self) -> Array:
+        """(n, 3) [m], of the film's nodes; a view."""
+        row = self._staggered.open_row
+        return self._soft.state.positions if row is None else row.positions
+
     def begin(self) -> None:
         """Begin a tick: what acts through it is on the rigid side's arrays."""
-        assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
-        self._coupling.begin()
+        self._staggered.begin()
         self._scene.begin_tick()
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         self._scene.end_tick()
-        given = self._scene.lend()
-        try:
+        with self._scene.lent():
             return super().advance(servos, loads)
-        finally:
-            self._scene.give_back(given)
 
-    def end(self, loads: Loads) -> TicksTaken:
+    def end(self, loads: Loads) -> None:
         """End a tick: the soft robot moves to where the flange has come, under loads at the end of the tick.
 
         Raises:
             ConvergenceError: the soft step has no solution.
         """
-        return self.advance(_NO_SERVOS, [loads])
+        self._last = self.advance(_NO_SERVOS, [loads])
+
+    def follow(self) -> None:
+        """Let everything readable be where the last tick has ended; ticks in a row leave that for later."""
+        if self._staggered.open_row is not None:
+            with self._scene.lent():
+                self._staggered.follow()
+
+    def last_entry(self) -> LedgerEntry:
+        """Return what was exchanged in the last tick."""
+        assert self._last is not None, "end() comes before"
+        self.follow()
+        return self._last.last_entry()
 
     def save_state(self) -> HostCarrierState:
+        self.follow()
         assert self._coupling is not None, "couple() comes before"
         saved = HostCarrierState(self._scene.save_state(), self._coupling.save_state())
         self._known.add(saved)

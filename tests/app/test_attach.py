@@ -272,6 +272,31 @@ def test_a_restored_mount_gives_back_nothing_that_it_does_not_carry() -> None:
     np.testing.assert_array_equal(data.qpos, first)
 
 
+def test_what_a_loop_reads_leaves_no_trace() -> None:
+    """Ticks that nobody looks at stay in a row until the flange is weighed; a look ends it, in a tick too."""
+    ends: list[Any] = []
+    text = ARM.replace('mass="2"', 'mass="4"').replace('mass="1"', 'mass="3"')  # kernels take it
+    for reads in (False, True):
+        soft, model, data = hung(text, overrides={"solver.damping_per_s": 5.0, "start.pressure_Pa": 5e3})
+        names = soft.scenario.soft_robot.chamber_names()
+        command = cosim.Command(pressure_Pa=dict.fromkeys(names, 6e3))
+        soft.reset(model, data)
+        for tick in range(90):
+            if tick == 20:
+                soft.command(command, over_s=0.03)
+            soft.before(model, data)
+            if reads and tick % 3 == 0:
+                assert np.array_equal(soft.measure().tip_position, soft.tip_position)
+            mujoco.mj_step(model, data)
+            if reads and tick % 7 == 0:
+                assert soft.ledger.wrench.force.tolist() == soft.wrench.force.tolist()
+            soft.after(model, data)
+            ends.append((soft.tip_position.tolist(), soft.wrench.torque.tolist(), data.qpos.tolist()))
+        ends.append((repr(soft.ledger), soft.film.tolist(), soft.save().carrier.scene.given_back.tolist()))
+    half = len(ends) // 2
+    assert ends[:half] == ends[half:]
+
+
 def test_several_steps_of_mujoco_make_a_tick() -> None:
     """The wrench stays the same within a tick; the soft robot moves at its end alone."""
     text = ARM.replace("0.002", "0.0005")

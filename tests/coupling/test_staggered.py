@@ -239,6 +239,7 @@ def smooth_move(tick_s: float) -> tuple[Array, Array]:
     for k in range(round(0.24 / tick_s)):
         u, handed = k * tick_s / 0.24, here.coupling.wrench.force
         entry = here.ticks(1, 0.1 * u**3 * (10.0 - 15.0 * u + 6.0 * u * u))[0]
+        assert isinstance(here.coupling, StaggeredCoupling)
         carried = here.coupling.carried()
         unexpected = carried.weights @ carried.past - here.scene.joint_acceleration
         resists = np.linalg.solve(here.scene.flange.jacobian().T, carried.inertia @ unexpected)

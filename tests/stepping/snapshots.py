@@ -12,7 +12,7 @@ import pytest
 
 from cosim.coupling.schemes import staggered
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.staggered import SoftHalves
+from cosim.coupling.schemes.soft_halves import SoftHalves
 from cosim.telemetry.snapshot import Snapshot
 
 

@@ -18,18 +18,6 @@ A tick is a row of length one. Kernels take rows, until the flange or bodies are
 is more than they know: lists of what is near are not valid, a tangent is indefinite, gas is sealed. That
 half is left to Python, and the row continues.
 
-What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
-film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
-weight of inertia in the step's scheme. Within the tick the wrench on the flange changes by
--c E^T m (E - X) xi; in a slow motion it ends up changed by -c E^T m E xi, as that of a rigid body. Carried:
-
-    M_a = s_0 (E^T m E - (1 - b) E^T m X),    b = min(1, 1 / r^2),
-
-r the stability ratio, s_0 = c h^2 the first of `answer_weights`. The whole mass, b = 1, leaves slow motions
-as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
-that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
-Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
-
 The automatic exchange is iterated where the staggered one would need an algorithmic mass.
 """
 
@@ -43,9 +31,8 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import RecordStore, address_of, nothing_of
+from cosim.base.kernels import RecordStore, nothing_of
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.giving_way import rigid_motions
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
     LISTS_LEFT,
@@ -54,112 +41,25 @@ from cosim.coupling.half_ticks import (
     SOFT_STEP_BEGUN,
     SOFT_STEP_SOLVED,
     RigidSide,
-    hand_over,
     keep_rigid_half,
     load_rigid_side,
 )
+from cosim.coupling.open_ticks import OpenTicks
+from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, riding_along
 from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
-from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
+from cosim.coupling.schemes.open_row import OpenRow
+from cosim.coupling.schemes.soft_halves import SectionHalves, SoftHalves
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
-from cosim.coupling.soft_sides.soft_side import IMPLICIT_EULER, SoftSide
+from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
-from cosim.reduced.sections.section_energy import TERMS
-from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.film_step import FilmSide
-from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.self_contact import FilmContacts
-from cosim.soft.solve.state import BegunStep, SoftState
+from cosim.soft.solve.self_contact import REMEMBERED, FilmContacts
+from cosim.soft.solve.state import BegunStep, SoftState, StepScheme
 from cosim.soft.solve.time_step import LARGE_TURN_RAD
-
-
-class SoftHalves:
-    """Takes ticks in a row: of this one, the soft halves are left to Python.
-
-    Args:
-        interface: between the sides.
-    """
-
-    fast_m_s: float = np.inf
-    most: int = 64
-    """Ticks in a row: fine meshes are large."""
-
-    def __init__(self, interface: Interface) -> None:
-        self.interface = interface
-        self._plain: Any = None
-        self._motion: Any = None
-        self._first = 0
-
-    @final
-    def take(
-        self, rigid: RigidSide, servos: Servos, loads: Sequence[Loads], taken: TicksTaken
-    ) -> tuple[int, int]:
-        """Take ticks, or the rigid half of one; return how many are done, and how that ended.
-
-        Args:
-            rigid: side.
-            servos: what they are asked for in n ticks.
-            loads: on the soft body at their ends.
-            taken: to be filled from its next row on.
-        """
-        first = taken.done
-        ticks = taken.ticks.from_on(first)
-        if self._plain is None or not self._ready:
-            taken_well = self.interface.rigid_half(rigid, servos, ticks, 0)
-            return 0, SOFT_HALF_LEFT if taken_well else RIGID_SIDE_WARNS
-        if self._motion is None:
-            self._motion, self._first = self._room(len(taken.trials) - first), first
-        commands = self._plain.some(first, first + len(loads))
-        motion = self._motion.from_on(first - self._first)
-        done, ending = self._row(rigid, servos, loads, commands, ticks, motion)
-        taken.pressure_Pa[first : first + done] = commands.pressure.reshape(len(loads), -1)[:done]
-        return done, ending
-
-    @final
-    def begin(self, loads: Sequence[Loads]) -> None:
-        """Begin ticks in a row, with all loads of theirs."""
-        plain = all(load.plain for load in {id(load): load for load in loads}.values())
-        self._plain = self._commands(loads) if plain else None
-
-    @property
-    def plain(self) -> bool:
-        """Whether kernels know such soft halves."""
-        return self._plain is not None
-
-    @final
-    def end(self, taken: TicksTaken) -> None:
-        """Show the shapes of ticks that kernels have taken: what follows begins again."""
-        if self._motion is not None:
-            done = taken.done - self._first
-            if done:
-                taken.parts.append(self._shapes(self._motion, taken.pressure_Pa[self._first : taken.done]))
-            self._motion = None
-
-    @property
-    def _ready(self) -> bool:
-        """Whether the next tick may be taken by a kernel."""
-        return False
-
-    def _commands(self, loads: Sequence[Loads]) -> Any:
-        """Return what the soft side is asked for by plain loads."""
-
-    def _room(self, count: int) -> Any:
-        """Return rows of the soft side for n ticks, with what is there before the first of them."""
-
-    def _row(
-        self, rigid: RigidSide, servos: Servos, loads: Sequence[Loads], commands: Any, ticks: Ticks, way: Any
-    ) -> tuple[int, int]:
-        """Take ticks in one call; return how many are done, and how that ended."""
-        raise NotImplementedError
-
-    def _shapes(self, way: Any, pressure_Pa: Any) -> Sequence[Any]:
-        """Return the shapes of ticks at pressures (done, chambers)."""
-        raise NotImplementedError
 
 
 def soft_halves(interface: Interface) -> SoftHalves:
@@ -167,14 +67,14 @@ def soft_halves(interface: Interface) -> SoftHalves:
     soft = interface.soft.rowing
     alone = interface.contact is None and interface.scene.steps_itself
     if isinstance(soft, SectionArm) and alone and not soft.stepper.losses_follow_shape:
-        return _SectionHalves(interface)
+        return SectionHalves(interface)
     if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
-        return _FilmHalves(interface)
+        return FilmHalves(interface)
     return SoftHalves(interface)
 
 
 @final
-class _FilmHalves(SoftHalves):
+class FilmHalves(SoftHalves):
     """Of a lumped film.
 
     Args:
@@ -182,20 +82,31 @@ class _FilmHalves(SoftHalves):
     """
 
     @property
-    def _soft(self) -> SoftArm:
+    def soft(self) -> SoftArm:
+        """What is stepped."""
         soft = self.interface.soft.rowing
         assert isinstance(soft, SoftArm), "soft_halves() has asked"
         return soft
 
     @property
+    def ready(self) -> bool:
+        """Whether the next tick may be taken by a kernel."""
+        return self.soft.stepper.quick.sides.knows_factor
+
+    @property
     def _ready(self) -> bool:
-        return self._soft.stepper.quick.sides.knows_factor
+        return self.ready
 
     def _commands(self, loads: Sequence[Loads]) -> FilmCommands:
-        chambers = len(self._soft.body.gas_chambers)
+        chambers = len(self.soft.body.gas_chambers)
         pressure = np.array([load.pressures(chambers) for load in loads])
         tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
         return FilmCommands(pressure, tension, np.array([load.gravity for load in loads]))
+
+    def commands_room(self, count: int) -> FilmCommands:
+        """Return room for what n ticks are asked for."""
+        body = self.soft.body
+        return FilmCommands(*(np.zeros((count, n)) for n in (len(body.gas_chambers), len(body.cables), 3)))
 
     @cached_property
     def _calls(self) -> IntArray:
@@ -225,7 +136,11 @@ class _FilmHalves(SoftHalves):
         return RecordStore(FilmContacts)
 
     def _room(self, count: int) -> FilmMotion:
-        state = self._soft.state
+        return self.room(count)
+
+    def room(self, count: int) -> FilmMotion:
+        """Return rows for n ticks, with what is there before the first of them."""
+        state = self.soft.state
         x, velocity = (np.empty((count + 2, *state.positions.shape)) for _ in range(2))
         memory = np.empty((count + 1, len(state.memory)))
         x[0], velocity[0] = state.earlier or (state.positions, state.velocities)
@@ -244,24 +159,40 @@ class _FilmHalves(SoftHalves):
         ticks: Ticks,
         way: FilmMotion,
     ) -> tuple[int, int]:
-        soft, quick, tick_s = self._soft, self._soft.stepper.quick, self.interface.scene.tick_s
-        if soft.state.earlier is None:  # a first step looks back over one only
+        if self.soft.state.earlier is None:  # a first step looks back over one only
             servos, commands = servos.some(0, 1), commands.some(0, 1)
-        scheme, pressed = soft.stepper.scheme_of(soft.state, tick_s), soft.state.touching is not None
-        side = quick.sides.of(scheme, tick_s, pressed=pressed)
-        assert side is not None, "of a body and a factorisation that it knows"
-        if soft.films is not None:
-            soft.films.remember(soft.state.touching)
-        steps = self._steps(side, pressed)
+        begun, steps = self.begin_row()
         done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
         if ending == LISTS_LEFT:  # with new lists the kernel takes this tick as well, after its rigid half
-            steps = self._with_new_lists(steps, way.x[done + 1], way.velocity[done + 1])
+            steps = self.with_new_lists(steps, way.x[done + 1], way.velocity[done + 1])
             one = servos.some(done, done + 1), commands.some(done, done + 1), steps
             more, ending = advance_film(rigid, *one, ticks.from_on(done), way.from_on(done))
             done, ending = done + more, SOFT_HALF_LEFT if ending == LISTS_LEFT else ending
-        quick.sides.take_over(side, scheme)
-        if done:
-            self._went(way, ticks, done, loads[done - 1])
+        return self.end_row(begun, way, ticks, loads[done - 1] if done else None, (done, ending))
+
+    def begin_row(self) -> tuple[tuple[FilmSide, StepScheme], FilmSteps]:
+        """Return what ticks in a row step, by which scheme, and what they have in common."""
+        soft, sides, tick_s = self.soft, self.soft.stepper.quick.sides, self.interface.scene.tick_s
+        scheme, pressed = soft.stepper.scheme_of(soft.state, tick_s), soft.state.touching is not None
+        side = sides.of(scheme, tick_s, pressed=pressed)
+        assert side is not None, "of a body and a factorisation that it knows"
+        if soft.films is not None:
+            soft.films.remember(soft.state.touching)
+        return (side, scheme), self._steps(side, pressed)
+
+    def end_row(
+        self,
+        begun: tuple[FilmSide, StepScheme],
+        way: FilmMotion,
+        ticks: Ticks,
+        loads: Loads | None,
+        ended: tuple[int, int],
+    ) -> tuple[int, int]:
+        """Let the soft side go to where a row has ended; `loads` are those of its last tick that is done."""
+        soft, quick, (done, ending) = self.soft, self.soft.stepper.quick, ended
+        quick.sides.take_over(*begun)
+        if loads is not None:
+            self._went(way, ticks, done, loads)
         if soft.films is not None:
             soft.films.overlook(soft.state)
         if ending in (SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
@@ -270,9 +201,15 @@ class _FilmHalves(SoftHalves):
             quick.begun = BegunStep(soft.state, *end, *spent, ending == SOFT_STEP_SOLVED)
         return done, ending
 
+    def ends_row(self, steps: FilmSteps) -> bool:
+        """Return whether a row with such steps ends after a tick: something is weighed, or films let go."""
+        contact, films = self.interface.contact, self.soft.films
+        released = steps.whole and films is not None and not films.contacts.counts[REMEMBERED]
+        return released or (contact is not None and contact.asks_for_weighing)
+
     def _steps(self, side: FilmSide, pressed: bool) -> FilmSteps:
         """Return what the steps of a row have in common; `pressed`: films press on one another before it."""
-        soft, contact, films = self._soft, self.interface.contact, self._soft.films
+        soft, contact, films = self.soft, self.interface.contact, self.soft.films
         quick, tick_s = soft.stepper.quick, self.interface.scene.tick_s
         return FilmSteps(
             quick.sides.address(side), quick.begins(lenient=True), quick.begins(lenient=False),
@@ -283,11 +220,11 @@ class _FilmHalves(SoftHalves):
             self.fast_m_s, pressed and quick.sides.has_parts,
         )  # fmt: skip
 
-    def _with_new_lists(self, steps: FilmSteps, x: Array, velocity: Array) -> FilmSteps:
+    def with_new_lists(self, steps: FilmSteps, x: Array, velocity: Array) -> FilmSteps:
         """Return the same for a tick from x and velocity (n, 3) whose rigid half has been taken."""
-        contact, films, tick_s = self.interface.contact, self._soft.films, self.interface.scene.tick_s
+        contact, films, tick_s = self.interface.contact, self.soft.films, self.interface.scene.tick_s
         if contact is not None:
-            contact.find(SoftState(x, velocity, self._soft.state.memory), tick_s)
+            contact.find(SoftState(x, velocity, self.soft.state.memory), tick_s)
             steps = steps._replace(contact=contact.at)
         if films is not None:
             films.renew(x, velocity, tick_s)
@@ -296,137 +233,12 @@ class _FilmHalves(SoftHalves):
 
     def _went(self, way: FilmMotion, ticks: Ticks, done: int, loads: Loads) -> None:
         """Let the soft side go to where ticks have led it; `loads` are those of the last one."""
-        soft, films = self._soft, self._soft.films
+        soft, films = self.soft, self.soft.films
         x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
         touching = None if films is None else films.remembered
         state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
         drive = ticks.flange(done), loads
         soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
-
-
-@final
-class _SectionHalves(SoftHalves):
-    """Of a section model that touches nothing.
-
-    Args:
-        interface: between the sides.
-    """
-
-    most = 512  # more cost no less each
-
-    @property
-    def _soft(self) -> SectionArm:
-        soft = self.interface.soft.rowing
-        assert isinstance(soft, SectionArm), "soft_halves() has asked"
-        return soft
-
-    @property
-    def _ready(self) -> bool:
-        return True
-
-    def _commands(self, loads: Sequence[Loads]) -> ChainCommands:
-        distinct, section = {id(load): load for load in loads}, self._soft.section
-        known = {key: section.pressure(load) for key, load in distinct.items()}
-        pressure = np.array([known[id(load)] for load in loads])
-        tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
-        first, weights = np.empty(len(loads), np.int64), np.empty((len(loads), TERMS))
-        spline, terms = section.model.spline, None
-        for k, value in enumerate(pressure.tolist()):
-            if terms is None or value != pressure[k - 1]:
-                terms = spline.terms(value)
-            first[k], weights[k] = terms.first, terms.weights[0]
-        return ChainCommands(pressure, first, weights, self._soft.stepper.segment_tensions(tension))
-
-    def _room(self, count: int) -> ChainMotion:
-        chain = self._soft.last.chain
-        frames = len(chain.frames)
-        rows = ChainMotion(np.empty((count + 2, 2, frames, 4, 3)), np.empty((count, frames, 6)))
-        rows.motion[0] = chain.motion if chain.earlier is None else chain.earlier
-        rows.motion[1] = chain.motion
-        return rows
-
-    def _shapes(self, way: ChainMotion, pressure_Pa: Any) -> ChainShapes:
-        return ChainShapes(way.motion[2 : len(pressure_Pa) + 2, 0], pressure_Pa[:, 0])
-
-    def _row(
-        self,
-        rigid: RigidSide,
-        servos: Servos,
-        loads: Sequence[Loads],
-        commands: ChainCommands,
-        ticks: Ticks,
-        way: ChainMotion,
-    ) -> tuple[int, int]:
-        soft, stepper, tick_s = self._soft, self._soft.stepper, self.interface.scene.tick_s
-        options, begin = stepper.options, soft.last.chain
-        two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
-        steps = ChainSteps(
-            stepper.side(soft.clamp, loads[0], begin.frames), ChainTables(*stepper.tables),
-            address_of(solve_chain), address_of(hand_over), stepper.scheme(tick_s),
-            two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier),
-        )  # fmt: skip
-        done, ending, kept = advance_chain(rigid, servos, commands, steps, ticks, way)
-        last = done if ending == SOFT_HALF_LEFT else done - 1  # of which the soft step was tried
-        stepper.tangent.keep(kept, soft.clamp, tick_s, two_steps and (earlier or last > 0))
-        if done:
-            motion, figures = way.motion[done : done + 2].copy(), ticks.figures[done].copy()
-            step = ChainStep(
-                ChainState(motion[1], motion[0]), way.gradient[done - 1].copy(), figures, Outcome.CONVERGED,
-                int(ticks.iterations[done - 1]), float(ticks.residual[done - 1]),
-                float(commands.pressure[done - 1]),
-            )  # fmt: skip
-            soft.go_to(step, ticks.flange(done), loads[done - 1])
-        # what was computed for a pressure is kept with it
-        stepper.side(soft.clamp, loads[max(last, 0)], soft.last.frames)
-        return done, ending
-
-
-def rigid_share(ratio: float) -> float:
-    """Return b, how much of what the film lags behind within a tick is carried all the same.
-
-    Args:
-        ratio: r, stability ratio of the flange.
-    """
-    return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
-
-
-def riding_along(weights: tuple[float, ...], ratio: float) -> tuple[float, Array]:
-    """Return the share of the algorithmic mass that rides along, and what of it is given back.
-
-    The latter are the weights (2,) of the last accelerations in the expected one, last first.
-
-    Args:
-        weights: s, of `answer_weights`.
-        ratio: r, stability ratio of the flange.
-    """
-    if weights == IMPLICIT_EULER:
-        return 1.0, np.array([1.0, 0.0])
-    change = 1.2 / max(ratio, 1.2)
-    return min(1.0, 0.5 * ratio), np.array([1.0 + change, -change])
-
-
-def algorithmic_mass(
-    soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
-) -> Array:
-    """Return M_a (6, 6), linear then angular, about a point, world axes.
-
-    Args:
-        soft: after its step.
-        origin: (3,) [m], of the flange.
-        ratio: r, stability ratio of the flange.
-        contact: with the body; None for none.
-        step_s: h [s].
-    """
-    mass = soft.mass_properties().spatial(origin)
-    lacking = 1.0 - rigid_share(ratio)
-    if lacking > 0.0:
-        rigid = rigid_motions(soft.state.positions, origin)
-        momentum = np.ascontiguousarray((soft.body.node_mass[:, None, None] * rigid).transpose(2, 0, 1))
-        lagging = soft.response(soft.inertia_weight(step_s) * momentum, contact, step_s)
-        if lagging is not None:  # the tangent is not indefinite
-            behind = lacking * np.einsum("inr,jnr->ij", momentum, lagging)
-            mass -= 0.5 * (behind + behind.T)
-    return np.asarray(soft.answer_weights[0] * mass)
 
 
 @final
@@ -467,15 +279,65 @@ class StaggeredCoupling(Coupling):
         self._fine = FineTicks(interface)
         self._halves.fast_m_s = self._fine.fast_m_s
         self._begun: tuple[TicksTaken, RigidSide] | None = None
+        self._open: OpenRow | None = None
 
     def begin(self) -> None:
         """Load the rigid side for a tick whose rigid half somebody else takes; then comes `advance`."""
-        taken = self._ready(1)
-        rigid = self._weighed(taken)
-        load_rigid_side(rigid, taken.ticks, 0)
-        self._begun = taken, rigid
+        row, halves = self._open, self._halves
+        if row is None:
+            opens = isinstance(halves, FilmHalves) and halves.ready and not self._fine.on
+            taken = self._ready(halves.most if opens else 1)
+            rigid = self._weighed(taken)
+            if isinstance(halves, FilmHalves) and opens:
+                # a first step looks back over one only
+                most = 1 if halves.soft.state.earlier is None else self.interface.ticks_to_weighing
+                most = min(len(taken.trials), most)
+                row = self._open = OpenRow(halves, taken, rigid, most, self._open_store)
+            else:
+                load_rigid_side(rigid, taken.ticks, 0)
+                self._begun = taken, rigid
+        if row is not None:
+            row.load()
+
+    @cached_property
+    def _open_store(self) -> RecordStore:
+        return RecordStore(OpenTicks)
+
+    @property
+    def open_row(self) -> OpenRow | None:
+        """Ticks whose rigid halves somebody else has taken, which the soft side has not followed yet."""
+        return self._open
+
+    def follow(self) -> None:
+        """Let both sides be where an open row is; one tick of it that is in progress goes on by itself."""
+        row, self._open = self._open, None
+        if row is None:
+            return
+        row.close()
+        if row.done:
+            self.interface.follow(row.taken, row.done)
+            self._fine.look(row.taken)
+        if row.in_tick:
+            taken = self.interface.begin(1)
+            taken.algorithmic_mass[:] = self._carries
+            self._begun = taken, row.rigid
+
+    def _advance_open(self, row: OpenRow, loads: Loads) -> TicksTaken:
+        """Take the soft half of the tick in progress of an open row."""
+        interface, taken = self.interface, row.taken
+        if row.end(loads):
+            if row.full:
+                self.follow()
+            return taken
+        self.follow()
+        interface.scene.stepped(taken.ticks.flange(taken.done))
+        interface.take_reply(taken, interface.advance_soft(loads))
+        self._fine.look(taken)
+        return taken
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        if self._open is not None:
+            return self._advance_open(self._open, loads[0])
         taken = self._ready(len(loads)) if self._begun is None else self._begun[0]
         count = len(taken.trials)
         self._halves.begin(loads[:count])
@@ -553,10 +415,11 @@ class StaggeredCoupling(Coupling):
         return self._fine
 
     def save_state(self) -> StaggeredState:
+        self.follow()
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.on)
 
     def restore_state(self, state: StaggeredState) -> None:
-        self._begun = None
+        self._begun = self._open = None
         self._fine.restore(state.fine)
         self.interface.restore_state(state.interface)
         self._added, self._carries = state.added, bool(state.added.any())

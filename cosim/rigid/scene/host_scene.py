@@ -9,6 +9,8 @@ matrix by MuJoCo's control callback, which is called between the two halves of a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, final
 from weakref import WeakValueDictionary
@@ -141,6 +143,7 @@ class HostScene(CoupledScene):
         self.acts, self._at = np.zeros(6), np.zeros(3)
         self._given_back, self._acceleration = np.zeros(dofs), np.zeros(dofs)
         self._speed = np.zeros(dofs)
+        self._applied = data.xfrc_applied, data.qfrc_applied  # they stay where they are
         self._loads = _LOADS.setdefault(data._address, StepLoads(data))
         self._native = self._as_native()
         self.read()
@@ -282,17 +285,17 @@ class HostScene(CoupledScene):
         self.flange.moved()
         self.carry()
 
-    def lend(self) -> tuple[Array, Array]:
-        """Let MuJoCo's arrays hold the soft robot's loads alone; return what they have held."""
-        data = self._data
-        given = data.xfrc_applied.copy(), data.qfrc_applied.copy()
-        data.xfrc_applied[:], data.qfrc_applied[:] = self.load, self.torque
-        return given
-
-    def give_back(self, given: tuple[Array, Array]) -> None:
-        """Keep what loads of contact have become meanwhile, and undo `lend`."""
-        self.load[:] = self._data.xfrc_applied
-        self._data.xfrc_applied[:], self._data.qfrc_applied[:] = given
+    @contextmanager
+    def lent(self) -> Iterator[None]:
+        """Let MuJoCo's arrays hold the soft robot's loads alone; keep what loads of contact become there."""
+        forces, torques = self._applied
+        given = forces.copy(), torques.copy()
+        forces[:], torques[:] = self.load, self.torque
+        try:
+            yield
+        finally:
+            self.load[:] = forces
+            forces[:], torques[:] = given
 
     def save_state(self) -> HostState:
         """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
@@ -332,6 +335,6 @@ class HostScene(CoupledScene):
             np.ones(2, np.int64), float(model.opt.timestep), np.zeros(3, np.int64),
             np.array((model._address, data._address)), np.zeros((0, 3)), none, none, none,
             self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
-            data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
+            data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, np.zeros(0, np.int32), data.M,
             mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),
         )  # fmt: skip
