@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.drawing import Drawing, DrawnLine, in_mm, read_drawing
+from cosim.base.drawing import Drawing, DrawnLine, read_drawing
+from cosim.base.frames import in_mm
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.errors import MeshError
 from cosim.soft.geometry.cut_pattern import (

@@ -19,8 +19,7 @@ from typing import Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.drawing import in_mm
-from cosim.base.frames import Array, IntArray, Pose, cross
+from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern

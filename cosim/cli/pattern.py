@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, in_mm, read_drawing, write_dxf
+from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, read_drawing, write_dxf
 from cosim.base.files import write_whole
+from cosim.base.frames import in_mm
 from cosim.base.resources import is_file, soft_robot_path, writing
 from cosim.build.patterns import cut_pattern
 from cosim.cli.screen import printable

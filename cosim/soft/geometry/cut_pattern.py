@@ -15,9 +15,9 @@ from typing import Any, Final, Literal, final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cosim.base.drawing import SAME_PLACE_M, DrawnLine, in_mm
+from cosim.base.drawing import SAME_PLACE_M, DrawnLine
 from cosim.base.extras import extra_module
-from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.frames import Array, IntArray, Mask, in_mm
 from cosim.errors import MeshError
 from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, Crease, NamedMesh
