@@ -236,11 +236,8 @@ def _neighbours(triangles: IntArray) -> dict[tuple[int, int], list[int]]:
     return found
 
 
-def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
-    """Return the chamber (m,) that each triangle is in, by flood fill from the ports; -1 for none."""
-    shapely, ports = extra_module("shapely", "pattern"), pattern.ports
-    if not ports:
-        raise MeshError("the pattern has no port: mark the inside of each chamber on layer PORT")
+def _connected(mesh: FlatMesh, pattern: CutPattern) -> tuple[list[list[int]], dict[int, tuple[int, int]]]:
+    """Return the triangles that gas reaches from each, and by triangle the edges where no other lies."""
     seams = {(a, b) for a, b in mesh.edges_of(LineKind.SEAL).tolist()}
     around = _neighbours(mesh.triangles)
     beside: list[list[int]] = [[] for _ in mesh.triangles]
@@ -256,6 +253,15 @@ def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
         else:
             beside[owners[0]].append(owners[1])
             beside[owners[1]].append(owners[0])
+    return beside, open_edges
+
+
+def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
+    """Return the chamber (m,) that each triangle is in, by flood fill from the ports; -1 for none."""
+    shapely, ports = extra_module("shapely", "pattern"), pattern.ports
+    if not ports:
+        raise MeshError("the pattern has no port: mark the inside of each chamber on layer PORT")
+    beside, open_edges = _connected(mesh, pattern)
     chamber = np.full(len(mesh.triangles), -1)
     walls = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
     for number, port in enumerate(ports):
