@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.drawing import DrawnLine, in_mm, read_drawing
-from cosim.base.frames import Array, rotation_from_vector
+from cosim.base.drawing import DrawnLine, read_drawing
+from cosim.base.frames import Array, in_mm, rotation_from_vector
 from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.film import FilmTable
