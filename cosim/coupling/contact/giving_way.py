@@ -29,7 +29,7 @@ from typing import Annotated, Final, Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.contact.contact_arrays import AGE, MET, UNKNOWN
+from cosim.coupling.contact.contact_arrays import AGE, AGREED_M, MET, TURN_LEVER_M, UNKNOWN
 from cosim.coupling.contact.contact_exchange import RENEW_ABOVE, ContactExchange
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError
@@ -43,16 +43,13 @@ RATIO_BOUND: Final = 0.5
 A node, a spring and a body, the load a tick late: stable up to 1 with implicit Euler, 0.5 with BDF2.
 """
 _HELD_RATIO = 2.5  # the same, of bodies that something holds besides
-AGREED_M: Final = 2e-6
-"""How far bodies may go from where the film has met them; the next tick answers it, and more than that."""
-_LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _LOOSER: Final = ((0, 1.0), (10, 10.0), (20, 100.0))
 """Trials after which film and bodies may be how many times as far apart: films that snap stay apart."""
 _NEAR_M, _VERY_LIGHT = 2e-4, 30.0  # push that moves a film little; contact ratio of bodies first pushed out
 _SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
-_UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
+_UNIT = np.array([1.0, 1.0, 1.0, TURN_LEVER_M, TURN_LEVER_M, TURN_LEVER_M])
 _OTHER = 1.3  # the stiffness of contacts over that with which S was found, beyond which it is found anew
 _FALLS_FAST = 0.25  # share of the residual that a step with a known S leaves, below which S serves
 _RENEW_AFTER_S, _FEWEST_TICKS, _MOST_TICKS = 0.1, 10, 50
@@ -541,7 +538,7 @@ class LightBodies:
             if np.abs(mobility[own] - free).max() < 1e-9 * mobility[6 * k, 6 * k]:
                 turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
                 largest = float(np.linalg.eigvalsh(turn)[-1])
-                self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, _LEVER_M * largest / AGREED_M
+                self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
 
     def _are_heavy(self, bodies: IntArray, stiffness: Array) -> bool:
         """Return whether bodies (b,) need not give way, by S (6 b, 6 b).
@@ -643,7 +640,7 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
 def _farthest_m(motion: Array) -> float:
     """Return the largest part of motions (b, 6), turns at a lever."""
     away = np.abs(motion)
-    return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
+    return float(max(away[:, :3].max(), TURN_LEVER_M * away[:, 3:].max()))
 
 
 def _ratio(stiffness: Array, mobility: Array) -> float:
