@@ -38,7 +38,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import RecordStore, address_of, nothing_of
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.giving_way import rigid_motions
+from cosim.coupling.contact.levers import rigid_motions
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
     LISTS_LEFT,
