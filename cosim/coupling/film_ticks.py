@@ -30,7 +30,15 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.coupling.contact.contact_arrays import ASKS, LEFT, MET, REMEMBERED, UNKNOWN, ContactArrays
+from cosim.coupling.contact.contact_arrays import (
+    AHEAD_TICKS,
+    ASKS,
+    LEFT,
+    MET,
+    REMEMBERED,
+    UNKNOWN,
+    ContactArrays,
+)
 from cosim.coupling.contact.contact_kernels import (
     FASTEST,
     FIND_TOUCHED,
@@ -296,7 +304,7 @@ def _solve(
             found, again = (found[0], pairs), pairs > 0
             if pairs < 0 or (again and side.film.parts.shape[0] > 2):  # pairs couple parts
                 return found, SOFT_HALF_LEFT if films.counts[OVERLOOKED] else SOFT_STEP_SOLVED
-    meets = row.contact, way.x[k + 2], side.numbers.tolerance
+    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS
     if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
         return found, SOFT_STEP_SOLVED
     if films.waits:

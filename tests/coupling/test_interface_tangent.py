@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.coupling.contact.giving_way import Levers, rigid_motions
+from cosim.coupling.contact.levers import Levers, rigid_motions
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import Integrator, StepAim
 from tests.coupling.pads import Grasp

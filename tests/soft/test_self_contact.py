@@ -23,7 +23,7 @@ from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
+from cosim.soft.solve.self_contact import AHEAD_STEPS, FilmContactLaw, SelfContact, find_pairs
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
 from cosim.soft.solve.time_step import ImplicitStepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
@@ -253,6 +253,26 @@ def test_films_that_can_meet_within_a_step_are_found_before_it() -> None:
     assert films.step_pairs(replace(state, velocities=-falling), step_s) is not None
     together = np.tile([0.0, 0.0, -speed], (body.nodes, 1))
     assert films.step_pairs(replace(state, velocities=together), step_s) is None
+
+
+def test_new_lists_serve_a_step_and_keep_what_presses() -> None:
+    body = stacked(brick(0.08, 0.4), brick(0.04, 0.05), (3e-3, 2e-3, 0.03 - 3e-4))
+    x, still, step_s = body.positions, np.zeros_like(body.positions), 2e-3
+    pairs = SelfContact(body, FilmContactLaw(LAW)).static_pairs(x)
+    assert pairs is not None
+    pressing = pairs.memory(x)
+    assert pressing is not None
+    films = SelfContact(body, FilmContactLaw(LAW, 0.5))
+    films.remember(pressing)
+    asked = x, still, films.rest_m, AHEAD_STEPS * step_s
+    assert find_pairs(films.at, *asked) < 0  # nothing is listed yet
+    films.renew(x, still, step_s)
+    count = find_pairs(films.at, *asked)
+    assert count >= pressing.count > 0
+    assert films.remembered is not None
+    np.testing.assert_array_equal(films.remembered.key, pressing.key)
+    rubs = films.contacts.pairs.friction[:count].sum()
+    assert rubs == pytest.approx(0.5 * pressing.normal_force.sum())
 
 
 def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> Array:

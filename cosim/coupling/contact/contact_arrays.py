@@ -21,6 +21,10 @@ the film's points, ticks of contact since bodies were weighed, whether heavy one
 which nothing is touched has something to end, ticks that touched bodies which gave way since these were
 weighed."""
 
+AGREED_M: Final = 2e-6
+"""How far bodies may go from where the film has met them; the next tick answers it, and more than that."""
+TURN_LEVER_M: Final = 0.02
+"""Lever at which angles count as ways."""
 UNKNOWN: Final = 1e30
 """Of `ContactArrays.gives`: such bodies kernels leave to `LightBodies`."""
 
@@ -335,6 +339,7 @@ class ContactArrays(NamedTuple):
         touching: (f,) [N/m], stiffness of their contacts when they were weighed.
         gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it for a
             change of its load in a tick, over what may be; `UNKNOWN` where that is not known.
+        met: (bodies, 12), scratch: load and lead of each before a look at other loads.
         speed: (1,) [m/s], of the film's fastest node before the step.
         counts: (7,).
         calls: of the kernels that these call.
@@ -353,6 +358,7 @@ class ContactArrays(NamedTuple):
     heavy: Indices
     touching: Vector
     gives: Matrix
+    met: Matrix
     speed: Vector
     counts: Indices
     calls: Indices

@@ -156,8 +156,8 @@ class ContactExchange:
         planes.anchor[contacts] += shift
         self.arrays.ties.carrier[contacts] += shift
 
-    def answered(self, bodies: IntArray, loads: Array, tick_s: float) -> tuple[Array, Array]:
-        """Return how far bodies will be ahead (b, 6), see `Leads.lead`, and how they give way (6 b, 6 b).
+    def ahead(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
+        """Return how far bodies will be ahead (b, 6), see `Leads.lead`.
 
         Args:
             bodies: (b,).
@@ -168,9 +168,17 @@ class ContactExchange:
         before = applied[bodies]
         applied[bodies] = loads.reshape(-1, 6)
         foresee(leads, tick_s)
+        applied[bodies] = before
+        return leads.lead[bodies]
+
+    def held_way(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
+        """Return how bodies give way (6 b, 6 b) under loads, see `ahead`, with all that holds them then."""
+        applied = self.bodies.applied
+        before = applied[bodies]
+        applied[bodies] = loads.reshape(-1, 6)
         mobility = self.bodies.way_s2(tick_s) * self.bodies.mobility(bodies, held=True)
         applied[bodies] = before
-        return leads.lead[bodies], mobility
+        return mobility
 
     def fastest_m_s(self, state: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
@@ -339,7 +347,8 @@ class ContactExchange:
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros(1), np.zeros(7, np.int64),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 12)), np.zeros(1),
+            np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip
 

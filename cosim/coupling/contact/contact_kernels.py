@@ -31,6 +31,7 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
+    AGREED_M,
     AHEAD_TICKS,
     ASKS,
     LEFT,
@@ -38,6 +39,7 @@ from cosim.coupling.contact.contact_arrays import (
     POINTS,
     REMEMBERED,
     TOUCHES,
+    TURN_LEVER_M,
     ContactArrays,
     Search,
     fill_speed,
@@ -432,26 +434,62 @@ def _changed(contact: Any, b: int, first: int) -> float:
     return math.sqrt(square)
 
 
+@device_function
+def _bear(bodies: Any, load: Vector, b: int) -> None:
+    """Let a load (6,) about the world's origin act on a body; MuJoCo takes torques about its centre."""
+    applied, center = bodies.applied[b], bodies.centers[b]
+    for r in range(3):
+        i, m = (r + 1) % 3, (r + 2) % 3
+        applied[r] = load[r]
+        applied[3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
+
+
+@device_function
+def _away(contact: Any, h: float) -> float:
+    """Return how far [m] bodies go from where the film has met them under the loads at the end of a step."""
+    end, bodies, met, away = contact.end, contact.bodies, contact.met, 0.0
+    for b in range(bodies.loaded.shape[0]):
+        for r in range(6):
+            met[b, r], met[b, 6 + r] = bodies.applied[b, r], bodies.leads.lead[b, r]
+        if bodies.leads.ahead[b] > 0 and (end.acting[b] or bodies.loaded[b]):
+            _bear(bodies, end.loads[b], b)
+    _foresee(contact.calls[_FORESEE], (bodies.leads, h))
+    for b in range(bodies.loaded.shape[0]):
+        for r in range(6):
+            bodies.applied[b, r] = met[b, r]
+            met[b, r] = bodies.leads.lead[b, r] - met[b, 6 + r]
+        if bodies.leads.ahead[b] > 0:
+            for r in range(3):
+                turned = TURN_LEVER_M * abs(met[b, 3 + r])
+                away = max(away, abs(led(met[b], bodies.centers[b], r)), turned)
+    return away
+
+
 @kernel
-def meet_touched(at: int, x: Matrix, tolerance: float) -> bool:
+def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
     """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
+
+    Where free ones would, held ones do; otherwise MuJoCo's next step is looked at.
 
     Args:
         at: address of the `ContactArrays`, whose end is filled.
         x: of the film's nodes.
         tolerance: of the film's forces [N].
+        h: length of MuJoCo's step [s].
     """
     contact = record_at(at, ContactArrays)
-    end, bodies, touched = contact.end, contact.bodies, 0
+    end, bodies, touched, most = contact.end, contact.bodies, 0, 0.0
     _conclude(contact, x)
     for b in range(bodies.loaded.shape[0]):
         if bodies.leads.ahead[b] <= 0 or not (end.acting[b] or bodies.loaded[b]):
             continue
         gives, force, torque = contact.gives[b], _changed(contact, b, 0), _changed(contact, b, 3)
-        off, inexact = max(gives[0] * force, gives[1] * torque), gives[0] * tolerance > _EXACTLY
-        if not off <= 1.0 or (inexact and force + torque > 0.0):
+        if gives[0] * tolerance > _EXACTLY and force + torque > 0.0:  # as where it is not known
             return False
+        most = max(most, gives[0] * force, gives[1] * torque)
         touched = max(touched, end.acting[b])
+    if not most <= 1.0 and not _away(contact, h) <= AGREED_M:
+        return False
     contact.counts[MET] += touched
     return True
 
@@ -460,15 +498,9 @@ def meet_touched(at: int, x: Matrix, tolerance: float) -> bool:
 def _load_bodies(end: Any, bodies: Any) -> None:
     """Let the contacts' loads act on bodies, see `Bodies.apply`."""
     for b in range(bodies.loaded.shape[0]):
-        if not (end.acting[b] or bodies.loaded[b]):
-            continue
-        bodies.loaded[b] = end.acting[b]
-        applied, load, center = bodies.applied[b], end.loads[b], bodies.centers[b]
-        for r in range(3):
-            i, m = (r + 1) % 3, (r + 2) % 3
-            applied[r] = load[r]
-            # MuJoCo takes torques about the centre of mass
-            applied[3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
+        if end.acting[b] or bodies.loaded[b]:
+            bodies.loaded[b] = end.acting[b]
+            _bear(bodies, end.loads[b], b)
     for r in range(6):
         bodies.handed[r] = end.film[r]
     bodies.handed[6] = end.figures[0]

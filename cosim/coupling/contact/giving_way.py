@@ -24,18 +24,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Final, Protocol, final
+from typing import Annotated, Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.contact.contact_arrays import AGE, MET, UNKNOWN
+from cosim.coupling.contact.contact_arrays import AGE, AGREED_M, MET, TURN_LEVER_M, UNKNOWN
 from cosim.coupling.contact.contact_exchange import RENEW_ABOVE, ContactExchange
+from cosim.coupling.contact.levers import Levers, Yielding
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.state import SoftState, StepAim
+from cosim.soft.solve.state import StepAim
 
 RATIO_BOUND: Final = 0.5
 """Contact ratio from which on bodies give way within the film's step.
@@ -43,150 +43,16 @@ RATIO_BOUND: Final = 0.5
 A node, a spring and a body, the load a tick late: stable up to 1 with implicit Euler, 0.5 with BDF2.
 """
 _HELD_RATIO = 2.5  # the same, of bodies that something holds besides
-AGREED_M: Final = 2e-6
-"""How far bodies may go from where the film has met them; the next tick answers it, and more than that."""
-_LEVER_M: Final = 0.02  # angles count as ways at it
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _LOOSER: Final = ((0, 1.0), (10, 10.0), (20, 100.0))
 """Trials after which film and bodies may be how many times as far apart: films that snap stay apart."""
 _NEAR_M, _VERY_LIGHT = 2e-4, 30.0  # push that moves a film little; contact ratio of bodies first pushed out
 _SHARE = 3.0  # of the film's residual in a step that is to be taken closely: what of loads may be left
 _LEFT = 0.3  # share of a residual's work that a step may leave
-_UNIT = np.array([1.0, 1.0, 1.0, _LEVER_M, _LEVER_M, _LEVER_M])
+_UNIT = np.array([1.0, 1.0, 1.0, TURN_LEVER_M, TURN_LEVER_M, TURN_LEVER_M])
 _OTHER = 1.3  # the stiffness of contacts over that with which S was found, beyond which it is found anew
 _FALLS_FAST = 0.25  # share of the residual that a step with a known S leaves, below which S serves
 _RENEW_AFTER_S, _FEWEST_TICKS, _MOST_TICKS = 0.1, 10, 50
-
-
-def rigid_motions(points: Array, origins: Array) -> Array:
-    """Return how points (k, 3) [m] move (k, 3, 6) with translation and rotation about origins: [1, -S(arm)].
-
-    Args:
-        points: (k, 3) [m].
-        origins: (3,) [m], of all, or (k, 3), of each.
-    """
-    motion = np.zeros((len(points), 3, 6))
-    motion[:, :, :3] = np.eye(3)
-    x, y, z = (points - origins).T
-    motion[:, 0, 4], motion[:, 0, 5] = z, -y
-    motion[:, 1, 3], motion[:, 1, 5] = -z, x
-    motion[:, 2, 3], motion[:, 2, 4] = y, -x
-    return motion
-
-
-class Yielding(Protocol):
-    """What gives way to forces on its nodes within a tick: the soft side."""
-
-    @property
-    def state(self) -> SoftState:
-        """State after the newest step."""
-
-    def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
-        """Return (m, n, 3) [m] under forces (m, n, 3) [N]; None where the tangent is indefinite."""
-
-    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
-        """Advance by one step."""
-
-    def advance_closely(
-        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
-    ) -> SoftReply:
-        """Advance by one step, as closely as asked for."""
-
-    def restore(self, before: SoftState) -> None:
-        """Undo the last step."""
-
-
-@final
-@dataclass(frozen=True)
-class Levers:
-    """How the contacts with some bodies go with them; the arms stay what they are in a tick.
-
-    Args:
-        mine: (k,) those contacts.
-        place: (k,) of each contact's body among the b bodies.
-        arm: (k, 3) [m], from the centre of mass, world axes.
-        count: b.
-    """
-
-    mine: IntArray
-    place: IntArray
-    arm: Array
-    count: int
-
-    @classmethod
-    def of(cls, planes: ContactPlanes, bodies: IntArray, centers: Array, positions: Array) -> Levers:
-        """Return those of contacts with bodies (b,), ascending.
-
-        Args:
-            planes: contacts.
-            bodies: (b,).
-            centers: (b, 3) [m], of their masses.
-            positions: (n, 3) [m], of the nodes.
-        """
-        mine = np.flatnonzero(np.isin(planes.body, bodies))
-        place = np.searchsorted(bodies, planes.body[mine])
-        points = np.einsum("ka,kar->kr", planes.weights[mine], positions[planes.nodes[mine]])
-        return cls(mine, place, points - centers[place], len(bodies))
-
-    def loads(self, force: Array) -> Array:
-        """Return the loads (6 b,) of forces (k, 3) [N] at the contacts, about the centres of mass."""
-        loads = np.zeros((self.count, 6))
-        np.add.at(loads, self.place, np.concatenate([force, cross(self.arm, force)], axis=1))
-        return loads.ravel()
-
-    def shift(self, motion: Array) -> Array:
-        """Return by how much the contacts go (k, 3) [m] with a motion (b, 6) of the bodies."""
-        return np.asarray(motion[self.place, :3] + cross(motion[self.place, 3:], self.arm))
-
-    def stiffness(
-        self, planes: ContactPlanes, tangents: Array, soft: Yielding | None, tick_s: float
-    ) -> Array:
-        """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
-
-        G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
-        nodes, H is the tangent of the film's time step.
-
-        Args:
-            planes: contacts.
-            tangents: K (k, 3, 3) [N/m], of all contacts.
-            soft: soft side, after its step; None for one that stays where it is.
-            tick_s: length of the step [s].
-        """
-        pressed = np.flatnonzero(np.abs(tangents[self.mine]).max(axis=(1, 2)) > 0.0)
-        stiffness = np.zeros((6 * self.count, 6 * self.count))
-        if not len(pressed):
-            return stiffness
-        mine, place = self.mine[pressed], self.place[pressed]
-        touched = np.unique(place)
-        moved = np.zeros((len(mine), 3, len(touched), 6))  # the points with their body
-        arms = rigid_motions(self.arm[pressed], np.zeros(3))
-        moved[np.arange(len(mine)), :, np.searchsorted(touched, place)] = arms
-        motion = moved.reshape(len(mine), 3, 6 * len(touched))
-        push = np.einsum("krs,ksj->krj", tangents[mine], motion)
-        own = np.einsum("kri,krj->ij", motion, push)
-        if soft is not None:
-            forces = spread(planes.nodes[mine], planes.weights[mine], push, len(soft.state.positions))
-            following = soft.response(forces, planes, tick_s)
-            if following is not None:
-                own -= np.einsum("inr,jnr->ij", forces, following)
-        columns = (6 * touched[:, None] + np.arange(6)).ravel()
-        stiffness[np.ix_(columns, columns)] = own
-        return stiffness
-
-
-def spread(nodes: IntArray, weights: Array, push: Array, count: int) -> Array:
-    """Return forces (j, n, 3) [N] on nodes from forces at contact points.
-
-    Args:
-        nodes: (k, 3) that each point combines.
-        weights: (k, 3).
-        push: (k, 3, j) [N], j cases.
-        count: n.
-    """
-    total = np.zeros((count, push.shape[2], 3))
-    for a in range(nodes.shape[1]):
-        np.add.at(total, nodes[:, a], weights[:, a, None, None] * push.transpose(0, 2, 1))
-    return np.ascontiguousarray(total.transpose(1, 0, 2))
 
 
 @final
@@ -263,7 +129,10 @@ class _Step:
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
-            self._ahead, self.mobility = exchange.answered(self.bodies, self._applied, self.tick_s)
+            self._ahead = exchange.ahead(self.bodies, self._applied, self.tick_s)
+            self._change = np.zeros_like(self._applied)
+            self._mobility: Array | None = None
+            self._moved = np.zeros_like(self._ahead)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
             self._tolerance_N = 0.25 * AGREED_M / most
             if aim is not None:
@@ -338,8 +207,16 @@ class _Step:
         residual = loads - self._applied - change
         if not residual.any():
             return _Trial(change, residual, 0.0, reply)
-        further = self._motion(self._exchange.answered(self.bodies, loads, self.tick_s)[0]) - self._moved
+        further = self._motion(self._exchange.ahead(self.bodies, loads, self.tick_s)) - self._moved
         return _Trial(change, residual, _farthest_m(further), reply)
+
+    @property
+    def mobility(self) -> Array:
+        """C (6 b, 6 b), how bodies give way under the loads that were last assumed."""
+        if self._mobility is None:
+            loads = self._applied + self._change
+            self._mobility = self._exchange.held_way(self.bodies, loads, self.tick_s)
+        return self._mobility
 
     def newton_step(self, stiffness: Array, residual: Array) -> Array:
         """Return the change of loads (6 b,) that should take a residual away."""
@@ -387,7 +264,10 @@ class _Step:
 
     def _meet(self, change: Array) -> float:
         """Let the film meet bodies where a change (6 b,) of loads brings them; return how far they go."""
-        ahead, self.mobility = self._exchange.answered(self.bodies, self._applied + change, self.tick_s)
+        if np.array_equal(change, self._change):
+            return 0.0
+        self._change, self._mobility = change, None
+        ahead = self._exchange.ahead(self.bodies, self._applied + change, self.tick_s)
         self._moved = moved = self._motion(ahead)
         shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift
@@ -541,7 +421,7 @@ class LightBodies:
             if np.abs(mobility[own] - free).max() < 1e-9 * mobility[6 * k, 6 * k]:
                 turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
                 largest = float(np.linalg.eigvalsh(turn)[-1])
-                self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, _LEVER_M * largest / AGREED_M
+                self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
 
     def _are_heavy(self, bodies: IntArray, stiffness: Array) -> bool:
         """Return whether bodies (b,) need not give way, by S (6 b, 6 b).
@@ -643,7 +523,7 @@ def _search(step: _Step, take: Callable[[Array], _Trial], trial: _Trial, change:
 def _farthest_m(motion: Array) -> float:
     """Return the largest part of motions (b, 6), turns at a lever."""
     away = np.abs(motion)
-    return float(max(away[:, :3].max(), _LEVER_M * away[:, 3:].max()))
+    return float(max(away[:, :3].max(), TURN_LEVER_M * away[:, 3:].max()))
 
 
 def _ratio(stiffness: Array, mobility: Array) -> float:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.contact.giving_way import rigid_motions
+from cosim.coupling.contact.levers import rigid_motions
 from cosim.coupling.soft_sides.soft_side import IMPLICIT_EULER, SoftSide
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 

@@ -214,6 +214,7 @@ class SelfContact:
         points = FilmPoints.of(self.faces, body.positions)
         called = find_pairs, settle_pairs, add_pairs, films_press, pair_work, find_over, make_lists
         self._overlooked: SoftState | None = None
+        self._last: tuple[SoftState, float, FilmPairs | None] | None = None  # of the last step
         self.work_J = 0.0
         self._store = RecordStore(FilmContacts)
         self.contacts = FilmContacts(
@@ -270,8 +271,12 @@ class SelfContact:
             state: before the step.
             step_s: length [s].
         """
-        self.remember(state.touching)
-        return self._found(state.positions, state.velocities, self.rest_m, AHEAD_STEPS * step_s)
+        last = self._last
+        if last is None or last[0] is not state or last[1] != step_s:  # it may be taken again and again
+            self.remember(state.touching)
+            found = self._found(state.positions, state.velocities, self.rest_m, AHEAD_STEPS * step_s)
+            last = self._last = state, step_s, found
+        return last[2]
 
     def static_pairs(
         self, positions: Array, held: FilmPairs | None = None, slack: float = 0.0
