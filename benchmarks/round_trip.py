@@ -2,9 +2,9 @@
 
     python benchmarks/round_trip.py [--set KEY=VALUE ...]
 
-A rim that phase "lift" holds is released: no robot does that. Prints what joints lose on the way, how far
+A rim that phase "lift" holds is let go: no robot does that. Prints what joints lose on the way, how far
 joints and tip of the played run are from the first one, and the torque by which a controller is wrong with
-one payload, and with one that is set every 0.5 s.
+one payload, and with one told every 0.5 s.
 """
 
 from __future__ import annotations

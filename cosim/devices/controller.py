@@ -97,7 +97,7 @@ class Command:
 
     What it leaves out, a controller leaves to the plan. `Simulation.step` leaves it as it was commanded last,
     and to the plan where it never was; of `flange`, `flange_twist` and `joint_position` it takes one at most,
-    and a flange whose twist is commanded no more stands. The last four keys are of `Simulation.step` alone.
+    and a flange whose twist is commanded no more stands. The last five keys are of `Simulation.step` alone.
 
     Args:
         cable_tension_N: by cable name.
@@ -110,6 +110,8 @@ class Command:
             has its temperature.
         flange: world_from_flange; the joints go there evenly, on the branch they are on.
         joint_position: (joints,) [rad].
+        joint_velocity: (joints,) [rad/s] of the joints as they arrive at `joint_position`, along a cubic from
+            their present speed, where no bound is in the way; None: they go there evenly.
     """
 
     cable_tension_N: Mapping[str, float] = field(default_factory=dict)
@@ -120,6 +122,7 @@ class Command:
     gas_kg: Mapping[str, float] = field(default_factory=dict)
     flange: Pose | None = None
     joint_position: Sequence[float] | Array | None = None
+    joint_velocity: Sequence[float] | Array | None = None
 
 
 class Controller(ABC, Generic[State]):
@@ -323,7 +326,7 @@ def _number(value: Any, place: str) -> float:
         raise InputError(f"{place} is beyond the largest number, 1.8e308") from None
 
 
-_OF_STEPS: Final = ("pressure_Pa", "gas_kg", "flange", "joint_position")
+_OF_STEPS: Final = ("pressure_Pa", "gas_kg", "flange", "joint_position", "joint_velocity")
 
 
 @final

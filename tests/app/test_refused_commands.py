@@ -32,6 +32,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"flange_twist": "100000"}, rf"step: flange_twist is '100000'; {ROW}"),
     ({"flange_twist": [0.1, None, 0.0, 0.0, 0.0, 0.0]}, r"step: flange_twist\[1\] is None; must be a number"),
     ({"joint_position": np.zeros((6, 1))}, rf"step: joint_position is .*; {ROW}"),
+    ({"joint_velocity": np.zeros(6)}, "joint_velocity, which is that at joint_position; give both"),
     ({"joint_position": {"a": 1.0}}, rf"step: joint_position is .*; {ROW}"),
     ({"flange": [0.4, 0.0, 0.5]}, r"step: flange is \[0\.4, 0\.0, 0\.5\]; give a cosim\.Pose"),
     ({"flange": cosim.Pose(np.zeros((3, 3)))}, r"step: flange\.rotation is no rotation"),

@@ -66,9 +66,8 @@ def test_a_replayed_plan_moves_as_the_planned_run(asked: tuple[Path, JointTable,
     first = int(np.argmin(np.abs(found.result.time_s - found.begin_s)))
     count = len(planned.tick)
     assert len(found.result.tick) == first + count
-    # servos know the speed of the rows, not their acceleration, which costs them some 0.8 mrad
-    np.testing.assert_allclose(found.result.joint_position[first:], planned.joint_position, atol=1.2e-3)
-    np.testing.assert_allclose(found.result.tip_position[first:], planned.tip_position, atol=1.2e-3)
+    np.testing.assert_allclose(found.result.joint_position[first:], planned.joint_position, atol=2e-5)
+    np.testing.assert_allclose(found.result.tip_position[first:], planned.tip_position, atol=2e-5)
     np.testing.assert_allclose(found.result.pressure_Pa[-1], 25e3)
     np.testing.assert_allclose(found.result.cable_tension_N[-1], [1.0, 0.0])
     assert not found.compared
@@ -92,6 +91,17 @@ def test_delay_noise_and_offset_of_what_was_measured_are_found(
     said = capsys.readouterr().out
     assert "shoulder_lift_joint.measured_rad: rms 0.00" in said
     assert (tmp_path / "b.png").stat().st_size > 1000
+
+
+def test_rough_rows_are_followed_evenly(asked: tuple[Path, JointTable, Replayed]) -> None:
+    file, table, smooth = asked
+    noise = np.zeros(table.values.shape)
+    noise[:, :6] = np.random.default_rng(6).normal(size=(len(table.time_s), 6)) * NOISE_RAD
+    noise[-1] = 0.0
+    rough = replace(table, values=table.values + noise)
+    found = cosim.replay(file, rough, overrides={"fidelity": "rigid"}).result
+    apart = found.joint_position - smooth.result.joint_position
+    assert apart.std() < 2.0 * NOISE_RAD  # along cubics 2.4 times the noise
 
 
 def test_joints_of_another_arm_are_refused(asked: tuple[Path, JointTable, Replayed]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.base.frames import rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.devices.live.live_commands import Departure
+from cosim.devices.live.live_commands import Departure, JointMotion
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_limits import ArmLimits
 
@@ -40,3 +40,22 @@ def test_a_twist_that_is_too_fast_is_followed_at_the_fastest_joints_bound(arm: A
     # slower, not elsewhere: a piece's rate is that of its middle at the speed that was asked for
     np.testing.assert_allclose((end - begin)[1:], 0.0, atol=1e-2 * (end - begin)[0])
     assert any("speed of" in text for text in motion.limits)
+
+
+def test_a_cubic_leaves_and_arrives_with_its_speeds() -> None:
+    random, ticks = np.random.default_rng(2), 40
+    knots, speeds = random.normal(size=(2, 3)), random.normal(size=(2, 3))
+    motion = JointMotion(7, ticks, knots, speed=speeds)
+    found = motion.through(7, ticks + 3, TICK_s)
+    np.testing.assert_allclose(found.position[[0, ticks]], knots, atol=1e-14)
+    np.testing.assert_allclose(found.velocity[0], speeds[0])
+    np.testing.assert_allclose(motion.speed_at(7 + ticks, TICK_s), speeds[1])
+    assert not found.velocity[ticks:].any()  # it stands there, unless another motion follows
+    assert not found.acceleration[ticks:].any()
+    # central differences of a cubic are off by its third derivative, which is constant
+    place, inner = found.position[: ticks + 1], slice(1, ticks)
+    third = np.diff(place, 3, axis=0)[0] / TICK_s**3
+    speed = (place[2:] - place[:-2]) / (2.0 * TICK_s) - third * TICK_s**2 / 6.0
+    np.testing.assert_allclose(found.velocity[inner], speed, atol=1e-9)
+    bend = np.diff(place, 2, axis=0) / TICK_s**2
+    np.testing.assert_allclose(found.acceleration[inner], bend, atol=1e-6)

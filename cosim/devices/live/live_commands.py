@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, IntArray, Pose
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import (
@@ -55,12 +55,15 @@ class JointMotion:
         ticks: that it takes, at least one.
         knots: (k, joints) [rad], evenly spaced in time, at least two.
         limits: what it was cut down to, in words.
+        speed: (2, joints) [rad/s] at begin and end, with which it goes along a cubic from the first to the
+            last knot; None: it goes evenly.
     """
 
     begin: int
     ticks: int
     knots: Annotated[Array, ("k", "joints")]
     limits: tuple[str, ...] = ()
+    speed: Annotated[Array, (2, "joints")] | None = None
 
     def through(self, first: int, count: int, tick_s: float) -> JointReference:
         """Return what is asked at the starts of some ticks.
@@ -71,6 +74,8 @@ class JointMotion:
             tick_s: length of a tick [s].
         """
         pieces, knots, done = len(self.knots) - 1, self.knots, first - self.begin
+        if self.speed is not None:
+            return self._along_cubic(done + np.arange(count), tick_s)
         way = np.minimum(np.arange(done, done + count) / self.ticks, 1.0) * pieces
         place = np.minimum(way.astype(np.int64), pieces - 1)
         begin = knots[place]
@@ -79,6 +84,24 @@ class JointMotion:
         if done + count > self.ticks:
             speed[way >= pieces] = 0.0
         return JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
+
+    def _along_cubic(self, done: IntArray, tick_s: float) -> JointReference:
+        """Return what is asked after some ticks (n,), by the cubic of Hermite; it stands after its end."""
+        assert self.speed is not None, "asked of cubics"
+        lasts_s = self.ticks * tick_s
+        (here, there), (leaving, arriving) = self.knots, lasts_s * self.speed
+        u = np.minimum(done / self.ticks, 1.0)[:, None]
+        moves, way = u < 1.0, there - here
+        square, cube = 3.0 * way - 2.0 * leaving - arriving, leaving + arriving - 2.0 * way
+        place = here + u * (leaving + u * (square + u * cube))
+        speed = moves * (leaving + u * (2.0 * square + 3.0 * u * cube)) / lasts_s
+        return JointReference(place, speed, moves * (2.0 * square + 6.0 * u * cube) / lasts_s**2)
+
+    def speed_at(self, tick: int, tick_s: float) -> Array:
+        """Return the speed (joints,) [rad/s] that the motion has after some ticks of the run."""
+        if self.speed is not None and tick == self.begin + self.ticks:
+            return self.speed[1]
+        return self.through(tick, 1, tick_s).velocity[0]
 
 
 @final
@@ -100,11 +123,13 @@ class Departure:
     limits: ArmLimits
     tick_s: float
 
-    def towards(self, joints: Array) -> JointMotion:
+    def towards(self, joints: Array, speeds: Array | None = None) -> JointMotion:
         """Return the motion to joint positions; it takes longer than asked for where a joint is not as fast.
 
         Args:
             joints: (joints,) [rad], wanted; cut down to their bounds.
+            speeds: (2, joints) [rad/s] at begin and end, without effect where a bound is in the way; None: it
+                goes evenly.
         """
         limits, ticks = self.limits, self.ticks
         wanted = np.clip(joints, limits.lower, limits.upper)
@@ -117,7 +142,8 @@ class Departure:
         if share.max(initial=0.0) > 1.0:
             words += _speeds(share, limits)
             ticks = math.ceil(ticks * float(share.max()))
-        return JointMotion(self.begin, ticks, np.stack([self.here, wanted]), tuple(words))
+        knots = np.stack([self.here, wanted])
+        return JointMotion(self.begin, ticks, knots, tuple(words), None if words else speeds)
 
     def to_pose(self, arm: Arm, pose: Pose) -> JointMotion:
         """Return the motion to a pose of the flange, straight in the space of the joints.
@@ -372,13 +398,18 @@ class LiveCommands(SteeredCommands):
         (command, ticks), arm, limits = self._motion, self._bounds.arm, self._bounds.limits
         assert arm is not None, "checked with the command"
         assert limits is not None, "an arm has them"
+        speed = np.zeros(here.shape)
         if state.joints is not None:
             here = state.joints.through(tick - 1, 1, self._tick_s).position[0]
+            speed = state.joints.speed_at(tick - 1, self._tick_s)
         departure = Departure(here, tick - 1, ticks, limits, self._tick_s)
         if command.flange is not None:
             found = departure.to_pose(arm, command.flange)
         elif command.joint_position is not None:
-            found = departure.towards(np.array(command.joint_position, dtype=float))
+            speeds = None
+            if command.joint_velocity is not None:
+                speeds = np.stack([speed, np.array(command.joint_velocity, dtype=float)])
+            found = departure.towards(np.array(command.joint_position, dtype=float), speeds)
         else:
             found = departure.along(arm, np.array(command.flange_twist, dtype=float))
         self._state, self._motion = replace(state, joints=found), None

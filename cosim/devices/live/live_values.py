@@ -307,9 +307,10 @@ class LiveBounds:
                 f"{WHO} commands {moves[0]}, but robot = 'none' has no joints to move the flange"
             )
         numbers(command.flange_twist, 6, WHO, "flange_twist")
-        numbers(
-            command.joint_position, 0 if self.arm is None else self.arm.joint_count, WHO, "joint_position"
-        )
+        for key in ("joint_position", "joint_velocity"):
+            numbers(getattr(command, key), 0 if self.arm is None else self.arm.joint_count, WHO, key)
+        if command.joint_velocity is not None and command.joint_position is None:
+            raise InputError(f"{WHO} commands joint_velocity, which is that at joint_position; give both")
         if values.drives_cables and scenario.fidelity == "rigid":
             raise InputError(f"{WHO} commands cable lengths, while fidelity = 'rigid' keeps its shape")
         self._check_range(values, moves, scenario.soft_robot.chamber_names())
