@@ -135,6 +135,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _pattern(options)
         case "export-path":
             return _export_path(options)
+        case "export-fmu":
+            return _export_fmu(options)
         case "compare":
             return _compare(options)
         case "list":
@@ -304,6 +306,17 @@ def _export_path(options: argparse.Namespace) -> int:
     if table.payload is not None:
         for line in repr(payload_torque(source)).split("\n"):
             print(printable(f"payload: {line}"))
+    return EXIT_DONE
+
+
+def _export_fmu(options: argparse.Namespace) -> int:
+    from cosim.base.extras import extra_module
+
+    extra_module("pythonfmu", "fmi")
+    from cosim.app.fmu import write_fmu  # here, because it loads that
+
+    write_fmu(options.scenario, options.out, _overrides(options))
+    print(printable(f"{options.out}, runs in Python processes with cosim[fmi]"))
     return EXIT_DONE
 
 
