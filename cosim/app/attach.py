@@ -303,6 +303,16 @@ class Attached:
         """Nodes of each triangle of the film (m, 3)."""
         return self._model.body.triangles
 
+    def draw(self, scene: Any) -> None:
+        """Add the film to a `mujoco.MjvScene`, such as `user_scn` of a passive viewer, a geom a triangle.
+
+        Raises:
+            InputError: the scene has no room for it.
+        """
+        from cosim.rigid.scene.renderer import add_film  # here: it brings MuJoCo
+
+        add_film(scene, self._begun_run.carrier.positions, self.triangles)
+
     @property
     def node_mass_kg(self) -> Array:
         """(n,), of the film's nodes."""
