@@ -306,6 +306,9 @@ class Attached:
     def draw(self, scene: Any) -> None:
         """Add the film to a `mujoco.MjvScene`, such as `user_scn` of a passive viewer, a geom a triangle.
 
+        Args:
+            scene: that gets the geoms.
+
         Raises:
             InputError: the scene has no room for it.
         """
