@@ -87,7 +87,7 @@ def main() -> None:
     options = parser.parse_args()
     from cosim.app.driver import build_simulation, with_fidelity_chosen
     from cosim.config.loading import load_scenario
-    from cosim.coupling.schemes.staggered import SoftHalves
+    from cosim.coupling.schemes.soft_halves import SoftHalves
 
     overrides = {"fidelity": options.fidelity, "coupling.scheme": "staggered"}
     run: Any = build_simulation(with_fidelity_chosen(load_scenario(options.scenario, overrides), print))
