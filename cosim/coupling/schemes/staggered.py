@@ -11,6 +11,18 @@ A tick is a row of length one. Kernels take rows, until the flange or bodies are
 is more than they know: lists of what is near are not valid, a tangent is indefinite, gas is sealed. That
 half is left to Python, and the row continues.
 
+What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
+film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
+weight of inertia in the step's scheme. Within the tick the wrench on the flange changes by
+-c E^T m (E - X) xi; in a slow motion it ends up changed by -c E^T m E xi, as that of a rigid body. Carried:
+
+    M_a = s_0 (E^T m E - (1 - b) E^T m X),    b = min(1, 1 / r^2),
+
+r the stability ratio, s_0 = c h^2 the first of `answer_weights`. The whole mass, b = 1, leaves slow motions
+as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
+that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
+Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
+
 The automatic exchange is iterated where the staggered one would need an algorithmic mass.
 """
 
@@ -26,6 +38,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import RecordStore, nothing_of
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
+from cosim.coupling.contact.giving_way import rigid_motions
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
     LISTS_LEFT,
@@ -37,7 +50,6 @@ from cosim.coupling.half_ticks import (
     load_rigid_side,
 )
 from cosim.coupling.open_ticks import OpenTicks
-from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass
 from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
@@ -49,6 +61,7 @@ from cosim.coupling.soft_sides.soft_side import expecting_no_change
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.self_contact import REMEMBERED, FilmContacts
 from cosim.soft.solve.state import BegunStep, SoftState, StepScheme
@@ -233,6 +246,39 @@ class FilmHalves(SoftHalves):
         state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
         drive = ticks.flange(done), loads
         soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
+
+
+def rigid_share(ratio: float) -> float:
+    """Return b, how much of what the film lags behind within a tick is carried all the same.
+
+    Args:
+        ratio: r, stability ratio of the flange.
+    """
+    return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
+
+
+def algorithmic_mass(
+    soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
+) -> Array:
+    """Return M_a (6, 6), linear then angular, about a point, world axes.
+
+    Args:
+        soft: after its step.
+        origin: (3,) [m], of the flange.
+        ratio: r, stability ratio of the flange.
+        contact: with the body; None for none.
+        step_s: h [s].
+    """
+    mass = soft.mass_properties().spatial(origin)
+    lacking = 1.0 - rigid_share(ratio)
+    if lacking > 0.0:
+        rigid = rigid_motions(soft.state.positions, origin)
+        momentum = np.ascontiguousarray((soft.body.node_mass[:, None, None] * rigid).transpose(2, 0, 1))
+        lagging = soft.response(soft.inertia_weight(step_s) * momentum, contact, step_s)
+        if lagging is not None:  # the tangent is not indefinite
+            behind = lacking * np.einsum("inr,jnr->ij", momentum, lagging)
+            mass -= 0.5 * (behind + behind.T)
+    return np.asarray(soft.answer_weights[0] * mass)
 
 
 @final
