@@ -57,7 +57,7 @@ from cosim.coupling.schemes.open_row import OpenRow
 from cosim.coupling.schemes.soft_halves import SectionHalves, SoftHalves
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
-from cosim.coupling.soft_sides.soft_side import expecting_no_change
+from cosim.coupling.soft_sides.soft_side import SoftSide, expecting_no_change
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
