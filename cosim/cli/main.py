@@ -121,8 +121,8 @@ def _command(options: argparse.Namespace, started: float) -> int:
             from cosim.cli.trade import trade_command
 
             return trade_command(options)
-        case "export":
-            return _export(options)
+        case "export" | "export-fmu" as kind:
+            return (_export if kind == "export" else _export_fmu)(options)
         case "sweep":
             return _sweep(options)
         case "identify":
@@ -135,8 +135,6 @@ def _command(options: argparse.Namespace, started: float) -> int:
             return _pattern(options)
         case "export-path":
             return _export_path(options)
-        case "export-fmu":
-            return _export_fmu(options)
         case "compare":
             return _compare(options)
         case "list":
