@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 
 import numpy as np
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cosim.build.soft_body import AnyBody
     from cosim.coupling.schemes.ledger import LedgerEntry
     from cosim.devices.controller import Measurement
+    from cosim.plan.plan import SoftCommand
     from cosim.rigid.scene.host_model import Data, HostModel, HostSource, Model
     from cosim.rigid.scene.host_scene import HostScene
     from cosim.soft.body.body import SoftBody
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 Values: TypeAlias = "float | Sequence[float] | Mapping[str, float]"
 """One number for all, or one each in order, or some by name."""
+_AHEAD: Final = 64
+"""Ticks whose commands are found at once."""
 
 
 @final
@@ -77,6 +80,8 @@ class _Hung:
         steps: of MuJoCo taken in the tick in progress.
         stepping: whether one is being taken.
         ledger: of the last tick.
+        ahead: what ticks to come are asked for, as long as nothing new is commanded.
+        ahead_tick: the first of them.
     """
 
     scene: HostScene
@@ -84,6 +89,8 @@ class _Hung:
     parts: Parts
     loads: Loads
     ledger: LedgerEntry | Callable[[], LedgerEntry]
+    ahead: tuple[SoftCommand, ...] = ()
+    ahead_tick: int = 0
     tick: int = 0
     steps: int = 0
     stepping: bool = False
@@ -251,6 +258,7 @@ class Attached:
             self._waiting.append((command, ticks))
         else:
             self._hung.parts.commands.command(command, ticks)
+            self._hung.ahead = ()
 
     @property
     def pressure_Pa(self) -> tuple[float, ...]:
@@ -303,6 +311,19 @@ class Attached:
         """Nodes of each triangle of the film (m, 3)."""
         return self._model.body.triangles
 
+    def draw(self, scene: Any) -> None:
+        """Add the film to a `mujoco.MjvScene`, such as `user_scn` of a passive viewer, a geom a triangle.
+
+        Args:
+            scene: that gets the geoms.
+
+        Raises:
+            InputError: the scene has no room for it.
+        """
+        from cosim.rigid.scene.renderer import add_film  # here: it brings MuJoCo
+
+        add_film(scene, self._begun_run.carrier.positions, self.triangles)
+
     @property
     def node_mass_kg(self) -> Array:
         """(n,), of the film's nodes."""
@@ -351,7 +372,7 @@ class Attached:
         run.carrier.restore_state(state.carrier)
         run.parts.commands.restore_state(state.commands)
         run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
-        run.steps, run.stepping = 0, False
+        run.steps, run.stepping, run.ahead = 0, False, ()
         self._known.add(state)
 
     @property
@@ -374,9 +395,11 @@ class Attached:
     def _loads(self, run: _Hung) -> Loads:
         """Return what acts on the soft robot at the end of the tick that begins."""
         parts, done = run.parts, run.tick + 1
-        ahead = parts.commands.ahead(0, done, 1)
-        if ahead is not None:
-            return parts.loads(ahead.soft[0])
+        if not run.ahead_tick <= done < run.ahead_tick + len(run.ahead):
+            found = parts.commands.ahead(0, done, _AHEAD)
+            run.ahead, run.ahead_tick = () if found is None else found.soft, done
+        if run.ahead:
+            return parts.loads(run.ahead[done - run.ahead_tick])
         run.carrier.follow()
         step = StepToTake(0, done, run.tick * self.tick_s, self.tick_s)
         return parts.loads(parts.command(step).soft)

@@ -28,6 +28,7 @@ def parser() -> argparse.ArgumentParser:
     _add_pattern(commands)
     _add_export(commands)
     _add_export_path(commands)
+    _add_export_fmu(commands)
     _add_compare(commands)
     _add_twin(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
@@ -135,6 +136,13 @@ def _add_export_path(commands: Any) -> None:
         "--rate", metavar="HZ", type=float, default=500.0, help="rows per second (default: 500)"
     )
     _add_changes(path)
+
+
+def _add_export_fmu(commands: Any) -> None:
+    fmu = commands.add_parser("export-fmu", help="write a scenario as a co-simulation FMU (FMI 2)")
+    fmu.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
+    fmu.add_argument("out", metavar="OUT", type=Path, help="the file, such as arm.fmu")
+    _add_changes(fmu)
 
 
 def _add_compare(commands: Any) -> None:

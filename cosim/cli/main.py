@@ -302,6 +302,17 @@ def _export_path(options: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def _export_fmu(options: argparse.Namespace) -> int:
+    from cosim.base.extras import extra_module
+
+    extra_module("pythonfmu", "fmi")
+    from cosim.app.fmu import write_fmu  # here, because it loads that
+
+    write_fmu(options.scenario, options.out, _overrides(options))
+    print(printable(f"{options.out}, runs in Python processes with cosim[fmi]"))
+    return EXIT_DONE
+
+
 def _identify(options: argparse.Namespace) -> int:
     from cosim.bench import page  # here, because they load numpy and pydantic
     from cosim.bench.fitting import identify
@@ -421,6 +432,7 @@ def _list(kind: str) -> int:
 
 _PLAIN: Final = {
     "export": _export,
+    "export-fmu": _export_fmu,
     "sweep": _sweep,
     "identify": _identify,
     "design": _design,

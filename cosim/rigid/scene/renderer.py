@@ -19,9 +19,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, cross
 from cosim.base.solid import BodyShape
-from cosim.errors import OutputError
+from cosim.errors import InputError, OutputError
 
 NOTHING, FILM, FIRST_BODY = 0, 1, 2
 """Segments: what is not there, the film, and rigid bodies from the first one on."""
@@ -242,3 +242,27 @@ def _gl_context(width: int, height: int) -> Any:
         raise OutputError(
             f"cameras cannot draw by {names[0]}: {type(error).__name__}: {text}; {_REMEDY}"
         ) from error
+
+
+def add_film(scene: mujoco.MjvScene, positions: Array, triangles: IntArray) -> None:
+    """Add a film to what MuJoCo is to draw; a triangle has a corner at its place, its edges are axes.
+
+    Args:
+        scene: that gets a geom for each triangle.
+        positions: (n, 3) [m], world.
+        triangles: (m, 3), nodes of each.
+
+    Raises:
+        InputError: the scene has no room for them.
+    """
+    first, room = scene.ngeom, len(scene.geoms) - scene.ngeom
+    if len(triangles) > room:
+        raise InputError(f"the film has {len(triangles)} triangles, the scene room for {room}; raise maxgeom")
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    axes = np.stack([b - a, c - a, cross(b - a, c - a)], axis=2).reshape(-1, 9)
+    size, colour = np.ones(3), np.array(_FILM_RGBA, np.float32)
+    for k, (place, frame) in enumerate(zip(a, axes, strict=True)):
+        mujoco.mjv_initGeom(
+            scene.geoms[first + k], mujoco.mjtGeom.mjGEOM_TRIANGLE, size, place, frame, colour
+        )
+    scene.ngeom = first + len(triangles)
