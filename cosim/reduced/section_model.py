@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Final, final
 
 import numpy as np
@@ -16,7 +15,6 @@ from cosim.reduced.sections.section_energy import HIGH, PressureSpline
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.solve.assembly import SoftSystem
 
 STRAINS: Final = ("shear", "length", "bending", "twist")
 """Kinds of strain in `SectionModel.held_out`."""
@@ -113,11 +111,6 @@ class SectionBody:
         )
         radius = float(np.linalg.norm((nodes - base[0]) @ base[1:3].T, axis=1).max())
         return float(np.linalg.norm(base[0])) + _REACH_MARGIN * (float(ends.sum(axis=1).max()) + radius)
-
-    @cached_property
-    def system(self) -> SoftSystem:
-        """Of the film, whose potential is evaluated where frames do not suffice."""
-        return SoftSystem(self.body)
 
     @property
     def chain(self) -> tuple[Array, Array, IntArray, Array]:
