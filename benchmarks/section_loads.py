@@ -98,7 +98,8 @@ def main() -> None:
     parser.add_argument("scenarios", nargs="*", default=SCENARIOS)
     options = parser.parse_args()
     print("| robot of | compared | median [%] | 95 % [%] | largest [%] | apart |")
-    every, apart = [], Counter[str]()
+    every: list[float] = []
+    apart = Counter[str]()
     for scenario in options.scenarios:
         began = time.process_time()
         off, ends = compare(scenario, options)
