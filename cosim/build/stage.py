@@ -320,9 +320,8 @@ def stage_of(
         arm: what the plan asks of it; None without one.
         section: model of the soft robot; None where another represents it.
     """
-    ticks, tick_s = _steps(parts)
     scenario, carrier, body = parts.scenario, parts.carrier, parts.soft.body
-    robot = modelled_robot(scenario)
+    (ticks, tick_s), robot = _steps(parts), modelled_robot(scenario)
     return RunInfo(
         scenario=scenario.name,
         title=scenario.title,

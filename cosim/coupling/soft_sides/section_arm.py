@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final, overload
 
 import numpy as np
@@ -36,6 +37,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching, Footing
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
@@ -326,7 +328,11 @@ class SectionArm(SoftSide):
 
     def footing(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Footing:
         """Return how firmly a shape stands, as if it was at rest."""
-        return self._stiffness(shape, loads).footing
+        return self._stiffness(shape, loads).footing(self._system)
+
+    @cached_property
+    def _system(self) -> SoftSystem:
+        return SoftSystem(self.body)
 
     def _stiffness(self, shape: ChainShape, loads: Loads) -> ChainStiffness:
         return ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)
@@ -417,7 +423,7 @@ class SectionArm(SoftSide):
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
-        return ContactSurface.of(self.body, self._solver.system.pattern)
+        return ContactSurface.of(self.body, self._system.pattern)
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""

@@ -15,7 +15,6 @@ How the tip of a chain of frames moves with its loads: the implicit function the
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Annotated, final
 
 import numpy as np
@@ -51,7 +50,6 @@ from cosim.reduced.solve.clamp import FrameClamp
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import Outcome
 from cosim.soft.solve.state import inertia_weight
 
@@ -239,11 +237,6 @@ class ChainSolver:
         self._eyelet_table = np.ascontiguousarray(table).reshape(len(table), -1)
         self.losses_follow_shape = any(cable.friction_coefficient for cable in body.cables)
         self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
-
-    @cached_property
-    def system(self) -> SoftSystem:
-        """Of the film, whose potential is evaluated where frames do not suffice."""
-        return SoftSystem(self.section.body)
 
     @property
     def eyelet_table(self) -> Array:

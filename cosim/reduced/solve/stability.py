@@ -18,6 +18,7 @@ from cosim.reduced.solve.newton import ChainSolver, whole_tangent
 from cosim.reduced.solve.time_step import given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
 from cosim.soft.solve.stability import (
     Softest,
@@ -102,15 +103,18 @@ class ChainStiffness:
             ways, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
         )  # fmt: skip
 
-    @property
-    def footing(self) -> Footing:
-        """How firmly it stands."""
+    def footing(self, system: SoftSystem) -> Footing:
+        """Return how firmly it stands.
+
+        Args:
+            system: of the film.
+        """
         held, unstable = self._solver.losses_follow_shape, self.unstable
         if unstable is not None:
             return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
         section, frames, count = self._solver.section, self._frames, len(self._frames)
         (_, mode), motion, tip = self._lowest, self._motion[:, :, self._free], section.body.tip
-        system, x = self._solver.system, section.positions(frames, self._pressure)
+        x = section.positions(frames, self._pressure)
         loads = replace(
             self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
         )
