@@ -58,9 +58,11 @@ class Curves:
     def jacobian(self, quantities: Sequence[str] = ()) -> Array:
         """Return the derivatives (rows, parameters) where `at` was called last; of other quantities if named.
 
+        At a kink of the forces, as where film begins to wrinkle, they are those across it.
+
         Args:
             quantities: of all rows, one for each instead of its own; (quantities, rows, parameters).
         """
         if quantities:
-            return np.moveaxis(self.rows.jacobian(quantities), 1, 0)
-        return np.asarray(self.rows.jacobian(self._names)[self._own])
+            return np.moveaxis(self.rows.jacobian(quantities, kinks=True), 1, 0)
+        return np.asarray(self.rows.jacobian(self._names, kinks=True)[self._own])

@@ -67,6 +67,8 @@ def series_lines(result: Identified) -> list[str]:
         if result.outliers[rows].any():
             places = ", ".join(str(row + 1) for row in np.flatnonzero(result.outliers[rows]))
             parts.append(f"outliers set aside: row {places}")
+        if not fitted.any() and not held.all():
+            parts.append("the model cannot follow it: no row is met")
         if _systematic(scaled[fitted]):
             parts.append("the model cannot follow it: what is left is no noise, neighbours are off alike")
         lines.append(f"{entry.table.name}: {'; '.join(parts)}")
