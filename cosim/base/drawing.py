@@ -87,11 +87,6 @@ class Drawing:
     left_out: tuple[str, ...] = ()
 
 
-def in_mm(point: Array) -> str:
-    """Return a place (2,) or (3,) [m] in words."""
-    return f"({', '.join(f'{1e3 * number:.2f}' for number in point)}) mm"
-
-
 def read_drawing(path: Path, unit: str | None = None) -> Drawing:
     """Return the lines of a DXF or SVG file.
 

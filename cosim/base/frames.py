@@ -316,3 +316,8 @@ class Wrench(Remade):
     def power(self, twist: Twist) -> float:
         """Return force . linear + torque . angular [W], both about the same point."""
         return float(self.force.dot(twist.linear) + self.torque.dot(twist.angular))
+
+
+def in_mm(point: Array) -> str:
+    """Return a place (2,) or (3,) [m] in words."""
+    return f"({', '.join(f'{1e3 * number:.2f}' for number in point)}) mm"

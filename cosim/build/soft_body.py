@@ -19,8 +19,7 @@ from typing import Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.drawing import in_mm
-from cosim.base.frames import Array, IntArray, Pose, cross
+from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern
@@ -409,7 +408,7 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
         mesh = drawn_mesh(robot.body)
         _check_held(mesh, robot.base)
     elif isinstance(robot.body, PatternTable):
-        mesh = drawn_pattern(robot.body, robot.base[0])
+        mesh = drawn_pattern(robot.body, robot.base[0], robot.stiffener.kind != "none")
     else:
         mesh = robot.body.mesh()
     for name in robot.body.set_names():

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, in_mm, read_drawing, write_dxf
+from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, read_drawing, write_dxf
 from cosim.base.files import write_whole
+from cosim.base.frames import in_mm
 from cosim.base.resources import is_file, soft_robot_path, writing
 from cosim.build.patterns import cut_pattern
 from cosim.cli.screen import printable
@@ -190,6 +191,7 @@ def export_pattern_command(name: str, out: Path) -> None:
         "SEAL": pattern.seal,
         "PORT": pattern.ports,
         "FOLD": pattern.folds,
+        "FRAME": pattern.frames,
     }
     layers = {layer: list(lines) for layer, lines in drawn.items()}
     for entry, choice in zip(table.sets, pattern.sets, strict=True):

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cosim.base.drawing import SAME_PLACE_M, DrawnLine, in_mm
+from cosim.base.drawing import SAME_PLACE_M, DrawnLine
 from cosim.base.extras import extra_module
-from cosim.base.frames import Array
+from cosim.base.frames import Array, in_mm
 from cosim.errors import MeshError
 
 _SMALLEST_M: Final = 1e-3

@@ -15,8 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cosim.base.drawing import in_mm
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, in_mm
 from cosim.base.kernels import device_function
 from cosim.errors import MeshError
 
