@@ -154,7 +154,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
         MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
             seam does not close, or a set has no nodes. The message has the place in the drawing.
     """
-    for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds):
+    for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds, *pattern.frames):
         if np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() < SAME_PLACE_M:
             raise MeshError(f"{line.where or 'a line'} at {in_mm(line.middle)} has no length: take it away")
     met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
@@ -433,9 +433,9 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     Raises:
         MeshError: a set has no nodes of its sheet.
     """
-    flat = _turned(film.mesh.positions, placing.along)
-    origin = flat[film.sets[placing.base]].mean(axis=0)
-    flat = flat - origin
+    turned = _turned(film.mesh.positions, placing.along)
+    origin = turned[film.sets[placing.base]].mean(axis=0)
+    flat = turned - origin
     sheets, count = _numbered(film, pattern.pairs)
     positions, rise = np.zeros((count, 3)), _rise(film)
     for pair, (back, front) in enumerate(sheets):
@@ -447,14 +447,13 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     triangles = np.concatenate([part for back, front in sheets for part in (front[own], back[own][:, ::-1])])
     place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
     welded = place[:, :, film.chamber < 0].ravel()
-    bending = np.ones(len(triangles))
-    bending[welded] = _WELDED_BENDING
+    bending = np.where(np.isin(place.ravel(), welded), _WELDED_BENDING, 1.0)
     panel_m = film.depth_m if film.joined.any() else 2.0 * film.depth_m  # to the hole, or to the other seam
     caps = rims(triangles)
-    sets = {}
-    for choice in pattern.sets:
-        nodes = _on_sheets(film.sets[choice.name], choice, flat, sheets)
-        sets[choice.name] = next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
+    sets = {
+        choice.name: _as_cap(_on_sheets(film.sets[choice.name], choice, flat, sheets), caps)
+        for choice in pattern.sets
+    }
     frames = {f"frame_{number}": sheets[0][0][nodes] for number, nodes in enumerate(film.frames, start=1)}
     groups = {FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded}
     for number, name in enumerate(pattern.chambers):  # what is welded holds no gas, so any may have it
@@ -475,6 +474,11 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         chambers=pattern.chambers,
         creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
     )
+
+
+def _as_cap(nodes: IntArray, caps: Sequence[IntArray]) -> IntArray:
+    """Return the cap that has these nodes, in its order; the nodes where there is none."""
+    return next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
 
 
 def _placed(crease: DrawnCrease, placing: Placing, origin: Array) -> Crease:
