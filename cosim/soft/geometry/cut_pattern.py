@@ -433,9 +433,8 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     Raises:
         MeshError: a set has no nodes of its sheet.
     """
-    turned = _turned(film.mesh.positions, placing.along)
-    origin = turned[film.sets[placing.base]].mean(axis=0)
-    flat = turned - origin
+    origin = _turned(film.mesh.positions[film.sets[placing.base]].mean(axis=0)[None], placing.along)[0]
+    flat = _turned(film.mesh.positions, placing.along) - origin
     sheets, count = _numbered(film, pattern.pairs)
     positions, rise = np.zeros((count, 3)), _rise(film)
     for pair, (back, front) in enumerate(sheets):
