@@ -22,17 +22,22 @@ from cosim.soft.geometry.cut_pattern import (
 from cosim.soft.geometry.named_mesh import NamedMesh
 
 
-def drawn_pattern(table: PatternTable, base: str) -> NamedMesh:
+def drawn_pattern(table: PatternTable, base: str, framed: bool = False) -> NamedMesh:
     """Return the film of a cut pattern, flat, in the flange's frame.
 
     Args:
         table: of the pattern.
         base: name of the set whose middle comes to the flange's origin.
+        framed: whether stiffeners run along its frames.
 
     Raises:
-        MeshError: the drawing cannot be read, or is no pattern; the message has the place in it.
+        MeshError: the drawing cannot be read, or is no pattern, or has frames and no stiffeners, or
+            stiffeners and no frames; the message has the place in it.
     """
     pattern = cut_pattern(table)
+    if framed != bool(pattern.frames):
+        lines = ", ".join(line.where for line in pattern.frames) or "layer FRAME has no lines"
+        raise MeshError(f"{lines}: [stiffener] with kind = 'beam' and lines of layer FRAME need one another")
     return inflatable(flat_film(pattern), pattern, placing(table, base))
 
 
@@ -66,10 +71,6 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
             f"{name}: layer SEAL is empty: draw the seams on it, or set body.edge = 'sealed' if all edges "
             "are welded"
         )
-    if "FRAME" in read.layers:
-        raise MeshError(
-            f"{name}: layer FRAME has lines; printed frames on patterns are not modelled: take them away"
-        )
     creases = _creases(table, read, name)
     return CutPattern(
         cut=cut,
@@ -82,6 +83,7 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
             *(crease.line for crease in creases if crease.line.where == _GIVEN_LINE),
         ),
         creases=creases,
+        frames=read.layers.get("FRAME", ()),
         sets=tuple(_choice(entry, read, name) for entry in table.sets),
         seam_width_m=table.seam_width_m,
         mesh_m=table.mesh_m,

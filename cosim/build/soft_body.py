@@ -407,7 +407,7 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
         mesh = drawn_mesh(robot.body)
         _check_held(mesh, robot.base)
     elif isinstance(robot.body, PatternTable):
-        mesh = drawn_pattern(robot.body, robot.base[0])
+        mesh = drawn_pattern(robot.body, robot.base[0], robot.stiffener.kind != "none")
     else:
         mesh = robot.body.mesh()
     for name in robot.body.set_names():

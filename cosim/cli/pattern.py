@@ -191,6 +191,7 @@ def export_pattern_command(name: str, out: Path) -> None:
         "SEAL": pattern.seal,
         "PORT": pattern.ports,
         "FOLD": pattern.folds,
+        "FRAME": pattern.frames,
     }
     layers = {layer: list(lines) for layer, lines in drawn.items()}
     for entry, choice in zip(table.sets, pattern.sets, strict=True):

@@ -38,6 +38,7 @@ LONG = {
         "phase.shake.duration_s": 1.5,
         "phase.hold.duration_s": 0.1,
     },
+    "pouch_gripper_lifts_ball": {"phase.shake.duration_s": 1.5, "phase.hold.duration_s": 0.1},
     "mine.toml": {"model.published": True, "clock.tick_s": 0.01},
     "light_hexagon_arm": {"model.published": True, "clock.tick_s": 0.01},
 }

@@ -84,8 +84,12 @@ def unsealed_hole(sheet: Sheet) -> None:
     sheet.pouch().space.add_circle((20, 90), 5, dxfattribs={"layer": "HOLE"})
 
 
-def printed_frame(sheet: Sheet) -> None:
+def open_frame(sheet: Sheet) -> None:
     sheet.pouch().line("FRAME", [(0, 60), (40, 60)])
+
+
+def frame_over_a_chamber(sheet: Sheet) -> None:
+    sheet.pouch().line("FRAME", rectangle(inset=5.0), close=True)
 
 
 def on(layer: str) -> dict[str, str]:
@@ -202,7 +206,14 @@ def metres_for_millimetres(sheet: Sheet) -> None:
         (far_too_small, r"the outline is 0\.004 x 0\.012 mm; at least 1 mm are meshed: is the unit right"),
         (seam_outside, r"LWPOLYLINE #\w+ of layer SEAL leaves the outline at \((5\d|60)\.\d\d, 60\.00\) mm"),
         (unsealed_hole, r"is open at \((1|2)\d\.\d\d, (8|9)\d\.\d\d\) mm: no seam closes it"),
-        (printed_frame, "layer FRAME has lines; printed frames on patterns are not modelled"),
+        (
+            open_frame,
+            r"LWPOLYLINE #\w+ of layer FRAME is open at \(40\.00, 60\.00\) mm: a frame is a closed line",
+        ),
+        (
+            frame_over_a_chamber,
+            r"LWPOLYLINE #\w+ of layer FRAME is over a chamber at \(.*\) mm: draw it along seams",
+        ),
         (circle_of_no_size, r"CIRCLE #\w+ of layer SEAL at \(5\.00, 7\.00\) mm has no length"),
         (open_spline, r"the outline is open at \(0\.00, 20\.00\) mm"),
         (

@@ -18,8 +18,9 @@ from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternFoldTable, PatternSetTable, PatternTable
 from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable
+from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable, StiffenerTable
 from cosim.errors import MeshError
+from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
@@ -29,6 +30,8 @@ from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.verification.case import UNLOADED, Specimen
 
 ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
 
@@ -390,3 +393,31 @@ def test_creases_of_a_chamber_fold_both_sheets_outwards_and_points_do_as_a_layer
     np.testing.assert_allclose(edges[:, :, 2], x[:, 2].max() - 0.03)
     with pytest.raises(MeshError, match=r"layer FOLD_RIDGE is empty; there are: CUT, PORT, SEAL, TIP"):
         understood(Sheet().pouch().table(tmp_path, folds=(PatternFoldTable(0.5, layer="FOLD_RIDGE"),)))
+
+
+def test_a_frame_along_the_seam_keeps_the_width_of_a_pouch(tmp_path: Path) -> None:
+    beam = StiffenerTable("beam", width_m=10e-3, height_m=6e-3, young_modulus_Pa=1.7e9)
+    widths, lengths = [], []
+    for framed in (False, True):
+        sheet = Sheet().pouch()
+        if framed:
+            sheet.line("FRAME", rectangle(), close=True)
+        robot = replace(
+            robot_of(sheet.table(tmp_path, mesh_m=0.01)), stiffener=beam if framed else StiffenerTable()
+        )
+        body = build_soft_body(robot, ModelTable())
+        lengths += [frame.lengths.sum() for frame in body.elements if isinstance(frame, BeamRings)]
+        middle = np.flatnonzero(np.abs(body.positions[:, 2] - body.positions[:, 2].mean()) < 6e-3)
+        held = np.zeros_like(body.positions, dtype=bool)
+        held[body.base] = True
+        specimen = Specimen(body, held, NewtonOptions(tolerance_N=1e-4, iterations_max=400, step_max_m=5e-3))
+        start = body.positions + 1e-4 * np.random.default_rng(1).normal(size=body.positions.shape)
+        start[body.base] = body.positions[body.base]
+        loads = replace(UNLOADED, pressure_Pa=(1e3,))
+        x = specimen.solve(specimen.drawn(start), loads).state.positions
+        widths.append(np.ptp(x[middle, 0]))
+    assert lengths == [pytest.approx(0.32)]
+    assert widths[0] < 0.038
+    assert widths[1] > 0.0395
+    with pytest.raises(MeshError, match=r"layer FRAME.*need one another"):
+        build_soft_body(replace(robot, stiffener=StiffenerTable()), ModelTable())

@@ -90,8 +90,8 @@ class PatternTable(BodySourceTable):
 
     Args:
         kind: of `[body]`.
-        file: DXF or SVG beside the file that names it, in layers CUT, SEAL, HOLE, PORT, CABLE, FOLD; or
-            `outline_m` has the outline.
+        file: DXF or SVG beside the file that names it, in layers CUT, SEAL, HOLE, PORT, CABLE, FOLD,
+            FRAME; or `outline_m` has the outline.
         unit: of the drawing's numbers; omitted: as the drawing says.
         outline_m: corners of the sheets, in place of a drawing.
         seams_m: points of each further seam, in place of a drawing.
@@ -190,6 +190,10 @@ class PatternTable(BodySourceTable):
             yield "chambers", f"are {list(self.chambers)}; names must differ"
         for name in [name for name in self.chambers if name in GROUPS][:1]:
             yield "chambers", f"'{name}' is the name of sheets; take another"
+
+    def has_frames(self) -> bool:
+        """Whether its layer FRAME may have lines."""
+        return self.file is not None and self.pairs == 1
 
     def set_names(self) -> tuple[str, ...]:
         """Return the names of the node sets."""

@@ -53,6 +53,10 @@ class BodySourceTable(KindTable):
         """Return the names of the gas chambers that the film encloses."""
         return (ONLY_CHAMBER,)
 
+    def has_frames(self) -> bool:
+        """Whether it may name lines that stiffeners run along."""
+        return False
+
     def mesh(self) -> Any:
         """Return the film (`cosim.soft.geometry.named_mesh.NamedMesh`), in the flange's frame.
 
@@ -581,8 +585,10 @@ class SoftRobotTable:
     @rule
     def _has_outer_rings(self) -> Told:
         if self.stack is None and self.body is not None:
-            if self.stiffener.kind != "none":
-                yield "stiffener.kind", "is of stacks of units: they have outer rings"
+            if self.stiffener.kind != "none" and not self.body.has_frames():
+                yield "stiffener.kind", "is of stacks of units and of drawings with a layer FRAME"
+            elif self.stiffener.rest_on_one_another:
+                yield "stiffener.rest_on_one_another", "is of stacks of units"
             if self.mass.seam_mass_kg:
                 yield "mass.seam_mass_kg", "is of stacks of units: they have outer rings"
 

@@ -76,6 +76,7 @@ class CutPattern:
         chambers: names of the chambers, in the order of their ports; none: there is one.
         folds: lines that become edges of the mesh.
         creases: those of them that rest at an angle.
+        frames: closed lines along seams that stiffeners run along.
         sets: named nodes.
         seam_width_m: width of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of an edge; None: a quarter of the largest distance to a seam.
@@ -92,6 +93,7 @@ class CutPattern:
     holes: tuple[DrawnLine, ...] = ()
     folds: tuple[DrawnLine, ...] = ()
     creases: tuple[DrawnCrease, ...] = ()
+    frames: tuple[DrawnLine, ...] = ()
     sets: tuple[NodeChoice, ...] = ()
     seam_width_m: float = 0.0
     mesh_m: float | None = None
@@ -133,6 +135,7 @@ class FlatFilm:
         joined: (n,) whether pairs of sheets that lie on one another have the node.
         depth_m: largest distance from a seam within a chamber: half the distance between seams.
         sets: nodes of one sheet in each set, in order along the line where it is one.
+        frames: nodes of each frame, in order around it.
     """
 
     mesh: FlatMesh
@@ -141,6 +144,7 @@ class FlatFilm:
     joined: Mask
     depth_m: float
     sets: Mapping[str, IntArray] = field(default_factory=dict)
+    frames: tuple[IntArray, ...] = ()
 
 
 def flat_film(pattern: CutPattern) -> FlatFilm:
@@ -150,7 +154,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
         MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
             seam does not close, or a set has no nodes. The message has the place in the drawing.
     """
-    for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds):
+    for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds, *pattern.frames):
         if np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() < SAME_PLACE_M:
             raise MeshError(f"{line.where or 'a line'} at {in_mm(line.middle)} has no length: take it away")
     met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
@@ -159,14 +163,8 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
         pattern, cut=tuple(met[:first]), holes=tuple(met[first:second]), seal=tuple(met[second:])
     )
     sheet = sheet_within((*pattern.cut, *pattern.holes))
-    lines = [FlatLine(line.points, LineKind.CUT) for line in pattern.cut]
-    lines += [FlatLine(line.points, LineKind.HOLE) for line in pattern.holes]
-    lines += [FlatLine(points, LineKind.SEAL) for points in _seams(pattern, sheet)]
-    lines += [FlatLine(line.points, LineKind.FOLD) for line in pattern.folds]
-    for choice in pattern.sets:
-        if not choice.corners_only:
-            lines += [FlatLine(line.points, LineKind.OTHER) for line in choice.lines if len(line.points) > 1]
-    for line in (*pattern.seal, *pattern.folds):
+    lines = _lines(pattern, sheet)
+    for line in (*pattern.seal, *pattern.folds, *pattern.frames):
         check_within(line, sheet)
     corners = [line.points for choice in pattern.sets if choice.corners_only for line in choice.lines]
     points = np.concatenate([np.zeros((0, 2)), *corners])
@@ -181,7 +179,42 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     sets = {choice.name: _chosen(choice, mesh, edge_m) for choice in pattern.sets}
     joined = np.zeros(len(shared), dtype=bool)
     joined[mesh.edges_of(LineKind.HOLE)] = pattern.pairs > 1
-    return FlatFilm(mesh, chamber, shared, joined & ~shared, _depth(mesh, chamber), sets)
+    frames = tuple(_around_frame(line, mesh, shared) for line in pattern.frames)
+    if len({len(frame) for frame in frames}) > 1:
+        raise MeshError(
+            f"the frames have {', '.join(str(len(frame)) for frame in frames)} nodes; frames of one "
+            "pattern have the same number: draw them alike"
+        )
+    return FlatFilm(mesh, chamber, shared, joined & ~shared, _depth(mesh, chamber), sets, frames)
+
+
+def _lines(pattern: CutPattern, sheet: Any) -> list[FlatLine]:
+    """Return the lines of a pattern that become edges."""
+    lines = [FlatLine(line.points, LineKind.CUT) for line in pattern.cut]
+    lines += [FlatLine(line.points, LineKind.HOLE) for line in pattern.holes]
+    lines += [FlatLine(points, LineKind.SEAL) for points in _seams(pattern, sheet)]
+    lines += [FlatLine(line.points, LineKind.FOLD) for line in pattern.folds]
+    lines += [FlatLine(line.points, LineKind.OTHER) for line in pattern.frames]
+    for choice in pattern.sets:
+        if not choice.corners_only:
+            lines += [FlatLine(line.points, LineKind.OTHER) for line in choice.lines if len(line.points) > 1]
+    return lines
+
+
+def _around_frame(line: DrawnLine, mesh: FlatMesh, shared: Mask) -> IntArray:
+    """Return the nodes on a closed line, in order around it."""
+    shapely = extra_module("shapely", "pattern")
+    if not line.closed:
+        raise MeshError(f"{line.where} is open at {in_mm(line.points[-1])}: a frame is a closed line")
+    drawn, places = shapely.LineString(line.points), shapely.points(mesh.positions)
+    found = np.flatnonzero(shapely.distance(places, drawn) < SAME_PLACE_M)
+    loose = found[~shared[found]]
+    if len(loose):
+        raise MeshError(
+            f"{line.where} is over a chamber at {in_mm(mesh.positions[loose[0]])}: draw it along seams, "
+            "where the sheets are one"
+        )
+    return found[np.argsort(shapely.line_locate_point(drawn, places[found]), kind="stable")]
 
 
 def _check_followed(seam: Array, mesh: FlatMesh, edge_m: float) -> None:
@@ -406,9 +439,8 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     Raises:
         MeshError: a set has no nodes of its sheet.
     """
-    flat = _turned(film.mesh.positions, placing.along)
-    origin = flat[film.sets[placing.base]].mean(axis=0)
-    flat = flat - origin
+    origin = _turned(film.mesh.positions[film.sets[placing.base]].mean(axis=0)[None], placing.along)[0]
+    flat = _turned(film.mesh.positions, placing.along) - origin
     sheets, count = _numbered(film, pattern.pairs)
     positions, rise = np.zeros((count, 3)), _rise(film)
     for pair, (back, front) in enumerate(sheets):
@@ -420,21 +452,22 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     triangles = np.concatenate([part for back, front in sheets for part in (front[own], back[own][:, ::-1])])
     place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
     welded = place[:, :, film.chamber < 0].ravel()
-    bending = np.ones(len(triangles))
-    bending[welded] = _WELDED_BENDING
+    bending = np.where(np.isin(place.ravel(), welded), _WELDED_BENDING, 1.0)
     panel_m = film.depth_m if film.joined.any() else 2.0 * film.depth_m  # to the hole, or to the other seam
     caps = rims(triangles)
-    sets = {}
-    for choice in pattern.sets:
-        nodes = _on_sheets(film.sets[choice.name], choice, flat, sheets)
-        sets[choice.name] = next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
+    sets = {
+        choice.name: _as_cap(_on_sheets(film.sets[choice.name], choice, flat, sheets), caps)
+        for choice in pattern.sets
+    }
+    frames = {f"frame_{number}": sheets[0][0][nodes] for number, nodes in enumerate(film.frames, start=1)}
     groups = {FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded}
     for number, name in enumerate(pattern.chambers):  # what is welded holds no gas, so any may have it
         groups[name] = place[:, :, film.chamber.clip(0) == number].ravel()
     return NamedMesh(
         positions=positions,
         triangles=triangles,
-        rings=sets,
+        rings={**sets, **frames},
+        seam_rings=tuple(frames),
         caps=caps,
         base_ring=placing.base,
         tip_ring=placing.tip,
@@ -446,6 +479,11 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         chambers=pattern.chambers,
         creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
     )
+
+
+def _as_cap(nodes: IntArray, caps: Sequence[IntArray]) -> IntArray:
+    """Return the cap that has these nodes, in its order; the nodes where there is none."""
+    return next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
 
 
 def _placed(crease: DrawnCrease, placing: Placing, origin: Array) -> Crease:
