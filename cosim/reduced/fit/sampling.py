@@ -218,7 +218,7 @@ class Sampler:
         self._system = SoftSystem(body)
         clamp = Clamp.of_base(body)
         options = NewtonOptions(
-            tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=40, shift_max_N_m=1e6
+            tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=25, shift_max_N_m=1e6
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
         contact = None if films is None else SelfContact(body, films)
