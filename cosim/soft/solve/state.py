@@ -478,6 +478,9 @@ _CLOSE_N = 1e-5  # rings of beams that end their search as in motion leave 2e-6 
 _REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
 _FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
 
+LEFT_m_s2: Final = 50.0
+"""What a step may leave unbalanced accelerates the lightest node by no more."""
+
 Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
 
 
@@ -490,7 +493,7 @@ class StepOptions:
         integrator: "implicit_euler" (first order, damps) or "bdf2" (second order, damps less).
         tolerance_N: a step whose residual is below this is done.
         iterations: new tangents of an ordinary step, besides iterations with a kept one.
-        residual_bound_N: a step whose residual is above this after them continues iterating.
+        residual_bound_N: a step whose residual is above this after them continues iterating; see `bound_N`.
         newton: bounds of the iteration.
         damping_per_s: alpha [1/s], of motion relative to the flange.
         air_drag_per_s: beta [1/s], of motion in the world.
@@ -505,6 +508,13 @@ class StepOptions:
     damping_per_s: float = 0.0
     air_drag_per_s: float = 0.0
     substep_error_m: float | None = None
+
+    def bound_N(self, node_mass: Array) -> float:
+        """Return the residual [N] with which an ordinary step of nodes (n,) [kg] may end: it throws none.
+
+        min(residual_bound_N, 50 m/s^2 times the least mass), at least `tolerance_N`.
+        """
+        return max(self.tolerance_N, min(self.residual_bound_N, LEFT_m_s2 * float(node_mass.min())))
 
     @property
     def losses_per_s(self) -> float:

@@ -183,6 +183,7 @@ class QuickStepper:
 
     def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
         self._solver, self._clamp, self._options = solver, clamp, options
+        self._bound_N = options.bound_N(solver.system.body.node_mass)
         self.sides = FilmSides(solver, clamp, options, apart=apart)
         self.begun: BegunStep | None = None
         """A step that was begun elsewhere: the next one, if it is from the same state, continues with it."""
@@ -257,7 +258,7 @@ class QuickStepper:
             solution.reused, place = begun.iterations, place._replace(begins=GOES_ON)
         outcome = self._solver.go_on(solution, place)
         if outcome is Outcome.ITERATION_LIMIT and lenient:
-            if solution.residual <= options.residual_bound_N and not self._jumps(motion, step_s):
+            if solution.residual <= self._bound_N and not self._jumps(motion, step_s):
                 velocities[:] = (x - velocities) / scheme.bed.span
             else:
                 more = place.tangents_max + options.newton.iterations_max
@@ -554,4 +555,4 @@ class ImplicitStepper:
             # below an ordinary step's tolerance rounding may leave no descent
             return result.residual_N <= self.options.tolerance_N
         limit = result.outcome is Outcome.ITERATION_LIMIT
-        return limit and result.residual_N <= self.options.residual_bound_N
+        return limit and result.residual_N <= self.options.bound_N(self.solver.system.body.node_mass)
