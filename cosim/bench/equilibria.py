@@ -157,8 +157,16 @@ class Equilibria:
         return np.array(found)
 
     def _built(self, values: Array) -> tuple[SoftArm, StaticModel]:
-        changes = [shared(self.keys[k], float(values[k])) for k in self._robot]
-        scenario = with_values(self.scenario, {key: value for each in changes for key, value in each.items()})
+        changes = dict[str, float]()
+        for k in self._robot:
+            changes |= shared(self.keys[k], float(values[k]))
+        try:
+            scenario = with_values(self.scenario, changes)
+        except ScenarioError as error:
+            (path, problem), *further = error.faults
+            tried = ", ".join(f"{self.keys[k][0]} = {values[k]:g}" for k in self._robot)
+            problem = f"{problem}; this was tried: {tried}; narrow low and high of the parameters"
+            raise ScenarioError(path, problem, tuple(further)) from None
         statics = replace(static_options(scenario), tolerance_N=_TOLERANCE_N, start_tolerance_N=_TOLERANCE_N)
         flange = pose_of(scenario.start.flange)
         arm = SoftArm(fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario))

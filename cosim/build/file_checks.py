@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from cosim.base.arm_file import ArmFile
@@ -18,6 +19,7 @@ from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_plan import checked_start, drawn_payload
+from cosim.plan.motion import rotation_from_direction
 from cosim.plan.planning import check_given_ways
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
@@ -38,10 +40,13 @@ def checked_arm(robot: str) -> ArmFile:
 
 
 def flange_at_home(file: ArmFile) -> str:
-    """Return in words where an arm's flange is at home, as `start.flange` of a scenario asks for it."""
+    """Return where an arm's flange is at home, as the line `start.flange = {...}` of a scenario."""
     pose = Arm(file).forward(file.home)
-    numbers = [", ".join(f"{x + 0.0:.3f}" for x in v) for v in (pose.translation, pose.rotation[:, 2])]
-    return f"at home the flange is at [{numbers[0]}] m, its direction [{numbers[1]}]"
+    direction = pose.rotation[:, 2].round(4)
+    rolled = rotation_from_direction(direction).T @ pose.rotation
+    place, way = (", ".join(f"{x + 0.0:.4f}" for x in v) for v in (pose.translation, direction))
+    roll = f"{math.atan2(rolled[1, 0], rolled[0, 0]) + 0.0:.4f}"
+    return f"at home: start.flange = {{ position_m = [{place}], direction = [{way}], roll_rad = {roll} }}"
 
 
 def check_robot(robot: SoftRobotTable) -> None:

@@ -262,7 +262,7 @@ def _add_sweep(commands: Any) -> None:
     sweep.add_argument(
         "--workers", metavar="N", type=int, help="processes of this machine (default: one for each processor)"
     )
-    drawn = "draw columns of the table, the one to the right first"
+    drawn = "draw columns of the table: the first along x, the others along y"
     _add_list(sweep, "--plot", "columns", "COLUMN", drawn, nargs="+")
     sweep.add_argument("--quiet", action="store_true", help="show errors only")
 

@@ -142,7 +142,7 @@ _START_CONFIGURATIONS = 12
 _LED_STEP = 0.05  # m or rad, of a joint that is led
 _FINER = 2  # pieces of a way whose velocity is to be even
 _SINGULAR = 1e-3  # of the Jacobian's largest singular value: no velocity is asked for that way
-_ROLLS = tuple(sign * quarter * math.pi / 4.0 for quarter in (2, 4, 1, 3) for sign in (1.0, -1.0))  # tried
+_ROLLS = (1.57, -1.57, 3.14, -3.14, 0.79, -0.79, 2.36, -2.36)  # tried, in the digits that the message has
 
 
 def plan_joints(
@@ -206,7 +206,8 @@ def _rolled_otherwise(arm: Arm, start: Pose) -> str:
         roll = Pose(rotation_from_vector(np.array([0.0, 0.0, turn])), np.zeros(3))
         with suppress(UnreachableError):
             solve(arm, start @ roll, arm.home, candidates=1, restarts=20)
-            return f"; with its roll_rad {abs(turn):.2f} {'more' if turn > 0.0 else 'less'} it can be there"
+            change = f"add {turn:.2f} to" if turn > 0.0 else f"subtract {-turn:.2f} from"
+            return f"; it can be there if you {change} its roll_rad"
     return ""
 
 

@@ -28,7 +28,7 @@ def test_the_page_is_followed(
         assert main(command.split()[1:]) == 0
     said = capsys.readouterr().out
     assert "fine: 8 joints; flange 'arm_tool_link'" in said
-    assert "at home the flange is at [" in said
+    assert "at home: start.flange = {" in said
     assert (tmp_path / "runs/press/recording.rrd").stat().st_size > 0
     summary = json.loads((tmp_path / "runs/press/summary.json").read_text(encoding="utf-8"))
     assert summary["status"] == "completed"

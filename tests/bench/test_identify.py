@@ -153,3 +153,15 @@ def test_wrong_benches_are_refused_by_their_key(tmp_path: Path, old: str, new: s
     (tmp_path / "bench.toml").write_text(BENCH.replace(old, new))
     with pytest.raises(cosim.ScenarioError, match=message):
         load_bench(tmp_path / "bench.toml")
+
+
+def test_bounds_that_no_robot_can_have_are_named_by_the_values_that_were_tried(tmp_path: Path) -> None:
+    key = "soft_robot.stack.corner_radius_m"
+    (tmp_path / "pushed.csv").write_text("force_N,tip_mm\n0,0\n0.1,0\n")
+    (tmp_path / "inflated.csv").write_text("pressure_kPa,length_mm\n3,1\n6,1\n")
+    text = BENCH.replace("soft_robot.stiffener.young_modulus_Pa", key)
+    text = text.replace("low = 0.5e9\nhigh = 5e9\nstart = 2.2e9", "low = 1e-3\nhigh = 0.1")
+    (tmp_path / "bench.toml").write_text(text)
+    curves = Curves(*load_bench(tmp_path / "bench.toml"))
+    with pytest.raises(cosim.ScenarioError, match=rf"{key} = 0\.001; narrow low and high"):
+        curves.at(np.array([1e9, 1e-3]))

@@ -103,6 +103,8 @@ def test_a_key_is_told_with_unit_bounds_default_and_meaning() -> None:
     }
     gravity = SCENARIO["properties"]["gravity_m_s2"]
     assert (gravity["x-unit"], gravity["default"]) == ("m/s^2", [0.0, 0.0, -9.81])
+    phase = SCENARIO["$defs"]["PhaseTable"]["properties"]
+    assert [phase[f"cell_speed_{unit}"]["x-unit"] for unit in ("m_s", "rad_s")] == ["m/s", "rad/s"]
     law = ROBOT["$defs"]["FilmTable"]["properties"]["law"]
     assert law["enum"] == ["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"]
     assert law["description"].startswith('"plain"; "tension_field": a film that wrinkles')

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from cosim.base.resources import robots_directory
+from cosim.base.resources import arm_path, robots_directory
+from cosim.build.arms import find_arm
 from cosim.cli.main import main
+from cosim.config.loading import load_scenario
+from cosim.kinematics.arm import Arm
+from cosim.plan.motion import pose_of
 from tests.config.arm_texts import INERTIAL, TWO_JOINTS, scenario_with
 
 LIFT_LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>'
@@ -208,6 +214,20 @@ def test_fine_arms_are_told_what_was_found(capsys: pytest.CaptureFixture[str]) -
     assert "both engines agree" in line
     assert main(["list", "arms"]) == 0
     assert "ur5e    6 joints, flange 'tool0'  Universal Robots UR5e" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_the_home_that_is_told_is_a_start(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The line that is printed, put into a scenario, is the pose of the home, its roll included."""
+    assert main(["check", str(arm_path(name))]) == 0
+    told = re.search(r"at home: (start\.flange = \{.*?\})", capsys.readouterr().out)
+    assert told is not None
+    start = tomllib.loads(told[1])["start"]
+    asked = pose_of(load_scenario("ur5e_hexagon_arm", {"start": start}).start.flange)
+    file = find_arm(name)
+    home = Arm(file).forward(file.home)
+    assert np.allclose(asked.translation, home.translation, atol=1e-4)
+    assert np.allclose(asked.rotation, home.rotation, atol=3e-4)
 
 
 def test_an_arm_at_the_end_of_a_long_row_of_links_is_read(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
+from cosim.kinematics.inverse_kinematics import solve
 from cosim.plan import planning
 from cosim.plan.joint_planner import plan_joints
 from cosim.plan.motion import rotation_from_direction
@@ -27,6 +28,8 @@ INSIDE = {
     "position_m": [0.05, 0.05, 0.4],
     "direction": DOWN,
 }  # within reach of the wrist, but not of the elbow
+PLACE = np.array([0.4, 0.1, 0.5])
+ROLL = re.compile(r"; it can be there if you (add|subtract) (\d\.\d\d) (?:to|from) its roll_rad$")
 
 
 def refuse_statics(*arguments: Any) -> None:
@@ -89,24 +92,40 @@ def test_a_tip_target_out_of_reach_is_refused_by_its_key() -> None:
         build(load_scenario("ur5e_hexagon_arm", changes))
 
 
-def test_a_roll_that_no_joint_allows_is_refused_with_one_that_will_do(tmp_path: Path) -> None:
-    # a UR5e whose last joint hardly turns
+def stiff_wrist(folder: Path, turns_rad: float) -> Arm:
+    """Return a UR5e whose last joint turns by so much either way, and no more."""
     table = arm_path("ur5e").read_text(encoding="utf-8").replace("ur5e.urdf", str(find_arm("ur5e").path))
-    limits = "[limits]\nlower = [-3, -3, -3, -3, -3, -0.5]\nupper = [3, 3, 3, 3, 3, 0.5]\n"
-    (tmp_path / "arm.toml").write_text(f"{table}\n{limits}", encoding="utf-8")
-    arm = Arm(find_arm(str(tmp_path / "arm.toml")))
+    limits = f"[limits]\nlower = [-3, -3, -3, -3, -3, -{turns_rad}]\nupper = [3, 3, 3, 3, 3, {turns_rad}]\n"
+    (folder / "arm.toml").write_text(f"{table}\n{limits}", encoding="utf-8")
+    return Arm(find_arm(str(folder / "arm.toml")))
 
-    def refusal(roll_rad: float) -> str:
-        pose = Pose(rotation_from_direction(np.array(DOWN), roll_rad), np.array([0.4, 0.1, 0.5]))
-        try:
-            plan_joints(arm, pose, [], lambda _: "start.flange")
-        except UnreachableError as error:
-            return str(error)
-        return ""
 
-    refused = {roll_rad: text for roll_rad in np.arange(4) * math.pi / 2.0 if (text := refusal(roll_rad))}
+def refusal(arm: Arm, roll_rad: float) -> str:
+    """Return why the flange cannot start there with this roll; empty if it can."""
+    pose = Pose(rotation_from_direction(np.array(DOWN), roll_rad), PLACE)
+    try:
+        plan_joints(arm, pose, [], lambda _: "start.flange")
+    except UnreachableError as error:
+        return str(error)
+    return ""
+
+
+def test_a_roll_that_no_joint_allows_is_refused_with_one_that_will_do(tmp_path: Path) -> None:
+    arm = stiff_wrist(tmp_path, 0.5)
+    refused = {roll: text for roll in np.arange(4) * math.pi / 2.0 if (text := refusal(arm, roll))}
     assert refused
     for roll_rad, text in refused.items():
-        told = re.search(r"; with its roll_rad (\d\.\d\d) (more|less) it can be there$", text)
+        told = ROLL.search(text)
         assert told, text
-        assert not refusal(roll_rad + float(told[1]) * {"more": 1.0, "less": -1.0}[told[2]])
+        assert not refusal(arm, roll_rad + float(told[2]) * {"add": 1.0, "subtract": -1.0}[told[1]])
+
+
+def test_a_roll_is_named_only_if_it_will_do_in_the_digits_that_are_shown(tmp_path: Path) -> None:
+    # the last joint turns by less than what a quarter turn loses when it is rounded to two digits
+    arm = stiff_wrist(tmp_path, 4e-4)
+    free = Arm(find_arm("ur5e"))
+    fits = -solve(free, Pose(rotation_from_direction(np.array(DOWN)), PLACE), free.home).q[-1]
+    assert not refusal(arm, fits)
+    asked = fits + math.pi / 2.0
+    told = ROLL.search(refusal(arm, asked))
+    assert told is None or not refusal(arm, asked + float(told[2]) * {"add": 1.0, "subtract": -1.0}[told[1]])

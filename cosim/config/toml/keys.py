@@ -193,6 +193,8 @@ _BY_UNIT: Final = {
     "Nm2": Magnitude(1e7, 1e-15),
     "Nm2s": Magnitude(1e7, 1e-15),
     "per_s": Magnitude(1e9, 1e-6),
+    "m_s": Magnitude(1e9, 1e-6),
+    "rad_s": Magnitude(1e9, 1e-6),
     "m_s2": Magnitude(1e4, 1e-6),
     "N_m": Magnitude(1e12, 1e-9),
     "Ns_m": Magnitude(1e9, 1e-12),
@@ -205,6 +207,7 @@ _BY_UNIT: Final = {
 }
 _TEXTS: Final = {
     "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
+    "m_s": "m/s", "rad_s": "rad/s",
     "m3": "m^3",
     "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
 }  # fmt: skip

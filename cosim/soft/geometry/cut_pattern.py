@@ -314,7 +314,8 @@ def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
                 middle = mesh.positions[list(open_edges[here])].mean(axis=0)
                 raise MeshError(
                     f"the chamber of {port.where or 'the port'} is open at {in_mm(middle)}: no seam closes "
-                    "it there; draw it on layer SEAL, or set body.edge = 'sealed' if all edges are welded"
+                    "it there; draw it on layer SEAL; if all edges are welded, set body.edge = 'sealed' "
+                    "(commands that read a drawing: --sealed)"
                 )
             for other in beside[here]:
                 if chamber[other] < 0:
