@@ -18,6 +18,7 @@ import cosim
 from cosim.app import driver
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.loading import load_scenario
+from cosim.coupling import open_ticks
 from cosim.recording import colours
 from cosim.soft.solve import compilation
 from tests.compiled import all_modules
@@ -90,7 +91,7 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     others += (replace(lumped, soft_robot=lossy),)
     some = (*kernel_modules(lumped), *(module for other in others for module in kernel_modules(other)))
     named: list[str] = []
-    for module in (*compilation.common_modules(), *some, *contact_modules(), colours):
+    for module in (*compilation.common_modules(), *some, *contact_modules(), open_ticks, colours):
         own = (value for value in kernels_of(module) if value.__module__ == module.__name__)
         named += [f"{value.__module__}.{value.__name__}" for value in own]
     assert set(compiled()) == set(named)

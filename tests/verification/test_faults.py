@@ -22,7 +22,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.film import film_terms
 from cosim.soft.film.step_arrays import FilmArrays
 from cosim.soft.solve import assembly
-from cosim.soft.solve import time_step as dynamics
+from cosim.soft.solve.state import StepOptions
 from cosim.verification.suite import CASES, run_case, select
 
 Fault = Callable[[pytest.MonkeyPatch], None]
@@ -118,7 +118,8 @@ def one_sided_cables(patch: pytest.MonkeyPatch) -> None:
 
 def first_order_steps(patch: pytest.MonkeyPatch) -> None:
     """BDF2 forgets its second last state: it is implicit Euler."""
-    patch.setattr(dynamics, "difference_scheme", lambda _kind, _state, h: (False, h))
+    true = StepOptions.bed
+    patch.setattr(StepOptions, "bed", lambda self, step_s, **_given: true(self, step_s, first=True))
 
 
 def heavy_inertia(patch: pytest.MonkeyPatch) -> None:

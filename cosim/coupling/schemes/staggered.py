@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any, Final, final
 
 import numpy as np
 
@@ -241,6 +241,9 @@ class FilmHalves(SoftHalves):
         soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
 
 
+_NOTHING_GIVEN_BACK: Final = np.zeros(2)
+
+
 @final
 @dataclass(frozen=True)
 class StaggeredState:
@@ -407,6 +410,8 @@ class StaggeredCoupling(Coupling):
 
     @property
     def _given_back(self) -> Array:
+        if not self._carries:
+            return _NOTHING_GIVEN_BACK
         return riding_along(self.interface.soft.answer_weights, self.interface.ratio)[1]
 
     @property

@@ -307,8 +307,9 @@ class LiveBounds:
                 f"{WHO} commands {moves[0]}, but robot = 'none' has no joints to move the flange"
             )
         numbers(command.flange_twist, 6, WHO, "flange_twist")
-        for key in ("joint_position", "joint_velocity"):
-            numbers(getattr(command, key), 0 if self.arm is None else self.arm.joint_count, WHO, key)
+        joints = 0 if self.arm is None else self.arm.joint_count
+        numbers(command.joint_position, joints, WHO, "joint_position")
+        numbers(command.joint_velocity, joints, WHO, "joint_velocity")
         if command.joint_velocity is not None and command.joint_position is None:
             raise InputError(f"{WHO} commands joint_velocity, which is that at joint_position; give both")
         if values.drives_cables and scenario.fidelity == "rigid":

@@ -33,6 +33,16 @@ _MOST_OFF: Final = 1e-6
 """Share of a step by which MuJoCo's clock may be elsewhere than one step later."""
 
 
+def _servo_damping(model: mujoco.MjModel) -> Array:
+    """Return how actuators of joints damp each degree of freedom (nv,) [N m s/rad or N s/m]."""
+    found = np.zeros(model.nv)
+    affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+    on_joints = affine & (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+    damping = -model.actuator_biasprm[on_joints, 2] * model.actuator_gear[on_joints, 0] ** 2
+    np.add.at(found, model.jnt_dofadr[model.actuator_trnid[on_joints, 0]], damping)
+    return found
+
+
 @final
 class StepLoads:
     """What soft robots apply to one scene for the length of a step.
@@ -138,6 +148,7 @@ class HostScene(CoupledScene):
         pace = np.ones(2, np.int64)  # how bodies give way is foreseen as if a tick were one step
         self.bodies = Bodies(model, data, mounting, np.zeros(model.nbody, dtype=bool), pace)
         self._resisting = self.tick_s * model.dof_damping
+        self._resisting += (self.tick_s - float(model.opt.timestep)) * _servo_damping(model)
         self.load, self.torque = np.zeros((model.nbody, 6)), np.zeros(model.nv)
         dofs = len(self.bodies.carried.on_arm)
         self.acts, self._at = np.zeros(6), np.zeros(3)
