@@ -284,7 +284,8 @@ def test_a_step_that_is_left_far_from_balance_goes_on() -> None:
     begin = hung(arm)
     loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     newton = NewtonOptions()
-    loose = stepper(arm, iterations=1, residual_bound_N=1e9, newton=newton)
+    free = {"residual_bound_N": 1e9, "left_m_s2": np.inf}
+    loose = stepper(arm, iterations=1, newton=newton, **free)
     _, first = loose.step(begin.state, HANGING, loads, 0.002)
     assert first.iterations == 1
     bound = 0.01 * first.residual_N
@@ -293,6 +294,11 @@ def test_a_step_that_is_left_far_from_balance_goes_on() -> None:
     )
     assert result.iterations > 1
     assert result.residual_N < 1e-8
+    left = 0.1 * first.residual_N / float(arm.body.node_mass.min())
+    _, light = stepper(arm, iterations=1, newton=newton, **free | {"left_m_s2": left}).step(
+        begin.state, HANGING, loads, 0.002
+    )
+    assert light.residual_N < 0.1 * first.residual_N, "the lightest node would be thrown"
 
 
 def test_a_failed_step_names_itself_and_leaves_the_state() -> None:

@@ -478,9 +478,6 @@ _CLOSE_N = 1e-5  # rings of beams that end their search as in motion leave 2e-6 
 _REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
 _FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance
 
-LEFT_m_s2: Final = 50.0
-"""What a step may leave unbalanced accelerates the lightest node by no more."""
-
 Integrator: TypeAlias = Literal["implicit_euler", "bdf2"]
 
 
@@ -494,6 +491,7 @@ class StepOptions:
         tolerance_N: a step whose residual is below this is done.
         iterations: new tangents of an ordinary step, besides iterations with a kept one.
         residual_bound_N: a step whose residual is above this after them continues iterating; see `bound_N`.
+        left_m_s2: what such a step leaves unbalanced accelerates the lightest node by no more.
         newton: bounds of the iteration.
         damping_per_s: alpha [1/s], of motion relative to the flange.
         air_drag_per_s: beta [1/s], of motion in the world.
@@ -504,6 +502,7 @@ class StepOptions:
     tolerance_N: float = 1e-4
     iterations: int = 1
     residual_bound_N: float = 0.1
+    left_m_s2: float = 50.0
     newton: NewtonOptions = NewtonOptions(reuse_max=6)
     damping_per_s: float = 0.0
     air_drag_per_s: float = 0.0
@@ -512,9 +511,9 @@ class StepOptions:
     def bound_N(self, node_mass: Array) -> float:
         """Return the residual [N] with which an ordinary step of nodes (n,) [kg] may end: it throws none.
 
-        min(residual_bound_N, 50 m/s^2 times the least mass), at least `tolerance_N`.
+        min(residual_bound_N, left_m_s2 times the least mass), at least `tolerance_N`.
         """
-        return max(self.tolerance_N, min(self.residual_bound_N, LEFT_m_s2 * float(node_mass.min())))
+        return max(self.tolerance_N, min(self.residual_bound_N, self.left_m_s2 * float(node_mass.min())))
 
     @property
     def losses_per_s(self) -> float:
