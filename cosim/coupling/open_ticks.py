@@ -1,7 +1,7 @@
 """Ticks of a film in a row that stays open: each is begun and ended by a call of its own, by an address.
 
 Somebody else steps the scene meanwhile. A call with all arrays of both sides costs more than a tick's rigid
-half; here kernels find them in a record.
+half; here kernels find them in a record. A file of its own, as only attached soft robots compile it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Natural modes of a soft robot as moving shapes in a recording, each a phase of 2 s with two swings."""
+"""Natural modes of a soft robot as moving shapes in a recording, each a phase of 2 s with two swings.
+
+A file of its own: it makes a made-up run for the recorder, which knows nothing of modes.
+"""
 
 from __future__ import annotations
 

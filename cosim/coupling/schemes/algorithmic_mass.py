@@ -10,6 +10,17 @@ weight of inertia in the step's scheme. Within the tick the wrench on the flange
 r the stability ratio, s_0 = c h^2 the first of `answer_weights`. The whole mass, b = 1, leaves slow motions
 as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
 that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
+
+What the mass takes at the expected acceleration is given back as torque, so that only the unexpected meets
+it. With a the accelerations of the last ticks:
+
+    implicit Euler:  share = 1,              expected = a_n
+    BDF2:            share = min(1, r / 2),  expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r)
+
+A rigid load that is accelerated evenly moves as one body with the flange in any case. With BDF2 the arm feels
+the soft side's own wrench to second order where b' = 1; under a heavier soft side that would grow. Implicit
+Euler answers a tick late by itself: its whole mass at the last acceleration makes up for that.
+
 Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
 """
 

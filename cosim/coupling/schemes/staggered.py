@@ -3,15 +3,7 @@
 Per tick: the wrench of the tick before acts on the flange while MuJoCo steps; the soft side then takes
 one implicit step with the flange's new pose and returns the next wrench. Where the soft side is heavy for
 the flange (stability ratio r above a bound), a share of its algorithmic mass A = J^T M_a J rides along on the
-joints. What it takes at the expected acceleration is given back as torque, so that only the unexpected meets
-it; a the accelerations of the last ticks:
-
-    implicit Euler:  share = 1,              expected = a_n
-    BDF2:            share = min(1, r / 2),  expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r)
-
-A rigid load that is accelerated evenly moves as one body with the flange in any case. With BDF2 the arm feels
-the soft side's own wrench to second order where b' = 1; under a heavier soft side that would grow. Implicit
-Euler answers a tick late by itself: its whole mass at the last acceleration makes up for that.
+joints. What it takes at the expected acceleration is given back as torque (see `algorithmic_mass`).
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
 A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half

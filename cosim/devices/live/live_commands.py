@@ -86,7 +86,7 @@ class JointMotion:
         return JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
 
     def _along_cubic(self, done: IntArray, tick_s: float) -> JointReference:
-        """Return what is asked after some ticks (n,), by the cubic of Hermite; it stands after its end."""
+        """Return the reference after some ticks (n,), by the cubic of Hermite; it rests after its end."""
         assert self.speed is not None, "asked of cubics"
         lasts_s = self.ticks * tick_s
         (here, there), (leaving, arriving) = self.knots, lasts_s * self.speed

@@ -87,7 +87,7 @@ class Stream(ABC):
 
     @abstractmethod
     def _taken(self) -> list[Reading]:
-        """Take whole readings from what is held."""
+        """Take whole readings out of the bytes that have come."""
 
     def close(self) -> None:
         """Close the descriptor, but not standard input."""

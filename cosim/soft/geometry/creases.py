@@ -1,4 +1,7 @@
-"""Creases of flat sheets: the hinges on a line, and the angles at which they rest."""
+"""Creases of flat sheets: the hinges on a line, and the angles at which they rest.
+
+A file of its own: meshes know a crease as a line, whatever hinges a body makes of it.
+"""
 
 from __future__ import annotations
 

@@ -483,7 +483,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
 
 
 def _as_cap(nodes: IntArray, caps: Sequence[IntArray]) -> IntArray:
-    """Return the cap that has these nodes, in its order; the nodes where there is none."""
+    """Return the cap with these nodes, in its order; the nodes themselves if no cap has them."""
     return next((cap for cap in caps if set(cap.tolist()) == set(nodes.tolist())), nodes)
 
 
