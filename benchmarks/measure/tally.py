@@ -40,7 +40,7 @@ class Tally:
 
     def watch(self) -> None:
         """Count from now on what every solver evaluates."""
-        from cosim.coupling.schemes import staggered
+        from cosim.coupling.schemes import soft_halves
         from cosim.coupling.ticks import Ticks
         from cosim.soft.solve import newton
         from cosim.soft.solve.newton import NewtonSolver
@@ -49,7 +49,7 @@ class Tally:
         factor, with_tangent, take_over = solver._factor, solver._with_tangent, solver.take_over
         factorise = solver.factorise
         film_step: Any = vars(newton)["film_step"]
-        row: Any = vars(staggered.FilmHalves)["_row"]
+        row: Any = vars(soft_halves.FilmHalves)["_row"]
 
         def counted_tangent(solver: Any, solution: Any, side: Any, part: int) -> int:
             self.now.tangents += 1.0 / (len(side.film.parts) - 1)
@@ -86,7 +86,7 @@ class Tally:
             (NewtonSolver, "_factor", counted_factor),
             (NewtonSolver, "factorise", counted_test),
             (newton, "film_step", counted_step),
-            (staggered.FilmHalves, "_row", counted_row),
+            (soft_halves.FilmHalves, "_row", counted_row),
         ):
             setattr(owner, name, counted)
 

@@ -11,7 +11,7 @@ import pytest
 from cosim.app.driver import build_simulation, with_fidelity_chosen
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.schemes import staggered
+from cosim.coupling.schemes import soft_halves
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.telemetry.snapshot import Snapshot
 from tests.stepping.snapshots import assert_close, kernels_take, python_takes_every_soft_half
@@ -118,7 +118,7 @@ def test_rows_are_ticks_bit_for_bit_from_the_same_rigid_halves(
     wanted = scenario(path, **({"solver__integrator": "implicit_euler"} if loose else {}))
     rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        patch.setattr(soft_halves, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
         ticks, alone = kernels_take(build_simulation(wanted))
     assert not alone
     touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
@@ -139,7 +139,7 @@ def test_rows_know_losses_of_materials(path: Path) -> None:
     wanted = scenario(path, **LOSSY)
     rows, together = kernels_take(build_simulation(wanted))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        patch.setattr(soft_halves, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
         ticks, alone = kernels_take(build_simulation(wanted))
     plain, plain_together = kernels_take(build_simulation(scenario(path, solver__integrator="bdf2")))
     assert not alone
@@ -194,7 +194,7 @@ def test_ticks_in_which_films_touch_one_another_go_in_rows(path: Path, asked: An
     assert len(touching) > 0.5 * len(rows)
     assert len(touching & together) > 0.8 * len(touching)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(staggered, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
+        patch.setattr(soft_halves, "LARGE_TURN_RAD", -1.0)  # every flange turns further in a tick
         ticks, alone = kernels_take(build_simulation(wanted))
     assert not alone
     assert max(snapshot.ledger.self_contact_force_N for snapshot in ticks) > 1.0

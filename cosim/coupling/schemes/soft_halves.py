@@ -1,23 +1,50 @@
-"""Ticks in a row whose soft halves kernels take or leave to Python: what sides share; section models."""
+"""Ticks in a row whose soft halves kernels take or leave to Python: what sides share, film, section model.
+
+A row may stay open while somebody else steps the scene: both sides follow once it is closed.
+It is the row that kernels take where the scene steps itself, so it has the same bits: what Python does about
+a row is done when something of it is read, when it is full, or when a soft half is more than kernels know.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 
-from cosim.base.kernels import address_of
-from cosim.coupling.half_ticks import RIGID_SIDE_WARNS, SOFT_HALF_LEFT, RigidSide, hand_over
+from cosim.base.frames import Array, IntArray, Wrench
+from cosim.base.kernels import RecordStore, address_of, nothing_of
+from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
+from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
+from cosim.coupling.half_ticks import (
+    ALL_DONE,
+    LISTS_LEFT,
+    RIGID_SIDE_WARNS,
+    SOFT_HALF_LEFT,
+    SOFT_STEP_BEGUN,
+    SOFT_STEP_SOLVED,
+    RigidSide,
+    hand_over,
+    keep_rigid_half,
+    read_rigid_half,
+)
+from cosim.coupling.open_ticks import OpenTicks, end_open_tick, load_open_tick
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
+from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.sections.section_energy import TERMS
 from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton_options import Outcome
+from cosim.soft.solve.self_contact import REMEMBERED, FilmContacts
+from cosim.soft.solve.state import BegunStep, SoftState, StepScheme
+from cosim.soft.solve.time_step import LARGE_TURN_RAD
 
 
 class SoftHalves:
@@ -179,3 +206,265 @@ class SectionHalves(SoftHalves):
         # what was computed for a pressure is kept with it
         stepper.side(soft.clamp, loads[max(last, 0)], soft.last.frames)
         return done, ending
+
+
+@final
+class FilmHalves(SoftHalves):
+    """Of a lumped film.
+
+    Args:
+        interface: between the sides.
+    """
+
+    @property
+    def soft(self) -> SoftArm:
+        """What is stepped."""
+        soft = self.interface.soft.rowing
+        assert isinstance(soft, SoftArm), "soft_halves() has asked"
+        return soft
+
+    @property
+    def ready(self) -> bool:
+        """Whether the next tick may be taken by a kernel."""
+        return self.soft.stepper.quick.sides.knows_factor
+
+    @property
+    def _ready(self) -> bool:
+        return self.ready
+
+    def _commands(self, loads: Sequence[Loads]) -> FilmCommands:
+        chambers = len(self.soft.body.gas_chambers)
+        pressure = np.array([load.pressures(chambers) for load in loads])
+        tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
+        return FilmCommands(pressure, tension, np.array([load.gravity for load in loads]))
+
+    def commands_room(self, count: int) -> FilmCommands:
+        """Return room for what n ticks are asked for."""
+        body = self.soft.body
+        return FilmCommands(*(np.zeros((count, n)) for n in (len(body.gas_chambers), len(body.cables), 3)))
+
+    @cached_property
+    def _calls(self) -> IntArray:
+        return film_calls(self.interface.rigid_half)
+
+    @cached_property
+    def _soft_calls(self) -> IntArray:
+        """The same for a tick whose rigid half has been taken."""
+        return film_calls(keep_rigid_half)
+
+    @cached_property
+    def _nothing(self) -> ContactArrays:
+        nothing: ContactArrays = nothing_of(ContactArrays)
+        return nothing._replace(counts=np.zeros(7, np.int64))
+
+    @cached_property
+    def _no_films(self) -> FilmContacts:
+        nothing: FilmContacts = nothing_of(FilmContacts)
+        return nothing
+
+    @cached_property
+    def _contact_store(self) -> RecordStore:
+        return RecordStore(ContactArrays)
+
+    @cached_property
+    def _films_store(self) -> RecordStore:
+        return RecordStore(FilmContacts)
+
+    def _room(self, count: int) -> FilmMotion:
+        return self.room(count)
+
+    def room(self, count: int) -> FilmMotion:
+        """Return rows for n ticks, with what is there before the first of them."""
+        state = self.soft.state
+        x, velocity = (np.empty((count + 2, *state.positions.shape)) for _ in range(2))
+        memory = np.empty((count + 1, len(state.memory)))
+        x[0], velocity[0] = state.earlier or (state.positions, state.velocities)
+        x[1], velocity[1], memory[0] = state.positions, state.velocities, state.memory
+        return FilmMotion(x, velocity, memory)
+
+    def _shapes(self, way: FilmMotion, pressure_Pa: Any) -> Sequence[Any]:
+        return list(way.x[2 : len(pressure_Pa) + 2])
+
+    def _row(
+        self,
+        rigid: RigidSide,
+        servos: Servos,
+        loads: Sequence[Loads],
+        commands: FilmCommands,
+        ticks: Ticks,
+        way: FilmMotion,
+    ) -> tuple[int, int]:
+        if self.soft.state.earlier is None:  # a first step looks back over one only
+            servos, commands = servos.some(0, 1), commands.some(0, 1)
+        begun, steps = self.begin_row()
+        done, ending = advance_film(rigid, servos, commands, steps, ticks, way)
+        if ending == LISTS_LEFT:  # with new lists the kernel takes this tick as well, after its rigid half
+            steps = self.with_new_lists(steps, way.x[done + 1], way.velocity[done + 1])
+            one = servos.some(done, done + 1), commands.some(done, done + 1), steps
+            more, ending = advance_film(rigid, *one, ticks.from_on(done), way.from_on(done))
+            done, ending = done + more, SOFT_HALF_LEFT if ending == LISTS_LEFT else ending
+        return self.end_row(begun, way, ticks, loads[done - 1] if done else None, (done, ending))
+
+    def begin_row(self) -> tuple[tuple[FilmSide, StepScheme], FilmSteps]:
+        """Return what ticks in a row step, by which scheme, and what they have in common."""
+        soft, sides, tick_s = self.soft, self.soft.stepper.quick.sides, self.interface.scene.tick_s
+        scheme, pressed = soft.stepper.scheme_of(soft.state, tick_s), soft.state.touching is not None
+        side = sides.of(scheme, tick_s, pressed=pressed)
+        assert side is not None, "of a body and a factorisation that it knows"
+        if soft.films is not None:
+            soft.films.remember(soft.state.touching)
+        return (side, scheme), self._steps(side, pressed)
+
+    def end_row(
+        self,
+        begun: tuple[FilmSide, StepScheme],
+        way: FilmMotion,
+        ticks: Ticks,
+        loads: Loads | None,
+        ended: tuple[int, int],
+    ) -> tuple[int, int]:
+        """Let the soft side go to where a row has ended; `loads` are those of its last tick that is done."""
+        soft, quick, (done, ending) = self.soft, self.soft.stepper.quick, ended
+        quick.sides.take_over(*begun)
+        if loads is not None:
+            self._went(way, ticks, done, loads)
+        if soft.films is not None:
+            soft.films.overlook(soft.state)
+        if ending in (SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
+            end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
+            spent = int(ticks.iterations[done]), float(ticks.residual[done])
+            quick.begun = BegunStep(soft.state, *end, *spent, ending == SOFT_STEP_SOLVED)
+        return done, ending
+
+    def ends_row(self, steps: FilmSteps) -> bool:
+        """Return whether a row with such steps ends after a tick: something is weighed, or films let go."""
+        contact, films = self.interface.contact, self.soft.films
+        released = steps.whole and films is not None and not films.contacts.counts[REMEMBERED]
+        return released or (contact is not None and contact.asks_for_weighing)
+
+    def _steps(self, side: FilmSide, pressed: bool) -> FilmSteps:
+        """Return what the steps of a row have in common; `pressed`: films press on one another before it."""
+        soft, contact, films = self.soft, self.interface.contact, self.soft.films
+        quick, tick_s = soft.stepper.quick, self.interface.scene.tick_s
+        return FilmSteps(
+            quick.sides.address(side), quick.begins(lenient=True), quick.begins(lenient=False),
+            0.0 if contact is None else contact.rest_reach_m, 0.0 if films is None else films.rest_m,
+            AHEAD_TICKS * tick_s, self._calls, soft.body.node_mass.reshape(-1, 1, 1), LARGE_TURN_RAD,
+            self._contact_store.address(self._nothing) if contact is None else contact.at,
+            self._films_store.address(self._no_films) if films is None else films.at,
+            self.fast_m_s, pressed and quick.sides.has_parts,
+        )  # fmt: skip
+
+    def with_new_lists(self, steps: FilmSteps, x: Array, velocity: Array) -> FilmSteps:
+        """Return the same for a tick from x and velocity (n, 3) whose rigid half has been taken."""
+        contact, films, tick_s = self.interface.contact, self.soft.films, self.interface.scene.tick_s
+        if contact is not None:
+            contact.find(SoftState(x, velocity, self.soft.state.memory), tick_s)
+            steps = steps._replace(contact=contact.at)
+        if films is not None:
+            films.renew(x, velocity, tick_s)
+            steps = steps._replace(films=films.at)
+        return steps._replace(calls=self._soft_calls)
+
+    def _went(self, way: FilmMotion, ticks: Ticks, done: int, loads: Loads) -> None:
+        """Let the soft side go to where ticks have led it; `loads` are those of the last one."""
+        soft, films = self.soft, self.soft.films
+        x, velocity = way.x[done : done + 2].copy(), way.velocity[done : done + 2].copy()
+        touching = None if films is None else films.remembered
+        state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
+        drive = ticks.flange(done), loads
+        soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
+
+
+def soft_halves(interface: Interface) -> SoftHalves:
+    """Return what takes the ticks of an interface in a row."""
+    soft = interface.soft.rowing
+    alone = interface.contact is None and interface.scene.steps_itself
+    if isinstance(soft, SectionArm) and alone and not soft.stepper.losses_follow_shape:
+        return SectionHalves(interface)
+    if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
+        return FilmHalves(interface)
+    return SoftHalves(interface)
+
+
+_NO_SERVOS = Servos.knowing_no_payload(*[np.zeros((1, 0))] * 3)
+
+
+@final
+class OpenRow:
+    """Ticks of a film in a row, of which one may be in progress.
+
+    Args:
+        halves: which would take them in one call.
+        taken: room for them.
+        rigid: side, until the flange is weighed again.
+        most: ticks until then, for which there is room.
+        store: of earlier rows, in which little changes.
+    """
+
+    def __init__(
+        self, halves: FilmHalves, taken: TicksTaken, rigid: RigidSide, most: int, store: RecordStore
+    ) -> None:
+        self.taken, self.rigid, self._halves, self._store = taken, rigid, halves, store
+        self.done, self.in_tick, self._ending = 0, False, ALL_DONE
+        self._most = most
+        self._begun, steps = halves.begin_row()
+        self._loads: Loads | None = None
+        rows = halves.commands_room(most), steps, taken.ticks, halves.room(most)
+        ticks = OpenTicks(rigid, _NO_SERVOS, *rows)
+        self._ticks, self._at, self._call = ticks, store.address(ticks), address_of(advance_film)
+
+    @property
+    def full(self) -> bool:
+        """Whether it takes no more: there is no room, or something is to be weighed."""
+        return self.done >= self._most or self._halves.ends_row(self._ticks.steps)
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        return supplied_wrench(self.taken.ticks.figures[self.done].copy())
+
+    @property
+    def positions(self) -> Array:
+        """(n, 3) [m], a view of the nodes at the end of the last tick."""
+        return self._ticks.way.x[self.done + 1]
+
+    def load(self) -> None:
+        """Begin a tick."""
+        load_open_tick(self._at, self.done)
+        self.in_tick = True
+
+    def end(self, loads: Loads) -> bool:
+        """End a tick under loads at its end; return whether kernels have taken it.
+
+        Otherwise its rigid half has been read, and the row is to be closed.
+        """
+        k, row = self.done, self._ticks
+        self.in_tick = False
+        if not loads.plain:
+            read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
+            self._ending = SOFT_HALF_LEFT
+            return False
+        if loads is not self._loads:
+            commands, chambers = row.commands, row.commands.pressure.shape[1]
+            commands.pressure[k:] = loads.pressures(chambers)
+            commands.tension[k:], commands.gravity[k:] = loads.cable_tension_N, loads.gravity
+        self._ending = end_open_tick(self._at, self._call, k)
+        if self._ending == LISTS_LEFT:
+            self._with(self._halves.with_new_lists(row.steps, row.way.x[k + 1], row.way.velocity[k + 1]))
+            self._ending = end_open_tick(self._at, self._call, k)
+            self._most = k + 1
+        if self._ending != ALL_DONE:
+            return False
+        self._loads, self.done = loads, k + 1
+        return True
+
+    def _with(self, steps: FilmSteps) -> None:
+        self._ticks = self._ticks._replace(steps=steps)
+        self._at = self._store.address(self._ticks)
+
+    def close(self) -> None:
+        """Let the soft side go to where the ticks have led it."""
+        ending = SOFT_HALF_LEFT if self._ending == LISTS_LEFT else self._ending
+        row = self._ticks
+        self._halves.end_row(self._begun, row.way, row.ticks, self._loads, (self.done, ending))
