@@ -71,6 +71,7 @@ class RigidScene(CoupledScene):
     Args:
         description: what the scene is made of.
         compiled: of that description, if it has been compiled already.
+        shared: model and state of a scene with several arms, of which this is one.
 
     Raises:
         InputError: MuJoCo refuses the arm's file or an object.
@@ -78,13 +79,18 @@ class RigidScene(CoupledScene):
 
     flange: Flange
 
-    def __init__(self, description: SceneDescription, compiled: CompiledScene | None = None) -> None:
+    def __init__(
+        self,
+        description: SceneDescription,
+        compiled: CompiledScene | None = None,
+        shared: tuple[mujoco.MjModel, mujoco.MjData] | None = None,
+    ) -> None:
         self.description = description
         self._compiled = compiled or CompiledScene(description)
-        model = self._compiled.model()
-        super().__init__(model, mujoco.MjData(model), description.tick_s)
+        model = self._compiled.model() if shared is None else shared[0]
+        super().__init__(model, mujoco.MjData(model) if shared is None else shared[1], description.tick_s)
         self._scratch = mujoco.MjData(model)
-        self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
+        self._layout = layout = ArmLayout.of(model, description.arm.joint_names, description.prefix)
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
         self._q: Array = self._data.qpos[layout.positions]
@@ -92,7 +98,7 @@ class RigidScene(CoupledScene):
         self._torque: Array = self._data.qfrc_applied[self._v]
         self._warnings = self._data.warning.number
         # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
-        self._control = self._data.ctrl.reshape(-1, 3)
+        self._control = self._data.ctrl.reshape(-1, 3)[layout.joints]
         self.armature: Array = self._model.dof_armature[self._v].copy()
         self.armature.setflags(write=False)
         self.flange = Flange(self._model, self._data, layout)
