@@ -179,7 +179,7 @@ def contact_decision(
         return Decision(what, False, reason, "fidelity")
     if not scenario.contact.only_in_reach:
         return Decision(what, True, "asked for, whatever is in reach", ONLY_IN_REACH)
-    open_question = _unknown_reach(scenario)
+    open_question = _unknown_reach(scenario) if scene.coupled is scene else "other arms can move"
     if open_question:
         return Decision(what, True, open_question, switch)
     reach = soft.reach_m or film_reach(soft.body, largest_pressure(plan))

@@ -44,7 +44,6 @@ class ArmCarrierState:
     coupling: Any
 
 
-@final
 class ArmCarrier(SceneCarrier):
     """Moves the flange by servos with inverse-dynamics feedforward.
 
@@ -70,7 +69,7 @@ class ArmCarrier(SceneCarrier):
         exchange: CouplingTable | None = None,
         cell: CellMotion | None = None,
     ) -> None:
-        super().__init__(scene, soft, contact)
+        super().__init__(scene.coupled, soft, contact)
         self._arm, self._scene, self._cell = arm, scene, cell
         self._compensation, self._mounted = payload_compensation, mounted
         self._exchange = exchange or CouplingTable()
@@ -182,7 +181,7 @@ class ArmCarrier(SceneCarrier):
         load, mounted = self._mounted, None
         if load is not None:
             mounted = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        interface = Interface(self._scene, self._soft, wrench, contact, mounted)
+        interface = Interface(self._coupled, self._soft, wrench, contact, mounted)
         return make_coupling(self._exchange, interface)
 
     def save_state(self) -> ArmCarrierState:
@@ -216,8 +215,8 @@ class ArmCarrier(SceneCarrier):
             return None
         mass = self._soft.mass_properties()
         if self._mounted is not None:
-            mass = mass.joined(self._mounted.moved(self._scene.flange_pose))
-        center, inertia = mass.in_frame(self._scene.flange_pose)
+            mass = mass.joined(self._mounted.moved(self.flange_pose))
+        center, inertia = mass.in_frame(self.flange_pose)
         return Payload(mass.mass_kg, center, inertia)
 
 

@@ -27,7 +27,15 @@ from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.build.pair_friction import body_names
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, droop, effort_limit
+from cosim.rigid.scene.arm import (
+    ArmDynamics,
+    ArmLayout,
+    CellDrives,
+    Flange,
+    Mounting,
+    droop,
+    effort_limit,
+)
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.link_contacts import LinkContacts
@@ -78,6 +86,8 @@ class RigidScene(CoupledScene):
     """
 
     flange: Flange
+    coupled: CoupledScene
+    """As a soft robot exchanges loads with it: itself, unless it is one of several arms."""
 
     def __init__(
         self,
@@ -90,6 +100,7 @@ class RigidScene(CoupledScene):
         model = self._compiled.model() if shared is None else shared[0]
         super().__init__(model, mujoco.MjData(model) if shared is None else shared[1], description.tick_s)
         self._scratch = mujoco.MjData(model)
+        self.coupled = self
         self._layout = layout = ArmLayout.of(model, description.arm.joint_names, description.prefix)
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
@@ -116,6 +127,11 @@ class RigidScene(CoupledScene):
         self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
+
+    @property
+    def mounting(self) -> Mounting:
+        """Where the soft robot hangs."""
+        return self._layout.mounting
 
     @property
     def joint_names(self) -> tuple[str, ...]:
