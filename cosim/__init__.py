@@ -14,6 +14,7 @@ from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cosim.app.api import run as run
+    from cosim.app.arms import run_arms as run_arms
     from cosim.app.attach import Attached as Attached
     from cosim.app.attach import attach as attach
     from cosim.app.batch import Batch as Batch
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "cosim.app.api": "run",
+    "cosim.app.arms": "run_arms",
     "cosim.app.attach": "Attached attach",
     "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",

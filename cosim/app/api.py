@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from cosim.app.driver import (
     Observer,
@@ -79,14 +79,30 @@ def run(
     build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)
-    stability = branching_lines(outcome.summary["branchings"]), standing_lines(outcome.summary["phases"])
-    for line in (*outcome.summary["warnings"], *stability[0], *stability[1]):
+    log_ending(outcome.summary)
+    if outcome.error is not None:
+        raise_ended(outcome.error, result, directory)
+    return result
+
+
+def log_ending(summary: dict[str, Any]) -> None:
+    """Log the warnings of a run, and where its soft robot was not stable."""
+    for line in (
+        *summary["warnings"], *branching_lines(summary["branchings"]), *standing_lines(summary["phases"])
+    ):  # fmt: skip
         log(line)
-    if outcome.error is None:
-        return result
-    interrupted = isinstance(outcome.error, KeyboardInterrupt)
-    raised = RunInterrupted(*outcome.error.args) if interrupted else outcome.error
+
+
+def raise_ended(error: BaseException, result: object, directory: Path | None) -> NoReturn:
+    """Raise what has ended a run.
+
+    Args:
+        error: that was raised in it; an interruption by Ctrl-C becomes `RunInterrupted`.
+        result: arrays until then, which the error carries.
+        directory: of the run's files; None: there are none.
+    """
+    raised = RunInterrupted(*error.args) if isinstance(error, KeyboardInterrupt) else error
     vars(raised)["result"] = result
     if directory is not None:
         raised.add_note(f"what was simulated is in {directory}")
-    raise raised from outcome.error.__cause__ if raised is outcome.error else outcome.error
+    raise raised from error.__cause__ if raised is error else error

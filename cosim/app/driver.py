@@ -21,7 +21,7 @@ from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 from uuid import uuid4
 
 from cosim._version import __version__
@@ -115,6 +115,8 @@ class ArrayRecorder(Recorder):
 
 
 Observe = Callable[[TickBatch], None]
+MakesRecorder = Callable[[Path, RecordingTable, RecordingPart], Recorder]
+Some = TypeVar("Some")
 
 
 @final
@@ -137,17 +139,17 @@ class Options:
         make_recorder: makes the recorder of a file; None for no recording.
         watchers: shown every tick.
         stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
-        checkpoint_every_s: wall time between two checkpoints in the directory.
+        checkpoint_every_s: wall time between two checkpoints in the directory; None: there are none.
         resume: whether to continue with the run in the directory, from its checkpoint.
         error: whether to work out how far the figures may be off; None: where it costs little of the run.
         tell: told what takes long at the end.
     """
 
     directory: Path | None = None
-    make_recorder: Callable[[Path, RecordingTable, RecordingPart], Recorder] | None = None
+    make_recorder: MakesRecorder | None = None
     watchers: Sequence[Observer] = ()
     stop: Callable[[], str | None] = lambda: None
-    checkpoint_every_s: float = 30.0
+    checkpoint_every_s: float | None = 30.0
     resume: bool = False
     error: bool | None = None
     tell: Callable[[str], None] = lambda _text: None
@@ -193,52 +195,79 @@ def execute(
         for watcher in options.watchers:
             watcher.open(simulation.stage)
             stack.callback(watcher.close)
-        return _run(scenario, simulation, first, batches, options, earlier, started, files)
+        origin = Origin.of(uuid4().hex, earlier).after(-started)
+        follower = RunFollower(scenario, simulation, options, files, origin, first)
+        return follower.finish(drive(batches, follower.observe, options.stop, follower.flush))
 
 
-def _run(
-    scenario: Scenario,
-    simulation: SteppedRun,
-    first: TickBatch | None,
-    batches: Iterator[TickBatch],
-    options: Options,
-    earlier: Checkpoint | None,
-    started: float,
-    files: RunFiles | None,
-) -> RunOutcome:
-    origin = Origin.of(uuid4().hex, earlier)
-    recorder = _begin_files(scenario, options, files, RecordingPart(origin.run_id, origin.before))
-    recorder.open(simulation.stage)
-    if first is not None:
-        recorder.lay_out(first.snapshot(0))
-    loop_started = time.perf_counter()
-    origin = origin.after(loop_started - started)
-    summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
-    if earlier is not None:
-        summary.restore_state(earlier.summary)
-    observers: list[Observe] = [recorder.record]
-    keeper = None
-    if files is not None:
-        every_s = options.checkpoint_every_s
-        keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
-        observers = [keeper.observe, recorder.record, keeper.write_when_due]
-    finder = None if options.error is False else simulation.errors
-    observers += [] if finder is None else [finder.observe]
-    observers += [watcher.observe for watcher in options.watchers]
-    ending = drive(map(summary.observe, batches), observers, options.stop, recorder.flush)
-    wall_s = origin.wall_s + time.perf_counter() - loop_started
-    if keeper is not None:
-        keeper.end(ending.status, ending.error)
-    errors = _errors(finder, summary, ending, options)
-    figures = summary.finish(ending.status, ending.reason, wall_s, errors)
-    try:
-        if errors is not None and errors.phases:
-            recorder.mark_errors(errors.phases)
-        recorder.close(summary_markdown(figures), ending.status)
-    finally:
-        if files is not None:
-            files.finish(figures)
-    return RunOutcome(figures, ending.error)
+@final
+class RunFollower:
+    """Takes in the ticks of a run: sums them up, records them, keeps checkpoints, and shows them to watchers.
+
+    Args:
+        scenario: of the run.
+        simulation: built.
+        options: see there.
+        files: of the run; None writes none.
+        origin: of the run, with the time of its start counted from `time.perf_counter()` at the command's.
+        first: its first ticks, if they are known.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        simulation: SteppedRun,
+        options: Options,
+        files: RunFiles | None,
+        origin: Origin,
+        first: TickBatch | None,
+    ) -> None:
+        self._files, self._options, stage = files, options, simulation.stage
+        self._recorder = recorder = _begin_files(
+            scenario, options, files, RecordingPart(origin.run_id, origin.before)
+        )
+        recorder.open(stage)
+        if first is not None:
+            recorder.lay_out(first.snapshot(0))
+        self._began = time.perf_counter()
+        self._origin = origin = origin.after(self._began)
+        self._summary = SummaryBuilder(stage, origin.startup_s, __version__, origin.resumed_at_ticks)
+        if origin.checkpoint is not None:
+            self._summary.restore_state(origin.checkpoint.summary)
+        self._observers: list[Observe] = [recorder.record]
+        self._keeper, every_s = None, options.checkpoint_every_s
+        if files is not None and every_s is not None:
+            keeper = CheckpointKeeper(simulation, self._summary, origin, files, every_s, recorder.flush)
+            self._keeper, self._observers = keeper, [keeper.observe, recorder.record, keeper.write_when_due]
+        self._finder = None if options.error is False else simulation.errors
+        self._observers += [] if self._finder is None else [self._finder.observe]
+        self._observers += [watcher.observe for watcher in options.watchers]
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        shown = self._summary.observe(batch).shown()  # observers are others, whatever they do
+        for observe in self._observers:
+            observe(shown)
+
+    def flush(self) -> None:
+        """Bring to the disk what the recording still gathers."""
+        self._recorder.flush()
+
+    def finish(self, ending: Termination) -> RunOutcome:
+        """End recording and files, and return what is left of the run."""
+        wall_s = self._origin.wall_s + time.perf_counter() - self._began
+        if self._keeper is not None:
+            self._keeper.end(ending.status, ending.error)
+        errors = _errors(self._finder, self._summary, ending, self._options)
+        figures = self._summary.finish(ending.status, ending.reason, wall_s, errors)
+        try:
+            if errors is not None and errors.phases:
+                self._recorder.mark_errors(errors.phases)
+            self._recorder.close(summary_markdown(figures), ending.status)
+        finally:
+            if self._files is not None:
+                self._files.finish(figures)
+        return RunOutcome(figures, ending.error)
 
 
 def _errors(
@@ -309,17 +338,15 @@ def rerun_recorder(
 
 
 def drive(
-    batches: Iterator[TickBatch],
-    observers: Sequence[Observe],
+    batches: Iterator[Some],
+    observe: Callable[[Some], None],
     stop: Callable[[], str | None],
     at_end: Callable[[], None] = lambda: None,
 ) -> Termination:
-    """Feed all ticks to every observer, in order, until a stop, an exception or the end (`at_end`)."""
+    """Feed all ticks to an observer, in order, until a stop, an exception or the end (`at_end`)."""
     try:
         for batch in batches:
-            shown = batch.shown()  # observers are others, whatever they do
-            for observe in observers:
-                observe(shown)
+            observe(batch)
             reason = stop()
             if reason is not None:
                 return Termination("interrupted", reason)

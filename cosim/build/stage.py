@@ -384,7 +384,7 @@ def _steps(parts: Parts) -> tuple[int, float]:
     """Return how many steps a run has, and how long one is [s], in the mean where it has no clock."""
     scenario = parts.scenario
     if scenario.mode == "dynamic":
-        return sum(parts.ticks(phase) for phase in scenario.phases), scenario.clock.tick_s
+        return sum(scenario.ticks(phase) for phase in scenario.phases), scenario.clock.tick_s
     count = sum(phase.increments for phase in scenario.phases)
     return count, sum(phase.duration_s + phase.settle_s for phase in scenario.phases) / count
 

@@ -130,7 +130,7 @@ class DynamicSimulation(SteppedRun):
     """
 
     def __init__(self, parts: Parts, stage: RunInfo) -> None:
-        super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
+        super().__init__(parts, stage, [parts.scenario.ticks(planned.phase) for planned in parts.plan.phases])
         self._ahead: _Asked | None = None
         self._begun: _Asked | None = None  # of a tick that others have begun as well
         self._error: BaseException | None = None  # of the tick to come, which has been tried
