@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from copy import deepcopy
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -25,12 +26,13 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 from uuid import uuid4
 
 from cosim._version import __version__
-from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
-from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, RunFiles, images_file
+from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
+from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
 from cosim.base.files import cache_directory, files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
+from cosim.config.several_arms import ArmsScenario
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
@@ -200,6 +202,80 @@ def execute(
         return follower.finish(drive(batches, follower.observe, options.stop, follower.flush))
 
 
+def execute_arms(
+    scenario: ArmsScenario,
+    options: Options,
+    watchers: Mapping[str, Sequence[Observer]],
+    started: float,
+    kept: KeptParts,
+) -> dict[str, RunOutcome]:
+    """Build and run several arms; the files are complete when this returns.
+
+    Args:
+        scenario: checked.
+        options: without watchers; checkpoints are not written.
+        watchers: shown every tick of an arm, by its name.
+        started: `time.perf_counter()` at the start of the command.
+        kept: parts that may be used again.
+
+    Raises:
+        InputError: the scenario cannot be built, or the directory not be written; nothing was written.
+        SolverError: an arm finds no rest at its start; the same.
+    """
+    from cosim.build.simulation import build_arms  # here, so that wrong input needs no engine
+
+    with ExitStack() as stack:
+        directory, files = options.directory, dict[str, RunFiles]()
+        if directory is not None:
+            top = stack.enter_context(OutputDirectory(directory))
+            files = {name: RunFiles(directory / name) for name in scenario.arms}
+        for each in files.values():
+            stack.enter_context(each.out)
+        with files_read() as read:
+            run = build_arms(scenario.arms, options.tell, kept)
+        batches = run.batches()
+        first = dict(islice(batches, len(run.runs)))  # wrong input shows before anything is written
+        if directory is not None:
+            top.begin(SCENARIO, scenario.text(), RECORDING)
+        recorders = _recorders(scenario, options)
+        followers = dict[str, RunFollower]()
+        for name, one in scenario.arms.items():
+            if name in files:
+                files[name].note_loaded(one, read)
+            own = replace(
+                options, watchers=watchers[name], checkpoint_every_s=None, make_recorder=recorders.get(name)
+            )
+            for watcher in own.watchers:
+                watcher.open(run.runs[name].stage)
+                stack.callback(watcher.close)
+            origin = Origin.of(uuid4().hex, None).after(-started)
+            followers[name] = RunFollower(one, run.runs[name], own, files.get(name), origin, first[name])
+
+        def observe(taken: tuple[str, TickBatch]) -> None:
+            followers[taken[0]].observe(taken[1])
+
+        def flush() -> None:
+            for follower in followers.values():
+                follower.flush()
+
+        ending = drive(chain(first.items(), batches), observe, options.stop, flush)
+        return {name: follower.finish(ending) for name, follower in followers.items()}
+
+
+def _recorders(scenario: ArmsScenario, options: Options) -> dict[str, MakesRecorder]:
+    """Return what makes the recorder of each arm, all of one recording."""
+    if options.directory is None or options.make_recorder is None:
+        return {}
+    settings = next(iter(scenario.arms.values())).recording
+    path, part = options.directory / RECORDING, RecordingPart(uuid4().hex)
+    each = options.make_recorder(path, settings, part).of_arms(tuple(scenario.arms))
+    return {name: partial(_given, recorder) for name, recorder in each.items()}
+
+
+def _given(recorder: Recorder, *_: object) -> Recorder:
+    return recorder
+
+
 @final
 class RunFollower:
     """Takes in the ticks of a run: sums them up, records them, keeps checkpoints, and shows them to watchers.
@@ -274,7 +350,7 @@ def _errors(
     finder: FindsErrors | None, summary: SummaryBuilder, ending: Termination, options: Options
 ) -> RunErrors | None:
     if finder is None:
-        return None
+        return None if options.error is False else RunErrors(reason="it is not known of several arms")
     if ending.status != "completed":
         return RunErrors(reason="the run did not complete")
     try:
@@ -400,6 +476,17 @@ def prepared(
     touched = contact_modules() if contact and scenario.robot != NO_ARM else ()
     compile_kernels(tell, (*_modules(chosen, recording), *touched))
     return chosen
+
+
+def prepared_arms(
+    scenario: ArmsScenario, tell: Callable[[str], None], *, recording: bool, kept: KeptParts
+) -> ArmsScenario:
+    """Return the scenario with each arm's model built, and all compiled that its loop calls."""
+    arms = {
+        name: prepared(one, tell, recording=recording, contact=True, kept=kept)
+        for name, one in scenario.arms.items()
+    }
+    return replace(scenario, arms=arms)
 
 
 def with_fidelity_chosen(

@@ -286,9 +286,7 @@ def compiled_scene(
     together = [each.name_of(each.description) for each in (arm, *others)]
     descriptions = tuple(each.description for each in others)
     try:
-        return kept.made(
-            "scene", name_of(*together), lambda: CompiledScene(arm.description, descriptions)
-        )
+        return kept.made("scene", name_of(*together), lambda: CompiledScene(arm.description, descriptions))
     except SceneError as error:
         raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
 
@@ -322,7 +320,9 @@ class ArmParts:
         self.arm, self.driven, self._arm_name = found.arm, found.driven, found.name
         self._led = led_joints(self.arm, scenario.start, scenario.phases)
         self._geometry_name = found.name_of(_geometry(found.description))
-        self.scene = RigidScene(found.description, compiled_scene(scenario, kept, found)) if scene is None else scene
+        self.scene = (
+            RigidScene(found.description, compiled_scene(scenario, kept, found)) if scene is None else scene
+        )
         gravity, palm = scenario.gravity_m_s2, scenario.soft_robot.palm
         self.mounted = mounted = None if palm is None else palm_mass(palm)
         with blamed_on("robot"):

@@ -142,12 +142,10 @@ def build_arms(
     """
     from cosim.build.arm_parts import ArmParts, DescribedArm, compiled_scene  # see below
     from cosim.rigid.scene.arms import SceneOfArms
-    from cosim.stepping.shared_arm import SharedArm
+    from cosim.stepping.arm_carrier import SharedArm
 
     kept = KeptParts() if kept is None else kept
-    described = {
-        name: DescribedArm.of(scenario, kept, f"{name}/") for name, scenario in scenarios.items()
-    }
+    described = {name: DescribedArm.of(scenario, kept, f"{name}/") for name, scenario in scenarios.items()}
     first, *others = described.values()
     compiled = compiled_scene(next(iter(scenarios.values())), kept, first, others)
     shared = SceneOfArms(tuple(each.description for each in described.values()), compiled)

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO, final
 
-from cosim.app.arms import execute_arms, prepared_arms
 from cosim.app.checkpoint import check_resumable, tick_to_resume
 from cosim.app.driver import (
     Observer,
@@ -17,11 +16,13 @@ from cosim.app.driver import (
     RunOutcome,
     build_simulation,
     execute,
+    execute_arms,
     prepared,
+    prepared_arms,
     rerun_recorder,
 )
 from cosim.app.progress import ProgressLine
-from cosim.app.run_files import SCENARIO, check_directory, default_directory, recordings
+from cosim.app.run_files import RECORDING, SCENARIO, check_directory, default_directory, recordings
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
 from cosim.cli.screen import Interruption, draw, tell
@@ -150,9 +151,7 @@ def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
         }
         next(iter(watchers.values())).extend([interruption, *how.watchers, *([] if how.quiet else [line])])
         recorder = rerun_recorder if how.live is None else how.live.recorder
-        options = Options(
-            directory, recorder if how.recording else None, stop=interruption.reason, error=False, tell=told
-        )
+        options = Options(directory, recorder if how.recording else None, stop=interruption.reason, tell=told)
         try:
             outcomes = execute_arms(scenario, options, watchers, how.started, kept)
         except KeyboardInterrupt:  # before the loop: nothing is lost
@@ -168,7 +167,9 @@ def _report_arms(
         if quiet:
             tell(quiet_line(outcome.summary, directory / name))
         else:
-            tell("\n".join([f"{name}:", *closing_lines(outcome.summary, directory / name, recordings(directory))]))
+            tell("\n".join([f"{name}:", *closing_lines(outcome.summary, directory / name, ())]))
+    if not quiet and recordings(directory):
+        tell(f"{directory}: {RECORDING} shows all arms; open it: cosim view {directory}")
     last = outcomes[name]
     if last.summary["status"] == "interrupted":
         tell(f"cosim: interrupted; results are in {directory}; several arms cannot resume: start them again")

@@ -26,7 +26,9 @@ OF_AN_ARM: Final = (
 )  # fmt: skip
 """Keys of a scenario that each arm may give; those above the arms are of all, an arm's own are on top."""
 _NAME: Final = "[A-Za-z][A-Za-z0-9_-]*"
-_HEADER: Final = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
+_HEADER: Final = (
+    "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
+)
 
 
 @final
@@ -112,7 +114,8 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
     names = [each.get("name") for each in entries]
     if len(entries) < 2 or len({*map(str, names)}) < len(names):
         raise ScenarioError(
-            ARMS, "must be two or more tables [[arm]] with different names; the keys of one arm need no [[arm]]"
+            ARMS,
+            "must be two or more tables [[arm]] with different names; the keys of one arm need no [[arm]]",
         )
     for place, name in enumerate(names, 1):
         if not (isinstance(name, str) and re.fullmatch(_NAME, name)):

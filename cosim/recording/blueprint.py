@@ -176,13 +176,16 @@ def path_of_arm(arm: str, path: str) -> str:
 
 
 def blueprint(arms: Sequence[RunViews], *, live: bool = False) -> rrb.Blueprint:
-    """Return the layout: the scene at the left; soft robot, stress scale and plots at the right, a tab an arm.
+    """Return the layout: the scene at the left; soft robot, stress scale, plots at the right, a tab an arm.
 
     Args:
         arms: what is shown of each.
         live: whether time goes on with the run.
     """
-    phases = [rrb.StateTimelineView(origin=path_of_arm(one.arm, "/phase"), name=_named("Phase", one)) for one in arms]
+    phases = [
+        rrb.StateTimelineView(origin=path_of_arm(one.arm, "/phase"), name=_named("Phase", one))
+        for one in arms
+    ]
     scene = _space("Scene", "/world", arms[0].scene, [one.arm for one in arms])
     left = rrb.Vertical(scene, *phases, row_shares=[8, *[1] * len(arms)])
     columns = [_soft_robot(one) for one in arms]

@@ -17,7 +17,7 @@ import rerun as rr
 from cosim.base.frames import IntArray
 from cosim.coupling.soft_sides.handover import Handover
 from cosim.errors import InputError, OutputError
-from cosim.recording.arm_streams import ArmStream, ArmsStream
+from cosim.recording.arm_streams import ArmsStream, ArmStream
 from cosim.recording.blueprint import RunViews, blueprint, close_eye, log_stress_legend, scene_eye
 from cosim.recording.camera_views import CameraViews, camera_paths
 from cosim.recording.colours import series_colours

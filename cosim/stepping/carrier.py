@@ -180,7 +180,7 @@ class Carrier(ABC):
     def couple(self, wrench: Wrench) -> None:
         """Begin a lockstep run; `wrench` acts on the flange at its start."""
 
-    def begin(self, servos: Servos) -> None:
+    def begin_with_others(self, servos: Servos) -> None:
         """Begin a tick, whose rigid half is then taken for several arms at once, ahead of `advance`."""
         raise NotImplementedError("no other arm is in the scene")
 

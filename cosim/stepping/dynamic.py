@@ -182,7 +182,7 @@ class DynamicSimulation(SteppedRun):
         to = self._cursor.following(self._counts)
         assert to is not None, "all arms have as many ticks"
         self._begun = self._to_take(to, 1)
-        self._parts.carrier.begin(self._begun.servos)
+        self._parts.carrier.begin_with_others(self._begun.servos)
 
     def _to_take(self, to: Cursor, most: int) -> _Asked:
         """Return what the next ticks ask for, with phase and cell where they are in them."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, read_only
 from cosim.base.kept_parts import KeptParts, name_of
-from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry

@@ -27,15 +27,7 @@ from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.build.pair_friction import body_names
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.arm import (
-    ArmDynamics,
-    ArmLayout,
-    CellDrives,
-    Flange,
-    Mounting,
-    droop,
-    effort_limit,
-)
+from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, Mounting, droop, effort_limit
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.link_contacts import LinkContacts
