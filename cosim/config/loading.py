@@ -395,8 +395,8 @@ def load_scenario(
     if "arm" in table:
         raise ScenarioError(
             "arm",
-            f"{path.name} has several arms, which `cosim run` and `cosim.run_arms` step together; for all else "
-            "give a file with the keys of one arm, without [[arm]]",
+            f"{path.name} has several arms, which `cosim run` and `cosim.run_arms` step together; for all "
+            "else give a file with the keys of one arm, without [[arm]]",
         )
     return loaded_scenario(table, path.parent, by_key(overrides), body)
 

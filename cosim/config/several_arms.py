@@ -6,7 +6,7 @@ Each arm with the shared keys is a scenario of one arm, so every key means what 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +21,8 @@ from cosim.errors import ScenarioError
 
 ARMS: Final = "arm"
 OF_AN_ARM: Final = (
-    "robot", "arm_base", "soft_robot", "start", "phase", "fidelity", "payload_compensation", "solver", "model",
-    "gas", "pump", "winch", "controller", "sensor", "command",
+    "robot", "arm_base", "soft_robot", "start", "phase", "fidelity", "payload_compensation", "solver",
+    "model", "gas", "pump", "winch", "controller", "sensor", "command",
 )  # fmt: skip
 """Keys of a scenario that each arm may give; those above the arms are of all, an arm's own are on top."""
 _NAME: Final = "[A-Za-z][A-Za-z0-9_-]*"
@@ -90,16 +90,18 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
     for name, entry in entries.items():
         own = {key: value for key, value in entry.items() if key != "name"}
         try:
-            _check_keys(own)
+            changed = _changes_of(name, changes)
+            _check_keys([*own, *changed])
             merged = merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
             if isinstance(table.get("title"), str):
                 merged["title"] = f"{table['title']}: {name}"
-            scenario = loaded_scenario(merged, path.parent, _changes_of(name, changes))
+            common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
+            scenario = loaded_scenario(merged, path.parent, common | changed)
             found[name] = scenario
             _check(scenario)
         except ScenarioError as error:
             for place, problem in error.faults:
-                faults.add(_of_arm(name, place), problem)
+                faults.add(key_of_arm(name, place), problem)
     faults.tell()
     return ArmsScenario(str(table["name"]), str(table["title"]), _lasting_alike(found))
 
@@ -125,8 +127,8 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
     return dict(zip(map(str, names), entries, strict=True))
 
 
-def _check_keys(own: Mapping[str, Any]) -> None:
-    shared = [key for key in own if key not in OF_AN_ARM]
+def _check_keys(own: Sequence[str]) -> None:
+    shared = [key for key in own if key.partition(".")[0] not in OF_AN_ARM]
     if shared:
         text = f"is shared by all arms: give it above the first [[arm]]; an arm has {', '.join(OF_AN_ARM)}"
         first, *more = [(key, text) for key in shared]
@@ -134,13 +136,12 @@ def _check_keys(own: Mapping[str, Any]) -> None:
 
 
 def _changes_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the overrides of one arm: its own, and those of keys that all share."""
+    """Return the overrides of one arm alone."""
     prefix = f"{ARMS}.{name}."
-    own = {key.removeprefix(prefix): value for key, value in changes.items() if key.startswith(prefix)}
-    return {**{key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}, **own}
+    return {key.removeprefix(prefix): value for key, value in changes.items() if key.startswith(prefix)}
 
 
-def _of_arm(name: str, place: str) -> str:
+def key_of_arm(name: str, place: str) -> str:
     """Return the path of a key in the file, by that in the scenario of one arm."""
     return f"{ARMS}.{name}.{place}" if place.partition(".")[0] in OF_AN_ARM else place
 

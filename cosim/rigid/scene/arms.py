@@ -50,7 +50,7 @@ class SharedScene(HostScene):
 class SceneOfArms:
     """Steps several arms among objects.
 
-    `arms` are theirs, each as it is planned and driven; `exchanges` the same as their soft robots act on them.
+    `arms` are theirs, each as it is planned and driven; `exchanges` the same, as their soft robots act on it.
 
     Args:
         descriptions: of the arms, each with a prefix; objects are those of the first.
