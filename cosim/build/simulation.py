@@ -5,7 +5,7 @@ Solved phases of plans, kept on disk: targets of the tip take a second to solve,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -31,7 +31,13 @@ from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
-from cosim.plan.clearance import check_clearances, film_reach, flange_travel
+from cosim.plan.clearance import (
+    ArmOnItsWay,
+    check_clearances,
+    clearances_to_others,
+    film_reach,
+    flange_travel,
+)
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
@@ -146,18 +152,25 @@ def build_arms(
 
     kept = KeptParts() if kept is None else kept
     described = {name: DescribedArm.of(scenario, kept, f"{name}/") for name, scenario in scenarios.items()}
+    if any(each.driven is not None for each in described.values()):
+        raise ScenarioError(
+            "scene.mjcf", "has joints, which drives move for one arm alone; let all stand still"
+        )
     first, *others = described.values()
     compiled = compiled_scene(next(iter(scenarios.values())), kept, first, others)
     shared = SceneOfArms(tuple(each.description for each in described.values()), compiled)
-    runs = {}
+    all_planned = {}
     for (name, scenario), scene in zip(scenarios.items(), shared.arms, strict=True):
         note_kinds(scenario)
         model = SoftModel(scenario, kept, None, tell)
-        soft, parts = model.side(), ArmParts(scenario, kept, described[name], scene)
-        planned = _planned(scenario, model, soft, parts)
-        arranged = _carried(planned, None, partial(compile_contact, tell), SharedArm)
-        actuation = Actuation(scenario, soft.body, None)
-        runs[name] = DynamicSimulation(*_joined(scenario, model, soft, actuation, arranged))
+        parts = ArmParts(scenario, kept, described[name], scene)
+        all_planned[name] = _planned(scenario, model, model.side(), parts)
+    runs = {}
+    for name, one in all_planned.items():
+        rest = [each for each in all_planned.values() if each is not one]
+        arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
+        actuation = Actuation(one.scenario, one.soft.body, None)
+        runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     return ArmsRun(runs, shared.step)
 
 
@@ -249,6 +262,11 @@ class _Planned:
     plan: Plan
     payload: Payload
 
+    @property
+    def on_its_way(self) -> ArmOnItsWay:
+        """As other arms in the scene see it."""
+        return ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
+
 
 def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmParts) -> _Planned:
     payload = drawn_payload(soft.body, parts.mounted)
@@ -261,6 +279,7 @@ def _carried(
     before: Choices | None,
     ready_for_contact: Callable[[], None],
     carried_by: type[ArmCarrier],
+    others: Sequence[_Planned] = (),
 ) -> _Arranged:
     """Return a planned arm with what carries the flange, and what is modelled."""
     scenario, model, soft, parts, plan = (
@@ -280,6 +299,10 @@ def _carried(
     )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
+    clear = clearances_to_others(
+        clear, planned.on_its_way, [each.on_its_way for each in others], scenario.plan,
+        film_touches=contact.included,
+    )  # fmt: skip
     check_clearances(clear, plan, scenario.plan)
     asked = parts.asked(plan, planned.payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
