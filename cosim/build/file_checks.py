@@ -14,7 +14,7 @@ from cosim.build.soft_model import body_name
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.several_arms import ArmsScenario, key_of_arm
+from cosim.config.several_arms import ArmsScenario, of_arm
 from cosim.config.studies import StudyTable, designs_of
 from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
@@ -97,11 +97,8 @@ def check_arms(scenario: ArmsScenario) -> None:
     """
     kept, faults = KeptParts(), Faults()
     for name, one in scenario.arms.items():
-        try:
+        with faults, of_arm(name):
             check_built(one, kept)
-        except ScenarioError as error:
-            for place, problem in error.faults:
-                faults.add(key_of_arm(name, place), problem)
     faults.tell()
 
 

@@ -22,6 +22,7 @@ from cosim.build.soft_model import SoftModel
 from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
 from cosim.config.loading import note_kinds
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.several_arms import of_arm
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandSource
 from cosim.devices.controller import AnyController
@@ -164,11 +165,13 @@ def build_arms(
         note_kinds(scenario)
         model = SoftModel(scenario, kept, None, tell)
         parts = ArmParts(scenario, kept, described[name], scene)
-        all_planned[name] = _planned(scenario, model, model.side(), parts)
+        with of_arm(name):
+            all_planned[name] = _planned(scenario, model, model.side(), parts)
     runs = {}
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
-        arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
+        with of_arm(name):
+            arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     return ArmsRun(runs, shared.step)

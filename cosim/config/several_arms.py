@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,23 +86,19 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
     table.setdefault("name", path.stem)
     entries = _entries(table.pop(ARMS, None))
     found, faults = dict[str, Scenario](), Faults()
+    common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
     for name in {key.split(".")[1] for key in changes if key.startswith(f"{ARMS}.")} - entries.keys():
         faults.add(f"{ARMS}.{name}", f"no such arm; there are: {', '.join(entries)}")
     for name, entry in entries.items():
         own = {key: value for key, value in entry.items() if key != "name"}
-        try:
-            changed = _changes_of(name, changes)
+        changed = _changes_of(name, changes)
+        with faults, of_arm(name):
             _check_keys([*own, *changed])
             merged = merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
             if isinstance(table.get("title"), str):
                 merged["title"] = f"{table['title']}: {name}"
-            common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
-            scenario = loaded_scenario(merged, path.parent, common | changed)
-            found[name] = scenario
-            _check(scenario)
-        except ScenarioError as error:
-            for place, problem in error.faults:
-                faults.add(key_of_arm(name, place), problem)
+            found[name] = loaded_scenario(merged, path.parent, common | changed)
+            _check(found[name])
     faults.tell()
     return ArmsScenario(str(table["name"]), str(table["title"]), _lasting_alike(found))
 
@@ -141,9 +138,24 @@ def _changes_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     return {key.removeprefix(prefix): value for key, value in changes.items() if key.startswith(prefix)}
 
 
-def key_of_arm(name: str, place: str) -> str:
-    """Return the path of a key in the file, by that in the scenario of one arm."""
-    return f"{ARMS}.{name}.{place}" if place.partition(".")[0] in OF_AN_ARM else place
+@contextmanager
+def of_arm(name: str) -> Iterator[None]:
+    """Name the keys of a file of several arms, where a refusal names those of one arm's scenario.
+
+    Args:
+        name: of the arm.
+
+    Raises:
+        ScenarioError: in place of another one.
+    """
+    try:
+        yield
+    except ScenarioError as error:
+        first, *more = [
+            (f"{ARMS}.{name}.{place}" if place.partition(".")[0] in OF_AN_ARM else place, problem)
+            for place, problem in error.faults
+        ]
+        raise ScenarioError(*first, further=tuple(more)) from error.__cause__
 
 
 def _check(scenario: Scenario) -> None:

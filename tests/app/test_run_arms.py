@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.build.simulation import build_arms
+from cosim.cli.main import main
 from cosim.config.several_arms import load_arms
 from cosim.errors import InputError, ScenarioError
 
@@ -140,3 +142,56 @@ def test_what_knows_one_arm_names_what_runs_several() -> None:
     for use in (cosim.Simulation, cosim.run, cosim.load_scenario, cosim.plan_path):
         with pytest.raises(InputError, match=r"arm: .*cosim run.*run_arms.*without \[\[arm\]\]"):
             use(HOLD)
+
+
+def test_the_command_line_leaves_the_files_of_each_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario, out = written(tmp_path, "both", of_both()), tmp_path / "out"
+    assert main(["check", str(scenario)]) == 0
+    assert main(["run", str(scenario), "--out", str(out), "--set", "arm.left.start.pressure_Pa=3e3"]) == 0
+    said = capsys.readouterr().err
+    assert "left:" in said
+    assert f"cosim view {out}" in said
+    pressures = {}
+    for name in PLACES:
+        run = cosim.load_run(out / name)
+        assert (run.summary["status"], len(run.tick)) == ("completed", 51)
+        assert run.summary["error"]["reason"] == "it is not known of several arms"
+        pressures[name] = run.chamber_pressure_Pa[0, 0]
+    assert pressures == {"left": 3e3, "right": 2e3}
+    assert (out / "recording.rrd").is_file()
+    assert load_arms(out / "scenario.toml").arms["left"].start.pressure_Pa == 3e3
+    assert main(["run", "--resume", str(out)]) == 2
+    assert "start it again" in capsys.readouterr().err
+    assert main(["run", str(scenario), "--error"]) == 2
+
+
+def test_arms_that_come_too_near_to_one_another_are_named_before_the_run() -> None:
+    changes = {"arm.left.phase.carry.flange_shift_m": [0.25, 0.0, 0.1], "plan.clearance_m": 0.013}
+    run = build_arms(load_arms(HOLD, changes).arms, lambda _text: None)
+    for name, other in (("left", "right"), ("right", "left")):
+        planned = run.runs[name].stage.arm
+        assert planned is not None
+        assert any(f"{name}/wrist" in line and f"{other}/wrist" in line for line in planned.warnings())
+    with pytest.raises(
+        ScenarioError, match=r"arm\.left\.phase\.\S+: left/wrist_\d_link (touches|comes near) right/"
+    ):
+        build_arms(load_arms(HOLD, changes | {"plan.collision": "refuse"}).arms, lambda _text: None)
+
+
+def test_a_cell_that_drives_move_is_refused(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.xml"
+    cell.write_text(
+        "<mujoco><worldbody><body name='belt' pos='0 2 0.1'><joint type='slide'/>"
+        "<geom type='box' size='.1 .1 .01'/></body></worldbody></mujoco>"
+    )
+    scenario = load_arms(written(tmp_path, "both", of_both()), {"scene.mjcf": str(cell)})
+    with pytest.raises(ScenarioError, match=r"scene\.mjcf: has joints"):
+        build_arms(scenario.arms, lambda _text: None)
+
+
+def test_what_cannot_be_reached_is_named_with_its_arm() -> None:
+    far = load_arms(HOLD, {"arm.right.phase.carry.flange_shift_m": [9.0, 0.0, 0.0]})
+    with pytest.raises(ScenarioError, match=r"arm\.right\.phase\.carry\.flange_shift_m: arm 'ur5e' cannot"):
+        build_arms(far.arms, lambda _text: None)
