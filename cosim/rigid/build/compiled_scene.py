@@ -15,7 +15,6 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import final
 
@@ -246,10 +245,12 @@ def compile_model(description: SceneDescription, arms: tuple[SceneDescription, .
     try:
         return _compiled(description, arms)
     except ValueError as error:
-        raise SceneError(f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description)) from None
+        raise SceneError(
+            f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description, arms)
+        ) from None
 
 
-def _refused(description: SceneDescription) -> str | None:
+def _refused(description: SceneDescription, arms: tuple[SceneDescription, ...]) -> str | None:
     """Return the first body without which, and without all after it, MuJoCo accepts a scene."""
     objects, wires = description.objects_by_parent(), description.wires
     names = [item.name for item in objects] + [wire.name for wire in wires]
@@ -257,7 +258,7 @@ def _refused(description: SceneDescription) -> str | None:
     def accepted(count: int) -> bool:
         fewer = replace(description, objects=objects[:count], wires=wires[: max(0, count - len(objects))])
         try:
-            _compiled(fewer)
+            _compiled(fewer, arms)
         except ValueError:
             return False
         return True
@@ -338,11 +339,10 @@ def _add_surroundings(
     objects = {item.name: item for item in description.objects}
     for item in description.objects_by_parent():
         object_bodies.add_object(spec, item, objects, description.step_s)
-    for carried, item in product(mounted, description.objects):
-        if item.mass_kg > 0.0:
-            object_bodies.add_corner_contacts(
-                spec, spec.body(carried.name), spec.body(item.name), description.friction
-            )
+    carried = [spec.body(item.name) for item in mounted]
+    for item in description.objects:
+        if carried and item.mass_kg > 0.0:
+            object_bodies.add_corner_contacts(spec, carried, spec.body(item.name), description.friction)
     for wire in description.wires:
         object_bodies.add_wire(spec, wire, objects, description.step_s)
     if cell is not None:
