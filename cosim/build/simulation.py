@@ -31,7 +31,7 @@ from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
-from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
+from cosim.plan.arm_plan import check_base, check_stands, checked_start, drawn_payload
 from cosim.plan.clearance import (
     ArmOnItsWay,
     check_clearances,
@@ -174,6 +174,11 @@ def build_arms(
             arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
+    for run in runs.values():  # each begins, and is shown, with the others where they begin
+        run.carrier.set_configuration(run.plan.joints)
+    for (name, run), scene in zip(runs.items(), shared.arms, strict=True):
+        with of_arm(name):
+            check_stands(scene.links.at(run.plan.joints), "start.flange")
     return ArmsRun(runs, shared.step)
 
 

@@ -84,6 +84,7 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
     path, changes = scenario_path(source), by_key(overrides)
     table = read_table(path)
     table.setdefault("name", path.stem)
+    table |= {key: changes.pop(key) for key in ("name", "title") if key in changes}
     entries = _entries(table.pop(ARMS, None))
     found, faults = dict[str, Scenario](), Faults()
     common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
@@ -99,6 +100,11 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
                 merged["title"] = f"{table['title']}: {name}"
             found[name] = loaded_scenario(merged, path.parent, common | changed)
             _check(found[name])
+            objects, wires = found[name].objects, found[name].wires
+            if name in {"cell", *(one.name for one in objects), *(one.name for one in wires)}:
+                raise ScenarioError(
+                    f"{ARMS}.{name}", "is the name of something else in the scene; rename one"
+                )
     faults.tell()
     return ArmsScenario(str(table["name"]), str(table["title"]), _lasting_alike(found))
 

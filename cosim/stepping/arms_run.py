@@ -34,8 +34,6 @@ class ArmsRun:
         """
         gathered: dict[str, list[TickBatch]] = {name: [] for name in self.runs}
         try:
-            for run in self.runs.values():  # each is shown with the others where they begin
-                run.carrier.set_configuration(run.plan.joints)
             for name in self.runs:
                 self._take(name, gathered)
             yield from self._shown(gathered, least=1)

@@ -125,6 +125,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no robot": ({"arm.right.robot": "none"}, "arm.right.arm_base: needs an arm"),
     "no phase": ({"arm.right.phase": []}, "arm.right.phase: is missing"),
     "fidelity": ({"fidelity": "auto", "auto": {"tip_m": 1e-3}}, "fidelity"),
+    "name": (
+        {"object": [{"name": "left", "shape": "sphere", "size_m": [0.1], "position_m": [9.0, 0.0, 1.0]}]},
+        "arm.left: is the name of",
+    ),
     "handover": ({"fidelity": "section", "model.handover": True}, "model.handover: several arms need false"),
 }
 
@@ -175,7 +179,7 @@ def test_arms_that_come_too_near_to_one_another_are_named_before_the_run() -> No
         assert planned is not None
         assert any(f"{name}/wrist" in line and f"{other}/wrist" in line for line in planned.warnings())
     with pytest.raises(
-        ScenarioError, match=r"arm\.left\.phase\.\S+: left/wrist_\d_link (touches|comes near) right/"
+        ScenarioError, match=r"arm\.left\.phase\.\S+: left/soft robot touches right/soft robot"
     ):
         build_arms(load_arms(HOLD, changes | {"plan.collision": "refuse"}).arms, lambda _text: None)
 
@@ -195,3 +199,12 @@ def test_what_cannot_be_reached_is_named_with_its_arm() -> None:
     far = load_arms(HOLD, {"arm.right.phase.carry.flange_shift_m": [9.0, 0.0, 0.0]})
     with pytest.raises(ScenarioError, match=r"arm\.right\.phase\.carry\.flange_shift_m: arm 'ur5e' cannot"):
         build_arms(far.arms, lambda _text: None)
+
+
+def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(tmp_path: Path) -> None:
+    text = of_both().replace("position_m = [3.0, 0.0, 0.0]", "position_m = [0.6, 0.0, 0.0]")
+    near = written(tmp_path, "near", text.replace("[3.3, 0.0, 0.6]", "[0.35, 0.0, 0.6]"))
+    with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
+        build_arms(load_arms(near).arms, lambda _text: None)
+    apart = written(tmp_path, "apart", text.replace("[3.3, 0.0, 0.6]", "[0.6, -0.5, 0.6]"))
+    build_arms(load_arms(apart).arms, lambda _text: None)

@@ -64,6 +64,7 @@ class SceneOfArms:
         self.exchanges = tuple(SharedScene(model, data, arm) for arm in self.arms)
         for arm, exchange in zip(self.arms, self.exchanges, strict=True):
             arm.coupled = exchange
+            arm.other_arms = tuple(each.prefix for each in descriptions if each is not arm.description)
         self._control = data.ctrl.reshape(-1, 3)
 
     def step(self) -> None:

@@ -80,6 +80,8 @@ class RigidScene(CoupledScene):
     flange: Flange
     coupled: CoupledScene
     """As a soft robot exchanges loads with it: itself, unless it is one of several arms."""
+    other_arms: tuple[str, ...] = ()
+    """What the names of their bodies begin with."""
 
     def __init__(
         self,
