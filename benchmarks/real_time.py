@@ -215,6 +215,7 @@ def main() -> None:
     if options.version:
         sys.path.insert(0, str(options.version.resolve()))
     from cosim.base.resources import list_scenarios
+    from cosim.config.several_arms import has_arms
     from cosim.config.toml.reading import parse_assignment
 
     changes = dict(parse_assignment(each) for each in options.changes)
@@ -224,7 +225,8 @@ def main() -> None:
     tally = Tally()
     if not options.accuracy:
         tally.watch()
-    for name in options.names or ([] if options.page else list_scenarios()):
+    shipped = [name for name in list_scenarios() if not has_arms(name)]
+    for name in options.names or ([] if options.page else shipped):
         key = label(name, changes)
         new = (
             accuracy_of(name, changes)

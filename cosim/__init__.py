@@ -14,6 +14,7 @@ from cosim._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cosim.app.api import run as run
+    from cosim.app.api import run_arms as run_arms
     from cosim.app.attach import Attached as Attached
     from cosim.app.attach import attach as attach
     from cosim.app.batch import Batch as Batch
@@ -67,7 +68,7 @@ if TYPE_CHECKING:
     from cosim.sweeps.table import plot_sweep as plot_sweep
 
 _NAMES = {
-    "cosim.app.api": "run",
+    "cosim.app.api": "run run_arms",
     "cosim.app.attach": "Attached attach",
     "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",

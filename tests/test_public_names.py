@@ -64,6 +64,7 @@ EXPECTED = {
     "register_kind",
     "replay",
     "run",
+    "run_arms",
     "run_path",
     "sensitivity",
     "sweep",

@@ -18,6 +18,7 @@ from benchmarks.faults.mutations import broken, mutated, mutations_of, toml_text
 from cosim.base.resources import data_directory, list_scenarios, list_soft_robots, soft_robot_path
 from cosim.config.loading import RobotFiles, load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
+from cosim.config.several_arms import ARMS
 from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError, SolverError
 
@@ -209,6 +210,8 @@ def _sources() -> tuple[tuple[str, Mapping[str, Any], bool], ...]:
         path = data_directory() / "scenarios" / f"{name}.toml"
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         table["name"] = name
+        if ARMS in table:
+            continue  # each of its arms is a scenario like the others
         full = dict(
             table, soft_robot=RobotFiles(Faults()).expand(table["soft_robot"], path.parent, "soft_robot")
         )

@@ -6,16 +6,18 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from cosim.app.driver import (
     Observer,
     Options,
     build_simulation,
     execute,
+    execute_arms,
     log,
     named_body,
     prepared,
+    prepared_arms,
     rerun_recorder,
 )
 from cosim.app.run_files import default_directory
@@ -24,6 +26,7 @@ from cosim.base.kept_parts import KeptParts
 from cosim.config.loading import load_scenario
 from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
+from cosim.config.several_arms import load_arms
 from cosim.errors import RunInterrupted
 from cosim.results.result import ResultBuilder, RunResult
 from cosim.telemetry.figures import branching_lines, standing_lines
@@ -79,14 +82,69 @@ def run(
     build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
     outcome = execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)
-    stability = branching_lines(outcome.summary["branchings"]), standing_lines(outcome.summary["phases"])
-    for line in (*outcome.summary["warnings"], *stability[0], *stability[1]):
+    log_ending(outcome.summary)
+    if outcome.error is not None:
+        raise_ended(outcome.error, result, directory)
+    return result
+
+
+def run_arms(
+    scenario: str | Path,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    recording: bool = False,
+) -> dict[str, RunResult]:
+    """Run a scenario of several arms and return the arrays of each, by its name.
+
+    Args:
+        scenario: name of a scenario that comes with cosim, or path of a .toml file with `[[arm]]`.
+        overrides: values by key path, such as {"arm.left.phase.lift.duration_s": 2.0}.
+        out: directory for scenario.toml, the recording, and a folder for each arm with its summary.json and
+            arrays; None writes none unless a recording is asked for, which then goes to `runs/`.
+        recording: whether to write `recording.rrd`, of all arms.
+
+    Raises:
+        InputError: the scenario is wrong or asks for what cannot be reached.
+        SolverError: the physics could not be solved.
+        RunInterrupted: by Ctrl-C.
+    """
+    started = time.perf_counter()
+    loaded, kept = load_arms(scenario, overrides), KeptParts(cache_directory())
+    checked = prepared_arms(loaded, log, recording=recording, kept=kept)
+    directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
+    arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}
+    options = Options(directory, rerun_recorder if recording else None, tell=log)
+    outcomes = execute_arms(checked, options, {name: [each] for name, each in arrays.items()}, started, kept)
+    results = {
+        name: arrays[name].result(outcome.summary, None if directory is None else directory / name)
+        for name, outcome in outcomes.items()
+    }
+    for outcome in outcomes.values():
+        log_ending(outcome.summary)
+        if outcome.error is not None:
+            raise_ended(outcome.error, results, directory)
+    return results
+
+
+def log_ending(summary: dict[str, Any]) -> None:
+    """Log the warnings of a run, and where its soft robot was not stable."""
+    for line in (
+        *summary["warnings"], *branching_lines(summary["branchings"]), *standing_lines(summary["phases"])
+    ):  # fmt: skip
         log(line)
-    if outcome.error is None:
-        return result
-    interrupted = isinstance(outcome.error, KeyboardInterrupt)
-    raised = RunInterrupted(*outcome.error.args) if interrupted else outcome.error
+
+
+def raise_ended(error: BaseException, result: object, directory: Path | None) -> NoReturn:
+    """Raise what has ended a run.
+
+    Args:
+        error: that was raised in it; an interruption by Ctrl-C becomes `RunInterrupted`.
+        result: arrays until then, which the error carries.
+        directory: of the run's files; None: there are none.
+    """
+    raised = RunInterrupted(*error.args) if isinstance(error, KeyboardInterrupt) else error
     vars(raised)["result"] = result
     if directory is not None:
         raised.add_note(f"what was simulated is in {directory}")
-    raise raised from outcome.error.__cause__ if raised is outcome.error else outcome.error
+    raise raised from error.__cause__ if raised is error else error

@@ -13,24 +13,26 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from copy import deepcopy
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 from uuid import uuid4
 
 from cosim._version import __version__
-from cosim.app.checkpoint import Checkpoint, CheckpointKeeper, Origin, read_checkpoint
-from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, RunFiles, images_file
+from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
+from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
 from cosim.base.files import cache_directory, files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
+from cosim.config.several_arms import ArmsScenario
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
@@ -115,6 +117,8 @@ class ArrayRecorder(Recorder):
 
 
 Observe = Callable[[TickBatch], None]
+MakesRecorder = Callable[[Path, RecordingTable, RecordingPart], Recorder]
+Some = TypeVar("Some")
 
 
 @final
@@ -137,17 +141,17 @@ class Options:
         make_recorder: makes the recorder of a file; None for no recording.
         watchers: shown every tick.
         stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
-        checkpoint_every_s: wall time between two checkpoints in the directory.
+        checkpoint_every_s: wall time between two checkpoints in the directory; None: there are none.
         resume: whether to continue with the run in the directory, from its checkpoint.
         error: whether to work out how far the figures may be off; None: where it costs little of the run.
         tell: told what takes long at the end.
     """
 
     directory: Path | None = None
-    make_recorder: Callable[[Path, RecordingTable, RecordingPart], Recorder] | None = None
+    make_recorder: MakesRecorder | None = None
     watchers: Sequence[Observer] = ()
     stop: Callable[[], str | None] = lambda: None
-    checkpoint_every_s: float = 30.0
+    checkpoint_every_s: float | None = 30.0
     resume: bool = False
     error: bool | None = None
     tell: Callable[[str], None] = lambda _text: None
@@ -193,59 +197,160 @@ def execute(
         for watcher in options.watchers:
             watcher.open(simulation.stage)
             stack.callback(watcher.close)
-        return _run(scenario, simulation, first, batches, options, earlier, started, files)
+        origin = Origin.of(uuid4().hex, earlier).after(-started)
+        follower = RunFollower(scenario, simulation, options, files, origin, first)
+        return follower.finish(drive(batches, follower.observe, options.stop, follower.flush))
 
 
-def _run(
-    scenario: Scenario,
-    simulation: SteppedRun,
-    first: TickBatch | None,
-    batches: Iterator[TickBatch],
+def execute_arms(
+    scenario: ArmsScenario,
     options: Options,
-    earlier: Checkpoint | None,
+    watchers: Mapping[str, Sequence[Observer]],
     started: float,
-    files: RunFiles | None,
-) -> RunOutcome:
-    origin = Origin.of(uuid4().hex, earlier)
-    recorder = _begin_files(scenario, options, files, RecordingPart(origin.run_id, origin.before))
-    recorder.open(simulation.stage)
-    if first is not None:
-        recorder.lay_out(first.snapshot(0))
-    loop_started = time.perf_counter()
-    origin = origin.after(loop_started - started)
-    summary = SummaryBuilder(simulation.stage, origin.startup_s, __version__, origin.resumed_at_ticks)
-    if earlier is not None:
-        summary.restore_state(earlier.summary)
-    observers: list[Observe] = [recorder.record]
-    keeper = None
-    if files is not None:
-        every_s = options.checkpoint_every_s
-        keeper = CheckpointKeeper(simulation, summary, origin, files, every_s, recorder.flush)
-        observers = [keeper.observe, recorder.record, keeper.write_when_due]
-    finder = None if options.error is False else simulation.errors
-    observers += [] if finder is None else [finder.observe]
-    observers += [watcher.observe for watcher in options.watchers]
-    ending = drive(map(summary.observe, batches), observers, options.stop, recorder.flush)
-    wall_s = origin.wall_s + time.perf_counter() - loop_started
-    if keeper is not None:
-        keeper.end(ending.status, ending.error)
-    errors = _errors(finder, summary, ending, options)
-    figures = summary.finish(ending.status, ending.reason, wall_s, errors)
-    try:
-        if errors is not None and errors.phases:
-            recorder.mark_errors(errors.phases)
-        recorder.close(summary_markdown(figures), ending.status)
-    finally:
-        if files is not None:
-            files.finish(figures)
-    return RunOutcome(figures, ending.error)
+    kept: KeptParts,
+) -> dict[str, RunOutcome]:
+    """Build and run several arms; the files are complete when this returns.
+
+    Args:
+        scenario: checked.
+        options: without watchers; checkpoints are not written.
+        watchers: shown every tick of an arm, by its name.
+        started: `time.perf_counter()` at the start of the command.
+        kept: parts that may be used again.
+
+    Raises:
+        InputError: the scenario cannot be built, or the directory not be written; nothing was written.
+        SolverError: an arm finds no rest at its start; the same.
+    """
+    from cosim.build.simulation import build_arms  # here, so that wrong input needs no engine
+
+    with ExitStack() as stack:
+        directory, files = options.directory, dict[str, RunFiles]()
+        if directory is not None:
+            top = stack.enter_context(OutputDirectory(directory))
+            files = {name: RunFiles(directory / name) for name in scenario.arms}
+        for each in files.values():
+            stack.enter_context(each.out)
+        with files_read() as read:
+            run = build_arms(scenario.arms, options.tell, kept)
+        batches = run.batches()
+        first = dict(islice(batches, len(run.runs)))  # wrong input shows before anything is written
+        if directory is not None:
+            top.begin(SCENARIO, scenario.text(), RECORDING)
+        recorders = _recorders(scenario, options)
+        followers = dict[str, RunFollower]()
+        for name, one in scenario.arms.items():
+            if name in files:
+                files[name].note_loaded(one, read)
+            own = replace(
+                options, watchers=watchers[name], checkpoint_every_s=None, make_recorder=recorders.get(name)
+            )
+            for watcher in own.watchers:
+                watcher.open(run.runs[name].stage)
+                stack.callback(watcher.close)
+            origin = Origin.of(uuid4().hex, None).after(-started)
+            followers[name] = RunFollower(one, run.runs[name], own, files.get(name), origin, first[name])
+
+        def observe(taken: tuple[str, TickBatch]) -> None:
+            followers[taken[0]].observe(taken[1])
+
+        def flush() -> None:
+            for follower in followers.values():
+                follower.flush()
+
+        ending = drive(chain(first.items(), batches), observe, options.stop, flush)
+        return {name: follower.finish(ending) for name, follower in followers.items()}
+
+
+def _recorders(scenario: ArmsScenario, options: Options) -> dict[str, MakesRecorder]:
+    """Return what makes the recorder of each arm, all of one recording."""
+    if options.directory is None or options.make_recorder is None:
+        return {}
+    settings = next(iter(scenario.arms.values())).recording
+    path, part = options.directory / RECORDING, RecordingPart(uuid4().hex)
+    each = options.make_recorder(path, settings, part).of_arms(tuple(scenario.arms))
+    return {name: partial(_given, recorder) for name, recorder in each.items()}
+
+
+def _given(recorder: Recorder, *_: object) -> Recorder:
+    return recorder
+
+
+@final
+class RunFollower:
+    """Takes in the ticks of a run: sums them up, records them, keeps checkpoints, and shows them to watchers.
+
+    Args:
+        scenario: of the run.
+        simulation: built.
+        options: see there.
+        files: of the run; None writes none.
+        origin: of the run, with the time of its start counted from `time.perf_counter()` at the command's.
+        first: its first ticks, if they are known.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        simulation: SteppedRun,
+        options: Options,
+        files: RunFiles | None,
+        origin: Origin,
+        first: TickBatch | None,
+    ) -> None:
+        self._files, self._options, stage = files, options, simulation.stage
+        self._recorder = recorder = _begin_files(
+            scenario, options, files, RecordingPart(origin.run_id, origin.before)
+        )
+        recorder.open(stage)
+        if first is not None:
+            recorder.lay_out(first.snapshot(0))
+        self._began = time.perf_counter()
+        self._origin = origin = origin.after(self._began)
+        self._summary = SummaryBuilder(stage, origin.startup_s, __version__, origin.resumed_at_ticks)
+        if origin.checkpoint is not None:
+            self._summary.restore_state(origin.checkpoint.summary)
+        self._observers: list[Observe] = [recorder.record]
+        self._keeper, every_s = None, options.checkpoint_every_s
+        if files is not None and every_s is not None:
+            keeper = CheckpointKeeper(simulation, self._summary, origin, files, every_s, recorder.flush)
+            self._keeper, self._observers = keeper, [keeper.observe, recorder.record, keeper.write_when_due]
+        self._finder = None if options.error is False else simulation.errors
+        self._observers += [] if self._finder is None else [self._finder.observe]
+        self._observers += [watcher.observe for watcher in options.watchers]
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+        shown = self._summary.observe(batch).shown()  # observers are others, whatever they do
+        for observe in self._observers:
+            observe(shown)
+
+    def flush(self) -> None:
+        """Bring to the disk what the recording still gathers."""
+        self._recorder.flush()
+
+    def finish(self, ending: Termination) -> RunOutcome:
+        """End recording and files, and return what is left of the run."""
+        wall_s = self._origin.wall_s + time.perf_counter() - self._began
+        if self._keeper is not None:
+            self._keeper.end(ending.status, ending.error)
+        errors = _errors(self._finder, self._summary, ending, self._options)
+        figures = self._summary.finish(ending.status, ending.reason, wall_s, errors)
+        try:
+            if errors is not None and errors.phases:
+                self._recorder.mark_errors(errors.phases)
+            self._recorder.close(summary_markdown(figures), ending.status)
+        finally:
+            if self._files is not None:
+                self._files.finish(figures)
+        return RunOutcome(figures, ending.error)
 
 
 def _errors(
     finder: FindsErrors | None, summary: SummaryBuilder, ending: Termination, options: Options
 ) -> RunErrors | None:
     if finder is None:
-        return None
+        return None if options.error is False else RunErrors(reason="it is not known of several arms")
     if ending.status != "completed":
         return RunErrors(reason="the run did not complete")
     try:
@@ -309,17 +414,15 @@ def rerun_recorder(
 
 
 def drive(
-    batches: Iterator[TickBatch],
-    observers: Sequence[Observe],
+    batches: Iterator[Some],
+    observe: Callable[[Some], None],
     stop: Callable[[], str | None],
     at_end: Callable[[], None] = lambda: None,
 ) -> Termination:
-    """Feed all ticks to every observer, in order, until a stop, an exception or the end (`at_end`)."""
+    """Feed all ticks to an observer, in order, until a stop, an exception or the end (`at_end`)."""
     try:
         for batch in batches:
-            shown = batch.shown()  # observers are others, whatever they do
-            for observe in observers:
-                observe(shown)
+            observe(batch)
             reason = stop()
             if reason is not None:
                 return Termination("interrupted", reason)
@@ -373,6 +476,17 @@ def prepared(
     touched = contact_modules() if contact and scenario.robot != NO_ARM else ()
     compile_kernels(tell, (*_modules(chosen, recording), *touched))
     return chosen
+
+
+def prepared_arms(
+    scenario: ArmsScenario, tell: Callable[[str], None], *, recording: bool, kept: KeptParts
+) -> ArmsScenario:
+    """Return the scenario with each arm's model built, and all compiled that its loop calls."""
+    arms = {
+        name: prepared(one, tell, recording=recording, contact=True, kept=kept)
+        for name, one in scenario.arms.items()
+    }
+    return replace(scenario, arms=arms)
 
 
 def with_fidelity_chosen(

@@ -92,6 +92,28 @@ class OutputDirectory:
         except OSError as error:
             raise self._unwritable(error) from error
 
+    def begin(self, name: str, text: str, *others: str) -> None:
+        """Make the directory, remove what was written here before, and write a first file.
+
+        Args:
+            name: of that file.
+            text: in it.
+            others: names of files that will be written.
+
+        Raises:
+            InputError: the directory cannot be made or written, or a file there was not written here; then
+                nothing was removed.
+        """
+        self.make()
+        try:
+            self.claim(name, *others)
+            self.remove_written()
+            self.claim(name, *others)
+            self.write(name, text)
+        except InputError:
+            self.discard()
+            raise
+
     def discard(self) -> None:
         """Take the marker and the directory away again, if they are new and hold nothing else."""
         if self._made_here:
@@ -319,16 +341,7 @@ class RunFiles:
             InputError: the directory cannot be made or written, or a file there is not an earlier run's; then
                 nothing was removed.
         """
-        text = scenario_text(scenario)
-        self.out.make()
-        try:
-            self.out.claim(SCENARIO, SUMMARY, CHECKPOINT)
-            self.out.remove_written()
-            self.out.claim(SCENARIO, SUMMARY, CHECKPOINT)
-            self.out.write(SCENARIO, text)
-        except InputError:
-            self.out.discard()
-            raise
+        self.out.begin(SCENARIO, scenario_text(scenario), SUMMARY, CHECKPOINT)
 
     def go_on(self) -> None:
         """Take away the summary of the part before: the run is not over."""

@@ -8,8 +8,8 @@ Rigid objects of a scenario, and the palm of a soft robot, as the rigid side wan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final, final
 
@@ -31,7 +31,7 @@ from cosim.plan.arm_limits import PathClearances, PlannedArm
 from cosim.plan.arm_plan import planned_arm
 from cosim.plan.clearance import keeps_clear, path_clearances
 from cosim.plan.joint_planner import led_joints, plan_joints
-from cosim.plan.motion import JointPath
+from cosim.plan.motion import CellMotion, JointPath
 from cosim.plan.plan import Plan
 from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
@@ -211,33 +211,44 @@ _FEWEST: Final = 4
 
 
 @final
-class ArmParts:
-    """An arm, in both engines, and the scene around it.
-
-    Attributes: `arm`, Pinocchio's; `scene`, MuJoCo's, at its start; `mounted`, rigid mass on the flange
-    besides the soft robot, None for none; `driven`, how the cell's joints move, None where it has none.
+@dataclass(frozen=True)
+class DescribedArm:
+    """An arm of a scenario, ready for a scene to be compiled with it.
 
     Args:
-        scenario: checked, with an arm.
-        kept: parts that may be used again.
-
-    Raises:
-        ScenarioError: what is wrong with the arm and with the cell, or with an object, by key.
+        arm: Pinocchio's.
+        name: of all that it was read from.
+        driven: how the cell's joints move; None where it has none.
+        description: of the scene with it.
     """
 
-    def __init__(self, scenario: Scenario, kept: KeptParts) -> None:
-        self._scenario, self._kept = scenario, kept
+    arm: Arm
+    name: str
+    driven: CellMotion | None
+    description: SceneDescription
+
+    @classmethod
+    def of(cls, scenario: Scenario, kept: KeptParts, prefix: str = "") -> DescribedArm:
+        """Return the arm of a scenario.
+
+        Args:
+            scenario: checked, with an arm.
+            kept: parts that may be used again.
+            prefix: of its names, in a scene of several arms.
+
+        Raises:
+            ScenarioError: what is wrong with the arm and with the cell, by key.
+        """
         gravity, palm = scenario.gravity_m_s2, scenario.soft_robot.palm
-        faults, cell, self.driven = Faults(), None, None
+        faults, cell, driven = Faults(), None, None
         with faults, blamed_on("robot"):
-            file, self._arm_name = _arm_file(scenario, kept)
-            self.arm = Arm(file, gravity=gravity)
-            _check_joints(scenario, self.arm)
+            file, name = _arm_file(scenario, kept)
+            arm = Arm(file, gravity=gravity)
+            _check_joints(scenario, arm)
         with faults:
             cell = None if scenario.scene is None else cell_of(scenario.scene)
-            self.driven = motion_of(scenario, cell)
+            driven = motion_of(scenario, cell)
         faults.tell()
-        self._led = led_joints(self.arm, scenario.start, scenario.phases)
         description = SceneDescription(
             arm=file,
             tick_s=scenario.clock.tick_s,
@@ -248,26 +259,78 @@ class ArmParts:
             cell=cell,
             mounted=() if palm is None else (palm_object(palm),),
             friction=pair_friction(scenario.contact),
+            prefix=prefix,
         )
-        self._geometry_name = self._name(_geometry(description))
-        try:
-            self.scene = RigidScene(
-                description, kept.made("scene", self._name(description), lambda: CompiledScene(description))
-            )
-        except SceneError as error:
-            raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
+        return cls(arm, name, driven, description)
+
+    def name_of(self, description: SceneDescription) -> str:
+        """Return a name of all that a scene with this arm is made of."""
+        others = [getattr(description, field.name) for field in fields(description) if field.name != "arm"]
+        return name_of(self.name, others)
+
+
+def compiled_scene(
+    scenario: Scenario, kept: KeptParts, arm: DescribedArm, others: Sequence[DescribedArm] = ()
+) -> CompiledScene:
+    """Return the scene of an arm, and of others, compiled.
+
+    Args:
+        scenario: of the arm.
+        kept: parts that may be used again.
+        arm: described.
+        others: further ones in the same scene.
+
+    Raises:
+        ScenarioError: an object or wire is wrong, by key.
+    """
+    together = [each.name_of(each.description) for each in (arm, *others)]
+    descriptions = tuple(each.description for each in others)
+    try:
+        return kept.made("scene", name_of(*together), lambda: CompiledScene(arm.description, descriptions))
+    except SceneError as error:
+        raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
+
+
+@final
+class ArmParts:
+    """An arm, in both engines, and the scene around it.
+
+    Attributes: `arm`, Pinocchio's; `scene`, MuJoCo's, at its start; `mounted`, rigid mass on the flange
+    besides the soft robot, None for none; `driven`, how the cell's joints move, None where it has none.
+
+    Args:
+        scenario: checked, with an arm.
+        kept: parts that may be used again.
+        described: the arm of that scenario, if it has been described already.
+        scene: the scene with it, if it is one of several arms.
+
+    Raises:
+        ScenarioError: what is wrong with the arm and with the cell, or with an object, by key.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        kept: KeptParts,
+        described: DescribedArm | None = None,
+        scene: RigidScene | None = None,
+    ) -> None:
+        self._scenario, self._kept = scenario, kept
+        found = described or DescribedArm.of(scenario, kept)
+        self.arm, self.driven, self._arm_name = found.arm, found.driven, found.name
+        self._led = led_joints(self.arm, scenario.start, scenario.phases)
+        self._geometry_name = found.name_of(_geometry(found.description))
+        self.scene = (
+            RigidScene(found.description, compiled_scene(scenario, kept, found)) if scene is None else scene
+        )
+        gravity, palm = scenario.gravity_m_s2, scenario.soft_robot.palm
         self.mounted = mounted = None if palm is None else palm_mass(palm)
         with blamed_on("robot"):
             held = None if mounted is None else Payload(mounted.mass_kg, mounted.center, mounted.inertia)
             kept.made(
                 "agreement", name_of(self._arm_name, gravity, palm),
-                lambda: check_engines_agree(self.scene, self.arm, file.armature, held),
+                lambda: check_engines_agree(self.scene, self.arm, found.description.arm.armature, held),
             )  # fmt: skip
-
-    def _name(self, description: SceneDescription) -> str:
-        """Return a name of all that a scene is made of."""
-        others = [getattr(description, field.name) for field in fields(description) if field.name != "arm"]
-        return name_of(self._arm_name, others)
 
     def plan_joints(
         self, start: Pose, ways: list[AnyWay], blame: Callable[[int], str]

@@ -14,6 +14,7 @@ from cosim.build.soft_model import body_name
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.config.several_arms import ArmsScenario, of_arm
 from cosim.config.studies import StudyTable, designs_of
 from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
@@ -86,6 +87,19 @@ def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
         return
     planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
     check_given_ways(scenario, planner)
+
+
+def check_arms(scenario: ArmsScenario) -> None:
+    """Check each of several arms as `check_built` does.
+
+    Raises:
+        ScenarioError: what is wrong, by key.
+    """
+    kept, faults = KeptParts(), Faults()
+    for name, one in scenario.arms.items():
+        with faults, of_arm(name):
+            check_built(one, kept)
+    faults.tell()
 
 
 def check_designs(study: StudyTable) -> None:

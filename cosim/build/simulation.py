@@ -5,11 +5,12 @@ Solved phases of plans, kept on disk: targets of the tip take a second to solve,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias, final
 
 from cosim.base.files import keep, kept
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
@@ -21,6 +22,7 @@ from cosim.build.soft_model import SoftModel
 from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
 from cosim.config.loading import note_kinds
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.several_arms import of_arm
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandSource
 from cosim.devices.controller import AnyController
@@ -29,22 +31,32 @@ from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
-from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
-from cosim.plan.clearance import check_clearances, film_reach, flange_travel
+from cosim.plan.arm_plan import check_base, check_stands, checked_start, drawn_payload
+from cosim.plan.clearance import (
+    ArmOnItsWay,
+    check_clearances,
+    clearances_to_others,
+    film_reach,
+    flange_travel,
+)
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
 from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
+from cosim.stepping.arms_run import ArmsRun
 from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.run_error import ErrorFinder
+from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:
-    from cosim.kinematics.arm import Arm
+    from cosim.build.arm_parts import ArmParts
+    from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.host_scene import HostScene
+    from cosim.stepping.arm_carrier import ArmCarrier
     from cosim.stepping.host_carrier import HostCarrier
 
 
@@ -111,17 +123,74 @@ def build(
     model = SoftModel(scenario, kept, body, tell)
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
-    plan, carrier, modelled, planned, arm = (
+    arranged = (
         _held_base(scenario, model, soft)
         if scenario.robot == NO_ARM
         else _arm(scenario, model, soft, before, partial(compile_contact, tell))
     )
-    commands = _steered(scenario, plan, soft, actuation, _bounds(model, plan, modelled, arm))
-    parts = Parts(scenario, plan, carrier, soft, commands, partial(brought_to_rest, kept, model.name, soft))
-    stage = stage_of(parts, modelled, planned, model.section)
+    parts, stage = _joined(scenario, model, soft, actuation, arranged)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
     run.errors = ErrorFinder(parts, model.finer)
     return run
+
+
+def build_arms(
+    scenarios: Mapping[str, Scenario], tell: Callable[[str], None], kept: KeptParts | None = None
+) -> ArmsRun:
+    """Return the run of several arms in one scene, planned and ready to step.
+
+    Args:
+        scenarios: of each arm, by its name; checked, and alike in all that is not the arm's own.
+        tell: see `build`.
+        kept: parts that may be used again; it gets those that are made here.
+
+    Raises:
+        InputError: as of `build`, or arms come too near to one another.
+    """
+    from cosim.build.arm_parts import ArmParts, DescribedArm, compiled_scene  # see below
+    from cosim.rigid.scene.arms import SceneOfArms
+    from cosim.stepping.arm_carrier import SharedArm
+
+    kept = KeptParts() if kept is None else kept
+    described = {name: DescribedArm.of(scenario, kept, f"{name}/") for name, scenario in scenarios.items()}
+    if any(each.driven is not None for each in described.values()):
+        raise ScenarioError(
+            "scene.mjcf", "has joints, which drives move for one arm alone; let all stand still"
+        )
+    first, *others = described.values()
+    compiled = compiled_scene(next(iter(scenarios.values())), kept, first, others)
+    shared = SceneOfArms(tuple(each.description for each in described.values()), compiled)
+    all_planned = {}
+    for (name, scenario), scene in zip(scenarios.items(), shared.arms, strict=True):
+        note_kinds(scenario)
+        model = SoftModel(scenario, kept, None, tell)
+        parts = ArmParts(scenario, kept, described[name], scene)
+        with of_arm(name):
+            all_planned[name] = _planned(scenario, model, model.side(), parts)
+    runs = {}
+    for name, one in all_planned.items():
+        rest = [each for each in all_planned.values() if each is not one]
+        with of_arm(name):
+            arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
+        actuation = Actuation(one.scenario, one.soft.body, None)
+        runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
+    for run in runs.values():  # each begins, and is shown, with the others where they begin
+        run.carrier.set_configuration(run.plan.joints)
+    for (name, run), scene in zip(runs.items(), shared.arms, strict=True):
+        with of_arm(name):
+            check_stands(scene.links.at(run.plan.joints), "start.flange")
+    return ArmsRun(runs, shared.step)
+
+
+def _joined(
+    scenario: Scenario, model: SoftModel, soft: SoftSide, actuation: Actuation, arranged: _Arranged
+) -> tuple[Parts, RunInfo]:
+    """Return the parts of a run, and what does not change while it lasts."""
+    plan, carrier, modelled, planned, arm = arranged
+    commands = _steered(scenario, plan, soft, actuation, _bounds(model, plan, modelled, arm))
+    rest = partial(brought_to_rest, model.kept, model.name, soft)
+    parts = Parts(scenario, plan, carrier, soft, commands, rest)
+    return parts, stage_of(parts, modelled, planned, model.section)
 
 
 def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tuple[HostCarrier, Parts]:
@@ -176,10 +245,55 @@ def _arm(
     from cosim.build.arm_parts import ArmParts
     from cosim.stepping.arm_carrier import ArmCarrier
 
-    parts = ArmParts(scenario, model.kept)
+    planned = _planned(scenario, model, soft, ArmParts(scenario, model.kept))
+    return _carried(planned, before, ready_for_contact, ArmCarrier)
+
+
+@final
+@dataclass(frozen=True)
+class _Planned:
+    """An arm with its soft robot, and its plan.
+
+    Args:
+        scenario: checked.
+        model: of the soft robot.
+        soft: its soft side.
+        parts: the arm, and the scene around it.
+        plan: of the run.
+        payload: the soft robot in its drawn shape, and what else is mounted.
+    """
+
+    scenario: Scenario
+    model: SoftModel
+    soft: SoftSide
+    parts: ArmParts
+    plan: Plan
+    payload: Payload
+
+    @property
+    def on_its_way(self) -> ArmOnItsWay:
+        """As other arms in the scene see it."""
+        return ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
+
+
+def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmParts) -> _Planned:
+    payload = drawn_payload(soft.body, parts.mounted)
+    plan = _plan(scenario, checked_start(parts.plan_joints, parts.arm, parts.scene, payload), model)
+    return _Planned(scenario, model, soft, parts, plan, payload)
+
+
+def _carried(
+    planned: _Planned,
+    before: Choices | None,
+    ready_for_contact: Callable[[], None],
+    carried_by: type[ArmCarrier],
+    others: Sequence[_Planned] = (),
+) -> _Arranged:
+    """Return a planned arm with what carries the flange, and what is modelled."""
+    scenario, model, soft, parts, plan = (
+        planned.scenario, planned.model, planned.soft, planned.parts, planned.plan
+    )  # fmt: skip
     arm, scene, mounted = parts.arm, parts.scene, parts.mounted
-    payload = drawn_payload(soft.body, mounted)
-    plan = _plan(scenario, checked_start(parts.plan_joints, arm, scene, payload), model)
     contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_contact)
     if before is not None:
         contact = before.keep(contact)
@@ -188,17 +302,21 @@ def _arm(
     law = contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)
-    carrier = ArmCarrier(
+    carrier = carried_by(
         arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, parts.driven
     )
     travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
     clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
+    clear = clearances_to_others(
+        clear, planned.on_its_way, [each.on_its_way for each in others], scenario.plan,
+        film_touches=contact.included,
+    )  # fmt: skip
     check_clearances(clear, plan, scenario.plan)
-    planned = parts.asked(plan, payload, clear)
+    asked = parts.asked(plan, planned.payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     way = parts.motion_name(plan)
     modelled += _range(scenario, plan, model, arm, way, touched=contact.included)
-    return plan, carrier, modelled, planned, arm
+    return plan, carrier, modelled, asked, arm
 
 
 def _bounds(model: SoftModel, plan: Plan, modelled: tuple[Decision, ...], arm: Arm | None) -> LiveBounds:

@@ -179,7 +179,7 @@ def contact_decision(
         return Decision(what, False, reason, "fidelity")
     if not scenario.contact.only_in_reach:
         return Decision(what, True, "asked for, whatever is in reach", ONLY_IN_REACH)
-    open_question = _unknown_reach(scenario)
+    open_question = _unknown_reach(scenario) if scene.coupled is scene else "other arms can move"
     if open_question:
         return Decision(what, True, open_question, switch)
     reach = soft.reach_m or film_reach(soft.body, largest_pressure(plan))
@@ -384,7 +384,7 @@ def _steps(parts: Parts) -> tuple[int, float]:
     """Return how many steps a run has, and how long one is [s], in the mean where it has no clock."""
     scenario = parts.scenario
     if scenario.mode == "dynamic":
-        return sum(parts.ticks(phase) for phase in scenario.phases), scenario.clock.tick_s
+        return sum(scenario.ticks(phase) for phase in scenario.phases), scenario.clock.tick_s
     count = sum(phase.increments for phase in scenario.phases)
     return count, sum(phase.duration_s + phase.settle_s for phase in scenario.phases) / count
 

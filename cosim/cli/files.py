@@ -23,6 +23,7 @@ from cosim.config.arms.package_files import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import load_file, load_scenario
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
 from cosim.config.studies import StudyTable
 from cosim.config.toml.parsing import SCHEMA
 from cosim.config.toml.reading import blamed_on
@@ -115,11 +116,13 @@ def _check_built(path: Path) -> None:
     Raises:
         ScenarioError: keys or values are wrong, or it cannot be built.
     """
-    found = load_file(path)
+    found = load_arms(path) if path.suffix == ".toml" and has_arms(path) else load_file(path)
     # imported here: a file that cannot be read needs no engine
-    from cosim.build.file_checks import check_built, check_designs, check_robot
+    from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot
 
-    if isinstance(found, StudyTable):
+    if isinstance(found, ArmsScenario):
+        check_arms(found)
+    elif isinstance(found, StudyTable):
         check_designs(found)
     elif isinstance(found, Scenario):
         check_built(found)

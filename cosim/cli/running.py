@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,18 +16,22 @@ from cosim.app.driver import (
     RunOutcome,
     build_simulation,
     execute,
+    execute_arms,
     prepared,
+    prepared_arms,
     rerun_recorder,
 )
 from cosim.app.progress import ProgressLine
-from cosim.app.run_files import SCENARIO, check_directory, default_directory, recordings
+from cosim.app.run_files import RECORDING, SCENARIO, check_directory, default_directory, recordings
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config.loading import load_scenario
 from cosim.config.rules import check_ends
 from cosim.config.schema.scenario import Scenario
+from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
 from cosim.config.toml.reading import parse_assignment
+from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
 from cosim.telemetry.closing import closing_lines, quiet_line
 from cosim.telemetry.snapshot import RunInfo
@@ -118,13 +122,62 @@ def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None
         InputError: the scenario or directory is wrong; nothing was written.
         SolverError: the physics could not be solved; the files say how far it came.
     """
-    scenario = load_scenario(scenario_name, dict(map(parse_assignment, assignments)))
+    overrides = dict(map(parse_assignment, assignments))
+    if has_arms(scenario_name):
+        return _run_arms(load_arms(scenario_name, overrides), out, how)
+    scenario = load_scenario(scenario_name, overrides)
     check_ends(scenario)
     directory = out if out is not None else default_directory(scenario.name)
     check_directory(directory)
     if not how.quiet:
         tell(scenario.title)
     return _execute(scenario, directory, how, resume=False)
+
+
+def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
+    """Run several arms and return the exit code; the progress line is that of the first."""
+    if how.error:
+        raise InputError("--error: several arms have no error bars; leave it out, or run each arm alone")
+    directory = out if out is not None else default_directory(scenario.name)
+    check_directory(directory)
+    line, kept = TerminalLine(sys.stderr), KeptParts(cache_directory())
+    if not how.quiet:
+        tell(scenario.title)
+    told = _ignore if how.quiet else line.tell
+    scenario = prepared_arms(scenario, told, recording=how.recording, kept=kept)
+    with Interruption() as interruption:
+        watchers: dict[str, list[Observer]] = {
+            name: [] if how.quiet else [PlanWarnings(sys.stderr)] for name in scenario.arms
+        }
+        next(iter(watchers.values())).extend([interruption, *how.watchers, *([] if how.quiet else [line])])
+        recorder = rerun_recorder if how.live is None else how.live.recorder
+        options = Options(directory, recorder if how.recording else None, stop=interruption.reason, tell=told)
+        try:
+            outcomes = execute_arms(scenario, options, watchers, how.started, kept)
+        except KeyboardInterrupt:  # before the loop: nothing is lost
+            tell("cosim: interrupted")
+            return interruption.exit_code
+    return _report_arms(outcomes, directory, interruption, quiet=how.quiet)
+
+
+def _report_arms(
+    outcomes: Mapping[str, RunOutcome], directory: Path, interruption: Interruption, *, quiet: bool
+) -> int:
+    for name, outcome in outcomes.items():
+        if quiet:
+            tell(quiet_line(outcome.summary, directory / name))
+        else:
+            tell("\n".join([f"{name}:", *closing_lines(outcome.summary, directory / name, ())]))
+    if not quiet and recordings(directory):
+        tell(f"{directory}: {RECORDING} shows all arms; open it: cosim view {directory}")
+    last = outcomes[name]
+    if last.summary["status"] == "interrupted":
+        tell(f"cosim: interrupted; results are in {directory}; several arms cannot resume: start them again")
+        return interruption.exit_code
+    if last.error is not None:
+        tell(f"cosim: what was simulated is in {directory}")
+        raise last.error
+    return 0
 
 
 def resume_command(directory: Path, how: RunOptions) -> int:

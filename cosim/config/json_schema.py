@@ -19,6 +19,7 @@ from cosim.config.loading import register_installed
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
+from cosim.config.several_arms import OF_AN_ARM
 from cosim.config.toml.keys import key_of, unit_of, unit_text
 from cosim.config.toml.parsing import SCHEMA, bounded_schema
 
@@ -26,6 +27,7 @@ DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 Kind = Literal["scenario", "robot", "arm"]
 _ROOTS: Final[dict[Kind, type]] = {"scenario": Scenario, "robot": SoftRobotTable, "arm": ArmTable}
 _CHANGES: Final = "Changes"
+_ARM: Final = "OneOfSeveralArms"
 _ROBOT_GIVEN: Final = (
     {"type": "string", "description": "Name or path of a soft robot's file."},
     {"$ref": f"#/$defs/{SoftRobotTable.__name__}"},
@@ -51,6 +53,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
         made["required"].remove("name")  # that of the file, if it is left out
         tables[PhaseTable.__name__]["required"].remove("duration_s")  # that of a tip path, beside one
         _give_robot(tables[root]["properties"]["soft_robot"])
+        _add_arms(tables)
     if kind != "arm":
         _add_changes(tables)
     top = {"anyOf": _ROBOT_GIVEN[1:]} if kind == "robot" else tables.pop(root)
@@ -86,6 +89,26 @@ def _describe(table: dict[str, Any], kind: type) -> None:
             node["description"] = " ".join(filter(None, said))
         if unit:
             node["x-unit"] = unit
+
+
+def _add_arms(tables: dict[str, Any]) -> None:
+    """Add the tables of several arms, with the keys of a scenario that each may give."""
+    top = tables[Scenario.__name__]
+    own = {key: top["properties"][key] for key in OF_AN_ARM}
+    name = {key: value for key, value in top["properties"]["name"].items() if key != "description"}
+    name["description"] = "of the arm, in front of the names of its bodies, and of its folder of results."
+    tables[_ARM] = {
+        "type": "object",
+        "description": "One of several arms in a scene; a key that it leaves out is that above the arms.",
+        "additionalProperties": False,
+        "properties": {"name": name, **own},
+        "required": ["name"],
+    }
+    arms = {"type": "array", "minItems": 2, "items": {"$ref": f"#/$defs/{_ARM}"}}
+    top["properties"]["arm"] = arms | {"description": "`[[arm]]` of several; the keys of one need none."}
+    needed = [key for key in OF_AN_ARM if key in top["required"]]
+    top["required"] = [key for key in top["required"] if key not in needed]
+    top["anyOf"] = [{"required": needed}, {"required": ["arm"]}]
 
 
 def _add_changes(tables: dict[str, Any]) -> None:

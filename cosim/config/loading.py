@@ -387,14 +387,36 @@ def load_scenario(
         InputError: there is no such scenario, or the overrides are no values by key path.
         ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
-    register_installed()
-    overrides, faults = _by_key(overrides), Faults()
     if isinstance(source, Scenario):
-        table, folder = to_table(source), Path()
-    else:
-        path = scenario_path(source)
-        table, folder = reading.read_table(path), path.parent
-        table.setdefault("name", path.stem)
+        return loaded_scenario(to_table(source), Path(), by_key(overrides), body)
+    path = scenario_path(source)
+    table = reading.read_table(path)
+    table.setdefault("name", path.stem)
+    if "arm" in table:
+        raise ScenarioError(
+            "arm",
+            f"{path.name} has several arms, which `cosim run` and `cosim.run_arms` step together; for all "
+            "else give a file with the keys of one arm, without [[arm]]",
+        )
+    return loaded_scenario(table, path.parent, by_key(overrides), body)
+
+
+def loaded_scenario(
+    table: dict[str, Any], folder: Path, overrides: Mapping[str, Any], body: GivenBodyTable | None = None
+) -> Scenario:
+    """Return the checked scenario of a file's tables.
+
+    Args:
+        table: of the file; it is changed.
+        folder: that relative paths start from.
+        overrides: values by key path; paths in them start from the working directory.
+        body: takes the place of the scenario's soft robot, if it has one.
+
+    Raises:
+        ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
+    """
+    register_installed()
+    overrides, faults = dict(overrides), Faults()
     place = folder
     arm_folder = Path() if "robot" in overrides else folder
     scene_folder = Path() if any(key.partition(".")[0] == "scene" for key in overrides) else folder
@@ -427,7 +449,7 @@ def load_scenario(
     return _resolved(scenario, faults)
 
 
-def _by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
+def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return a copy of overrides.
 
     Raises:

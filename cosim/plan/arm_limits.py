@@ -230,6 +230,11 @@ class Nearest:
         return vars(self) | {"phase": phase_names[self.phase]}
 
 
+def nearer(one: Nearest | None, other: Nearest | None) -> Nearest | None:
+    """Return the nearer of two; None where neither is."""
+    return min((each for each in (one, other) if each), key=lambda each: each.distance_m, default=None)
+
+
 @final
 @dataclass(frozen=True)
 class PathClearances:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.solid import LinkContact
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
@@ -166,10 +167,9 @@ def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, ke
     Raises:
         ScenarioError: a link is in something, or a joint takes more torque than it can give.
     """
-    deep = [contact for contact in scene.links.at(joints) if contact.depth_m > _STANDS_IN_M]
-    if deep:
-        where = ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
-        raise ScenarioError(key, f"the arm stands in something: {where}; move the flange or the objects")
+    # where other arms begin is known once all have been planned
+    found = scene.links.at(joints)
+    check_stands([contact for contact in found if not contact.other.startswith(scene.other_arms)], key)
     torque, limit = arm.gravity_torque(joints, payload), arm.effort_limit
     beyond = [k for k in range(len(torque)) if abs(torque[k]) > limit[k] > 0.0]
     if beyond:
@@ -179,6 +179,22 @@ def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, ke
             f"the arm cannot hold itself and a payload of {payload.mass_kg:.3g} kg: {needs}; bring the "
             "flange closer in, or make the load lighter",
         )
+
+
+def check_stands(contacts: Sequence[LinkContact], key: str) -> None:
+    """Check that links of an arm are in nothing, where it starts.
+
+    Args:
+        contacts: there.
+        key: to blame.
+
+    Raises:
+        ScenarioError: a link is in something.
+    """
+    deep = [contact for contact in contacts if contact.depth_m > _STANDS_IN_M]
+    if deep:
+        where = ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
+        raise ScenarioError(key, f"the arm stands in something: {where}; move the flange or the objects")
 
 
 def check_base(scene: RigidScene, body: SoftBody, flange: Pose, depth_m: float) -> None:

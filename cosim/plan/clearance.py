@@ -24,8 +24,8 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.solid import LinkContact, Solid
 from cosim.config.schema.scenario import PlanTable
 from cosim.errors import ScenarioError
-from cosim.plan.arm_limits import Nearest, PathClearances, Touch, with_touches
-from cosim.plan.arm_plan import asked_motion
+from cosim.plan.arm_limits import Nearest, PathClearances, Touch, nearer, with_touches
+from cosim.plan.arm_plan import AskedMotion, asked_motion
 from cosim.plan.motion import CellMotion, JointPath, progress
 from cosim.plan.plan import Plan
 from cosim.plan.planning import flange_key
@@ -81,6 +81,88 @@ def path_clearances(
         hit = list(soft.nearer_than(bound, *places, *when))
         touches = with_touches(touches, near if film_touches else near + hit, *when)
     return PathClearances(touches, links.nearest, soft.nearest)
+
+
+@final
+@dataclass(frozen=True)
+class ArmOnItsWay:
+    """One of several arms in a scene, on its planned way.
+
+    Args:
+        scene: with all arms, as this one is planned in it.
+        plan: of the arm.
+        body: of its soft robot.
+    """
+
+    scene: RigidScene
+    plan: Plan
+    body: SoftBody
+
+    @property
+    def asked(self) -> AskedMotion:
+        """What the plan asks of the joints."""
+        return asked_motion(self.plan, self.scene.tick_s)
+
+    def solids(self) -> tuple[Solid, ...]:
+        """Return what moves with the arm, its film the last one."""
+        found = self.scene.links.solids()
+        film = Solid(
+            found.flange, self.scene.description.prefix + SOFT_ROBOT, "surface",
+            vertices=self.body.positions, triangles=np.asarray(self.body.triangles),
+        )  # fmt: skip
+        return (*(found.solids[k] for k in (*found.links, *found.carried)), film)
+
+    def places(self, time_s: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield where all bodies are at instants, as `ArmDynamics.places`: of other arms, some place."""
+        asked = self.asked
+        joints = [np.interp(time_s, asked.time_s, each) for each in asked.joints.position.T]
+        return map(self.scene.dynamics.places, np.stack(joints, axis=1))
+
+
+def clearances_to_others(
+    found: PathClearances | None,
+    own: ArmOnItsWay,
+    others: Sequence[ArmOnItsWay],
+    settings: PlanTable,
+    *,
+    film_touches: bool,
+) -> PathClearances | None:
+    """Return what `path_clearances` has found, with how near other arms come at the same time.
+
+    Args:
+        found: None where it is not looked at.
+        own: the arm that was looked at.
+        others: in the same scene.
+        settings: of the plan.
+        film_touches: whether the run models contact of the soft robot with links; with films it does not.
+    """
+    for other in others:
+        if found is not None:
+            found = _with_other(found, own, other, settings.clearance_m, film_touches=film_touches)
+    return found
+
+
+def _with_other(
+    found: PathClearances, own: ArmOnItsWay, other: ArmOnItsWay, bound: float, *, film_touches: bool
+) -> PathClearances:
+    mine, theirs = own.solids(), other.solids()
+    solids, film, their_film = (*mine, *theirs), len(mine) - 1, len(mine) + len(theirs) - 1
+    their_links = np.arange(len(mine), their_film)
+    links = _Watch(solids, _pairs(np.arange(film), their_links))
+    soft, films = (_Watch(solids, _pairs(np.array([film]), np.array(x))) for x in (their_links, [their_film]))
+    prefix, asked = other.scene.description.prefix, own.asked
+    of_other = np.array([name.startswith(prefix) for name in own.scene.body_names])
+    time_s = np.union1d(asked.time_s, other.asked.time_s)
+    phases = asked.phase[np.searchsorted(asked.time_s, time_s, side="right") - 1]
+    touches, ways = found.touches, zip(own.places(time_s), other.places(time_s), strict=True)
+    for moment, (here, there) in zip(zip(time_s.tolist(), phases.tolist(), strict=True), ways, strict=True):
+        for place, elsewhere in zip(here, there, strict=True):
+            place[of_other] = elsewhere[of_other]
+        near = [*links.nearer_than(bound, *here, *moment), *films.nearer_than(bound, *here, *moment)]
+        hit = list(soft.nearer_than(bound, *here, *moment))
+        touches = with_touches(touches, near if film_touches else near + hit, *moment)
+    of_soft = nearer(soft.nearest, films.nearest)
+    return PathClearances(touches, nearer(found.links, links.nearest), nearer(found.soft_robot, of_soft))
 
 
 def keeps_clear(scene: RigidScene, clearance_m: float, paths: Sequence[JointPath]) -> bool:

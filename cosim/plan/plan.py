@@ -366,11 +366,6 @@ class Plan:
 _TICKS = 256  # worked out at once
 
 
-def ticks_of(phase: PhaseTable, tick_s: float) -> int:
-    """Return how many ticks of a length [s] a phase lasts, at least one."""
-    return max(1, round((phase.duration_s + phase.settle_s) / tick_s))
-
-
 @final
 class TickReferences:
     """References of the arm and progress of the loads, tick by tick.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Final
+from typing import Final, final
 
 import numpy as np
 import rerun as rr
@@ -141,44 +141,55 @@ FOLLOW: Final = "/world/follow"
 TIP_PATH: Final = "/world/soft/tip_path"
 
 
-def blueprint(
-    plots: Sequence[Plot],
-    scene: Eye,
-    close: Eye,
-    *,
-    cameras: Sequence[tuple[str, ...]] = (),
-    live: bool = False,
-) -> rrb.Blueprint:
-    """Return the layout: the scene at the left; soft robot, stress scale and plots at the right.
+@final
+@dataclass(frozen=True)
+class RunViews:
+    """What is shown of a run, or of one of several arms.
 
     Args:
         plots: in the order in which they are shown.
         scene: camera of the scene.
         close: camera of the soft robot, in the frame that follows it.
         cameras: entities of each camera's pictures.
+        arm: name of the arm; empty where it is the only one.
+    """
+
+    plots: Sequence[Plot]
+    scene: Eye
+    close: Eye
+    cameras: Sequence[tuple[str, ...]] = ()
+    arm: str = ""
+
+
+def path_of_arm(arm: str, path: str) -> str:
+    """Return where an entity of one of several arms is: its own things have its name in front.
+
+    Args:
+        arm: its name; empty: it is the only one.
+        path: where it is for a single arm.
+    """
+    shared = path == "/world" or path.startswith(("/world/rigid/", PATH))
+    if not arm or shared:
+        return path
+    within = path.startswith("/world/")
+    return f"/world/{arm}/{path.removeprefix('/world/')}" if within else f"/{arm}{path}"
+
+
+def blueprint(arms: Sequence[RunViews], *, live: bool = False) -> rrb.Blueprint:
+    """Return the layout: the scene at the left; soft robot, stress scale, plots at the right, a tab an arm.
+
+    Args:
+        arms: what is shown of each.
         live: whether time goes on with the run.
     """
-    left = rrb.Vertical(
-        _space("Scene", "/world", scene),
-        rrb.StateTimelineView(origin="/phase", name="Phase"),
-        row_shares=[8, 1],
-    )
-    right = rrb.Vertical(
-        _space("Soft robot (the camera follows it)", FOLLOW, close),
-        rrb.Spatial2DView(
-            origin="/stress_scale",
-            name="Largest principal stress of the film [MPa]",
-            background=list(BACKGROUND),
-            visual_bounds=rrb.VisualBounds2D(x_range=LEGEND_X, y_range=LEGEND_Y),
-        ),
-        rrb.Tabs(
-            *_camera_tabs(cameras),
-            *_tabs(plots),
-            rrb.TextDocumentView(origin="/summary", name="Summary"),
-            active_tab=0,
-        ),
-        row_shares=[20, 5, 20],
-    )
+    phases = [
+        rrb.StateTimelineView(origin=path_of_arm(one.arm, "/phase"), name=_named("Phase", one))
+        for one in arms
+    ]
+    scene = _space("Scene", "/world", arms[0].scene, [one.arm for one in arms])
+    left = rrb.Vertical(scene, *phases, row_shares=[8, *[1] * len(arms)])
+    columns = [_soft_robot(one) for one in arms]
+    right = columns[0] if len(arms) == 1 else rrb.Tabs(*columns, active_tab=0)
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[11, 10]),
         rrb.TopPanel(state="hidden"),
@@ -195,7 +206,33 @@ def blueprint(
     )
 
 
-def _space(name: str, origin: str, eye: Eye) -> rrb.Spatial3DView:
+def _named(name: str, one: RunViews) -> str:
+    return f"{name}, {one.arm}" if one.arm else name
+
+
+def _soft_robot(one: RunViews) -> rrb.Vertical:
+    """Return the views of a soft robot."""
+    name = _named("Soft robot (the camera follows it)", one)
+    return rrb.Vertical(
+        _space(name, path_of_arm(one.arm, FOLLOW), one.close, [one.arm]),
+        rrb.Spatial2DView(
+            origin=PATH,
+            name=_named("Largest principal stress of the film [MPa]", one),
+            background=list(BACKGROUND),
+            visual_bounds=rrb.VisualBounds2D(x_range=LEGEND_X, y_range=LEGEND_Y),
+        ),
+        rrb.Tabs(
+            *_camera_tabs(one.cameras),
+            *_tabs(one),
+            rrb.TextDocumentView(origin=path_of_arm(one.arm, "/summary"), name=_named("Summary", one)),
+            active_tab=0,
+        ),
+        row_shares=[20, 5, 20],
+        name=one.arm or None,
+    )
+
+
+def _space(name: str, origin: str, eye: Eye, arms: Sequence[str]) -> rrb.Spatial3DView:
     until_now = rr.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
@@ -208,7 +245,7 @@ def _space(name: str, origin: str, eye: Eye) -> rrb.Spatial3DView:
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)
         ),
-        overrides={TIP_PATH: rrb.VisibleTimeRanges([until_now])},
+        overrides={path_of_arm(arm, TIP_PATH): rrb.VisibleTimeRanges([until_now]) for arm in arms},
     )
 
 
@@ -221,10 +258,10 @@ def _camera_tabs(cameras: Sequence[tuple[str, ...]]) -> list[rrb.Vertical]:
     return [rrb.Vertical(*rows, name="Cameras")] if rows else []
 
 
-def _tabs(plots: Sequence[Plot]) -> list[rrb.Vertical]:
-    shown = [plot for plot in plots if plot.title]
+def _tabs(one: RunViews) -> list[rrb.Vertical]:
+    shown = [plot for plot in one.plots if plot.title]
     groups = {
-        tab: [_plot(plot) for plot in group] for tab, group in groupby(shown, key=lambda plot: plot.tab)
+        tab: [_plot(plot, one) for plot in group] for tab, group in groupby(shown, key=lambda plot: plot.tab)
     }
     return [rrb.Vertical(*_rows(views), name=tab) for tab, views in groups.items()]
 
@@ -236,9 +273,9 @@ def _rows(views: Sequence[rrb.TimeSeriesView]) -> list[rrb.Horizontal]:
     return [rrb.Horizontal(*views[k : k + 1 if k < odd else k + 2]) for k in starts]
 
 
-def _plot(plot: Plot) -> rrb.TimeSeriesView:
+def _plot(plot: Plot, one: RunViews) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=f"/plots/{plot.entity}",
-        name=plot.title,
+        origin=path_of_arm(one.arm, f"/plots/{plot.entity}"),
+        name=_named(plot.title, one),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
     )

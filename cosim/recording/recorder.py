@@ -52,6 +52,10 @@ class Recorder(ABC):
             batch: the ticks. Recorders may keep them: the arrays must not be reused.
         """
 
+    def of_arms(self, names: Sequence[str]) -> Mapping[str, Recorder]:
+        """Return a recorder for each of several arms in a scene, by its name, all of this recording."""
+        raise NotImplementedError("it knows one arm")
+
     def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:  # noqa: B027
         """Show how far figures may be off at the ends of phases; not needed.
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 from threading import Thread
-from typing import Any, Final, final
+from typing import Any, Final, cast, final
 
 import numpy as np
 import rerun as rr
@@ -16,7 +17,8 @@ import rerun as rr
 from cosim.base.frames import IntArray
 from cosim.coupling.soft_sides.handover import Handover
 from cosim.errors import InputError, OutputError
-from cosim.recording.blueprint import blueprint, close_eye, log_stress_legend, scene_eye
+from cosim.recording.arm_streams import ArmsStream, ArmStream
+from cosim.recording.blueprint import RunViews, blueprint, close_eye, log_stress_legend, scene_eye
 from cosim.recording.camera_views import CameraViews, camera_paths
 from cosim.recording.colours import series_colours
 from cosim.recording.columns import PlotBuffer, time_columns
@@ -81,18 +83,31 @@ class RerunRecorder(Recorder):
         self._part = part
         self._viewer = viewer
         self._run: _Run | None = None
+        self._shared: ArmStream | None = None
 
     def open(self, stage: RunInfo) -> None:
         """Make the file; see `Recorder.open`."""
+        part = self._part
+        self._run = _Run(self._shared or self._stream(), stage, self._frame_ns, self._viewer)
+        if part is not None and part.before is not None:
+            self._run.go_on(*part.before)
+
+    def _stream(self) -> rr.RecordingStream:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         part = self._part
         stream = rr.RecordingStream(APPLICATION_ID, recording_id=None if part is None else part.run_id)
         with _named(self._path):
             viewers = [] if self._viewer is None else [rr.GrpcSink(self._viewer)]
             stream.set_sinks(rr.FileSink(self._path), *viewers)
-        self._run = _Run(stream, stage, self._frame_ns, self._viewer)
-        if part is not None and part.before is not None:
-            self._run.go_on(*part.before)
+        return stream
+
+    def of_arms(self, names: Sequence[str]) -> Mapping[str, Recorder]:
+        """Make the file, and return the recorder of each arm; see `Recorder.of_arms`."""
+        group, found = ArmsStream(self._stream(), names, live=self._viewer is not None), {}
+        for name in names:
+            found[name] = one = copy(self)
+            one._shared = group.of(name)
+        return found
 
     def lay_out(self, first: Snapshot) -> None:
         """Lay out the views; see `Recorder.lay_out`."""
@@ -128,7 +143,8 @@ class RerunRecorder(Recorder):
             run, self._run = self._run, None
             with _named(self._path):
                 run.close(summary_markdown, status)
-                run.end(self._path)
+                if self._shared is None or self._shared.leave():
+                    run.end(self._path)
 
 
 def _has_end(path: Path) -> bool:
@@ -156,9 +172,9 @@ class _Run:
     """State of one open recording."""
 
     def __init__(
-        self, stream: rr.RecordingStream, stage: RunInfo, frame_ns: float, viewer: str | None
+        self, stream: rr.RecordingStream | ArmStream, stage: RunInfo, frame_ns: float, viewer: str | None
     ) -> None:
-        self._stream = stream
+        self._to, self._stream = stream, cast(rr.RecordingStream, stream)
         self._viewer = viewer
         self._gathered_s = _GATHERED_S if viewer is None else _SHOWN_S
         self._stage = stage
@@ -166,7 +182,7 @@ class _Run:
         self._tick_ns = round(stage.tick_s * _SECOND_NS)
         self._curves: PlotBuffer | None = None
         self._scene: Scene | None = None
-        self._cameras = CameraViews(stream, stage, self._tick_ns)
+        self._cameras = CameraViews(self._stream, stage, self._tick_ns)
         self._frames: list[TickBatch] = []
         self._drawn = 0
         self._frame = -1
@@ -272,8 +288,11 @@ class _Run:
         stage = self._stage
         plots = plots_of(stage, len(first.joint_position))
         names = [camera_paths(camera.name) for camera in stage.cameras]
-        eyes = scene_eye(stage, first), close_eye(stage, first)
-        self._stream.send_blueprint(blueprint(plots, *eyes, cameras=names, live=self._viewer is not None))
+        views = RunViews(plots, scene_eye(stage, first), close_eye(stage, first), names)
+        if isinstance(self._to, ArmStream):
+            self._to.show(views)
+        else:
+            self._to.send_blueprint(blueprint([views], live=self._viewer is not None))
         self._frames_most = max(1, _NODES_GATHERED // len(first.node_position))
         self._scene = Scene(self._stream, stage, first)
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)

@@ -1,8 +1,11 @@
-"""An arm with servos as the carrier of the flange."""
+"""An arm with servos as the carrier of the flange.
+
+One of several arms in a scene as the carrier of its flange: one call steps the scene for all of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -18,10 +21,13 @@ from cosim.coupling.schemes.linear_rigid import rigid_slopes
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload, inertial_parameters
 from cosim.plan.motion import CellMotion, JointReference
+from cosim.rigid.scene.arms import SharedScene
 from cosim.rigid.scene.scene import RigidScene, RigidState
+from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.stepping.scene_carrier import SceneCarrier
 
@@ -44,7 +50,6 @@ class ArmCarrierState:
     coupling: Any
 
 
-@final
 class ArmCarrier(SceneCarrier):
     """Moves the flange by servos with inverse-dynamics feedforward.
 
@@ -70,7 +75,7 @@ class ArmCarrier(SceneCarrier):
         exchange: CouplingTable | None = None,
         cell: CellMotion | None = None,
     ) -> None:
-        super().__init__(scene, soft, contact)
+        super().__init__(scene.coupled, soft, contact)
         self._arm, self._scene, self._cell = arm, scene, cell
         self._compensation, self._mounted = payload_compensation, mounted
         self._exchange = exchange or CouplingTable()
@@ -182,7 +187,7 @@ class ArmCarrier(SceneCarrier):
         load, mounted = self._mounted, None
         if load is not None:
             mounted = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        interface = Interface(self._scene, self._soft, wrench, contact, mounted)
+        interface = Interface(self._coupled, self._soft, wrench, contact, mounted)
         return make_coupling(self._exchange, interface)
 
     def save_state(self) -> ArmCarrierState:
@@ -216,9 +221,41 @@ class ArmCarrier(SceneCarrier):
             return None
         mass = self._soft.mass_properties()
         if self._mounted is not None:
-            mass = mass.joined(self._mounted.moved(self._scene.flange_pose))
-        center, inertia = mass.in_frame(self._scene.flange_pose)
+            mass = mass.joined(self._mounted.moved(self.flange_pose))
+        center, inertia = mass.in_frame(self.flange_pose)
         return Payload(mass.mass_kg, center, inertia)
+
+
+@final
+class SharedArm(ArmCarrier):
+    """An arm among others: `begin`, the step of the scene, `advance`; see `ArmCarrier`."""
+
+    @property
+    def _shared(self) -> SharedScene:
+        assert isinstance(self._coupled, SharedScene), "several arms are in the scene"
+        return self._coupled
+
+    def set_configuration(self, joints: Array) -> None:
+        super().set_configuration(joints)
+        self._shared.flange.moved()
+
+    def begin_with_others(self, servos: Servos) -> None:
+        assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
+        self._coupling.begin(opening=False)
+        self._shared.begin_tick()
+        payload, feedforward = self._payload(), servos.torque[0]
+        if payload is not None:
+            known = inertial_parameters(payload.mass_kg, payload.center_of_mass, payload.inertia)
+            feedforward = feedforward + servos.by_payload[0] @ known
+        self._scene.set_control(servos.position[0], servos.velocity[0], feedforward)
+
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        self._shared.end_tick()
+        with self._shared.lent():
+            return super().advance(servos, loads)
+
+    def save_state(self) -> Any:
+        raise InputError("a run of several arms cannot be saved; run each arm alone, or start again")
 
 
 def make_coupling(settings: CouplingTable, interface: Interface) -> Coupling:

@@ -130,8 +130,9 @@ class DynamicSimulation(SteppedRun):
     """
 
     def __init__(self, parts: Parts, stage: RunInfo) -> None:
-        super().__init__(parts, stage, [parts.ticks(planned.phase) for planned in parts.plan.phases])
+        super().__init__(parts, stage, [parts.scenario.ticks(planned.phase) for planned in parts.plan.phases])
         self._ahead: _Asked | None = None
+        self._begun: _Asked | None = None  # of a tick that others have begun as well
         self._error: BaseException | None = None  # of the tick to come, which has been tried
         self._undecided_in = _NO_PHASE  # the last phase in which rounding decided on a side
         self._speed = _STILL
@@ -168,16 +169,30 @@ class DynamicSimulation(SteppedRun):
         try:
             if error is not None:
                 raise error
-            if to.done == 1:
-                self._begin_phase(to.phase, carrier.flange_pose)
-            asked = self._asked(to, 1 if carrier.drives_cell else most)
-            if carrier.drives_cell:
-                carrier.drive_cell(to.phase, to.done * self.stage.tick_s)
+            asked, self._begun = self._begun or self._to_take(to, most), None
             taken = carrier.advance(asked.servos, asked.loads)
         except SolverError as failed:
             raise carrier.with_links(failed) from failed.__cause__
         self._error = taken.error
         return self._shown(taken, asked, to, began)
+
+    def begin_tick(self) -> None:
+        """Begin the next tick, whose rigid half is then taken for several arms at once."""
+        assert self._cursor is not None, "the state at rest comes before"
+        to = self._cursor.following(self._counts)
+        assert to is not None, "all arms have as many ticks"
+        self._begun = self._to_take(to, 1)
+        self._parts.carrier.begin_with_others(self._begun.servos)
+
+    def _to_take(self, to: Cursor, most: int) -> _Asked:
+        """Return what the next ticks ask for, with phase and cell where they are in them."""
+        carrier = self._parts.carrier
+        if to.done == 1:
+            self._begin_phase(to.phase, carrier.flange_pose)
+        asked = self._asked(to, 1 if carrier.drives_cell else most)
+        if carrier.drives_cell:
+            carrier.drive_cell(to.phase, to.done * self.stage.tick_s)
+        return asked
 
     def _asked(self, to: Cursor, most: int) -> _Asked:
         """Return what ticks ask for, of one alone where what happens in it decides on the next."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, read_only
 from cosim.base.kept_parts import KeptParts, name_of
-from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
@@ -20,7 +19,7 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import BodyPoses, RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
 from cosim.plan.motion import TipPathInfo
-from cosim.plan.plan import PhasePlan, Plan, RobotCommand, SoftCommand, loads_of, ticks_of
+from cosim.plan.plan import PhasePlan, Plan, RobotCommand, SoftCommand, loads_of
 from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -208,10 +207,6 @@ class Parts:
         statics = scenario.mode == "quasistatic"
         self.tip_paths = passed_paths(plan.phases, None if statics else scenario.clock.tick_s)
         self._looked_every = 1 if statics else max(1, round(_LOOKED_AFTER_S / scenario.clock.tick_s))
-
-    def ticks(self, phase: PhaseTable) -> int:
-        """Return how many ticks of the clock a phase lasts, at least one."""
-        return ticks_of(phase, self.scenario.clock.tick_s)
 
     def wanted_tip(self, phase: int, time_s: Array) -> Array | None:
         """Return where the tip is to be (n, 3) [m] at instants (n,) [s] in a phase, free components NaN."""

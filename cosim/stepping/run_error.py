@@ -163,7 +163,9 @@ class ErrorFinder:
         self._parts, self._refined = parts, refined
         scenario, phases = parts.scenario, [planned.phase for planned in parts.plan.phases]
         self._statics = scenario.mode == "quasistatic"
-        self._counts = [phase.increments if self._statics else parts.ticks(phase) for phase in phases]
+        self._counts = [
+            phase.increments if self._statics else parts.scenario.ticks(phase) for phase in phases
+        ]
         self._ends_at = {tick: phase for phase, tick in enumerate(accumulate(self._counts))}
         self.ends: list[PhaseEnd] = []
         self._pairs: dict[int, Pair] = {}

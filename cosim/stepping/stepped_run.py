@@ -183,7 +183,7 @@ class SteppedRun(ABC):
                 gathered.append(taken)
                 count, wanted = count + len(taken), wanted - len(taken)
                 spent_s += float(taken.tick_wall_s.sum())
-                if count >= min(_SHOWN, together) or spent_s >= _SHOWN_S or self._at_edge:
+                if count >= min(_SHOWN, together) or spent_s >= _SHOWN_S or self.at_edge:
                     shown, gathered, count, spent_s = gathered, [], 0, 0.0
                     yield TickBatch.joined(shown)
         except (Exception, KeyboardInterrupt):
@@ -254,7 +254,7 @@ class SteppedRun(ABC):
         return self._cameras.image(camera, last)
 
     @property
-    def _at_edge(self) -> bool:
+    def at_edge(self) -> bool:
         """Whether no further step of the phase of the last one is to come."""
         cursor = self._cursor
         return cursor is None or cursor.done in (0, self._counts[cursor.phase])

@@ -22,6 +22,7 @@ from cosim.base.resources import (
 from cosim.cli.main import main
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario
+from cosim.config.several_arms import has_arms, load_arms
 from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 
@@ -48,7 +49,8 @@ def test_they_are_schemas() -> None:
 @pytest.mark.parametrize("name", list_scenarios())
 def test_every_scenario_fits_its_schema(name: str) -> None:
     assert paths(SCENARIO, table(scenario_path(name))) == []
-    assert paths(SCENARIO, tomllib.loads(scenario_text(load_scenario(name)))) == []
+    text = load_arms(name).text() if has_arms(name) else scenario_text(load_scenario(name))
+    assert paths(SCENARIO, tomllib.loads(text)) == []
 
 
 @pytest.mark.parametrize("name", list_soft_robots())

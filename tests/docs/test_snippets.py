@@ -57,6 +57,7 @@ TESTED_ELSEWHERE = {
     "extending": "tests/app/test_extending.py and the tests of each kind of extension",
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
     "own_arm_and_cell": "tests/app/test_own_arm_and_cell.py",
+    "two_arms": "tests/app/test_run_arms.py",
     "tutorial": "tests/docs/test_notebook.py",
     "own_robot": "make site, which runs every notebook",
     "identify_robot": "make site, which runs every notebook",

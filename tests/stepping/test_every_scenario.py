@@ -10,11 +10,12 @@ import pytest
 from cosim.base.resources import list_scenarios
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
+from cosim.config.several_arms import has_arms
 
 SNAPSHOTS = 12
 
 
-@pytest.mark.parametrize("name", list_scenarios())
+@pytest.mark.parametrize("name", [name for name in list_scenarios() if not has_arms(name)])
 def test_a_scenario_starts_and_goes_on(name: str) -> None:
     scenario = load_scenario(name)
     simulation = build(scenario)

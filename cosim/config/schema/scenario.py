@@ -635,6 +635,10 @@ class Scenario:
         """Whether a section model hands over to its film where it ends."""
         return self.fidelity == "section" and self.model.handover
 
+    def ticks(self, phase: PhaseTable) -> int:
+        """Return how many ticks of the clock a phase lasts, at least one."""
+        return max(1, round((phase.duration_s + phase.settle_s) / self.clock.tick_s))
+
     @property
     def endless(self) -> bool:
         """Whether it has no phases, and lasts as long as it is stepped."""

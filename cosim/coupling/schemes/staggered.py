@@ -85,11 +85,15 @@ class StaggeredCoupling(Coupling):
         self._begun: tuple[TicksTaken, RigidSide] | None = None
         self._open: OpenRow | None = None
 
-    def begin(self) -> None:
-        """Load the rigid side for a tick whose rigid half somebody else takes; then comes `advance`."""
+    def begin(self, *, opening: bool = True) -> None:
+        """Load the rigid side for a tick whose rigid half somebody else takes; then comes `advance`.
+
+        Args:
+            opening: whether it may be in a row that stays open, see `open_row`.
+        """
         row, halves = self._open, self._halves
         if row is None:
-            opens = isinstance(halves, FilmHalves) and halves.ready and not self._fine.on
+            opens = opening and isinstance(halves, FilmHalves) and halves.ready and not self._fine.on
             taken = self._ready(halves.most if opens else 1)
             rigid = self._weighed(taken)
             if isinstance(halves, FilmHalves) and opens:

@@ -21,7 +21,7 @@ from cosim.devices.controller import Command, check_command, check_one_order_eac
 from cosim.devices.pump import PumpDrive
 from cosim.devices.winch import LiveOrders, Order
 from cosim.errors import InputError
-from cosim.plan.plan import ChamberGas, ticks_of
+from cosim.plan.plan import ChamberGas
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -164,7 +164,7 @@ class GasOrders:
     def of(cls, scenario: Scenario) -> GasOrders:
         """Return those of a checked scenario."""
         chambers, phases = scenario.soft_robot.chamber_names(), scenario.phases
-        counts = [ticks_of(phase, scenario.clock.tick_s) for phase in phases]
+        counts = [scenario.ticks(phase) for phase in phases]
         return cls(
             (0, *accumulate(counts)),
             tuple(phase.name for phase in phases),

@@ -12,9 +12,9 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ElementTree
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import final
 
@@ -219,6 +219,7 @@ FLOOR = "floor"
 
 # Robot links meet floor and objects but not one another.
 _ROBOT_CONTACT = (1, 2)
+_OTHER_ARMS = 8  # bit of the first of several arms, which meet one another
 _FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, creep goes with its inverse
 _WITH_WIRES = 1e2  # of a wound wire's many contacts, harder friction doubles the cost of a step
 _TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
@@ -230,20 +231,26 @@ _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
 
 
-def compile_model(description: SceneDescription) -> mujoco.MjModel:
+def compile_model(description: SceneDescription, arms: tuple[SceneDescription, ...] = ()) -> mujoco.MjModel:
     """Return the MuJoCo model of a scene.
+
+    Args:
+        description: what it is made of.
+        arms: further ones in it, of whose descriptions the arm, its place and what is mounted count.
 
     Raises:
         InputError: MuJoCo cannot read the arm's file.
         SceneError: MuJoCo refuses an object or a wire.
     """
     try:
-        return _compiled(description)
+        return _compiled(description, arms)
     except ValueError as error:
-        raise SceneError(f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description)) from None
+        raise SceneError(
+            f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description, arms)
+        ) from None
 
 
-def _refused(description: SceneDescription) -> str | None:
+def _refused(description: SceneDescription, arms: tuple[SceneDescription, ...]) -> str | None:
     """Return the first body without which, and without all after it, MuJoCo accepts a scene."""
     objects, wires = description.objects_by_parent(), description.wires
     names = [item.name for item in objects] + [wire.name for wire in wires]
@@ -251,7 +258,7 @@ def _refused(description: SceneDescription) -> str | None:
     def accepted(count: int) -> bool:
         fewer = replace(description, objects=objects[:count], wires=wires[: max(0, count - len(objects))])
         try:
-            _compiled(fewer)
+            _compiled(fewer, arms)
         except ValueError:
             return False
         return True
@@ -260,13 +267,51 @@ def _refused(description: SceneDescription) -> str | None:
     return names[count - 1] if 0 < count <= len(names) else None
 
 
-def _compiled(description: SceneDescription) -> mujoco.MjModel:
+def _compiled(description: SceneDescription, arms: tuple[SceneDescription, ...] = ()) -> mujoco.MjModel:
+    together = (description, *arms)
+    spec = mujoco.MjSpec() if arms else _arm_spec(description)
+    _set_options(spec, description)
+    for place, one in enumerate(together if arms else ()):
+        added = _arm_spec(one)
+        _set_options(added, description)
+        _meet_other_arms(added, place, len(together))
+        spec.attach(added, prefix=one.prefix, frame=spec.worldbody.add_frame())
+    mounted = [replace(item, name=one.prefix + item.name) for one in together for item in one.mounted]
+    _add_surroundings(spec, description, mounted)
+    names, wires = ([item.name for item in items] for items in (mounted, description.wires))
+    description.friction.add_contacts(spec, names, wires)
+    model = spec.compile()
+    for wire in description.wires:
+        object_bodies.relax_wire(model, wire)
+    check_finite(model)
+    return model
+
+
+def _arm_spec(description: SceneDescription) -> mujoco.MjSpec:
+    """Return an arm where it stands, with servos, sensors and what is mounted on its flange."""
     arm = description.arm
     try:
         spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
     except ValueError as error:
         text = str(error).replace("\n", ", ")
         raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {text}") from None
+    _place_base(spec, description.world_from_base or arm.world_from_base)
+    _prepare_arm(spec, description)
+    for item in description.mounted:
+        object_bodies.add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.step_s)
+    return spec
+
+
+def _meet_other_arms(spec: mujoco.MjSpec, place: int, count: int) -> None:
+    """Let what collides of an arm meet all other arms as well, each by a contact bit of its own."""
+    bits = [_OTHER_ARMS << k for k in range(count)]
+    for geom in spec.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.contype |= bits[place]
+            geom.conaffinity |= sum(bits) - bits[place]
+
+
+def _set_options(spec: mujoco.MjSpec, description: SceneDescription) -> None:
     spec.compiler.degree = False
     spec.option.timestep = description.step_s
     spec.option.gravity = description.gravity
@@ -274,42 +319,36 @@ def _compiled(description: SceneDescription) -> mujoco.MjModel:
     spec.option.ccd_tolerance = _DEPTH_TOLERANCE_M
     # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    _place_base(spec, description.world_from_base or arm.world_from_base)
-    _prepare_arm(spec, description)
-    cell = description.cell
-    if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
-        height = description.floor_height_m
-        floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
-        object_bodies.add_object(spec, floor, {}, description.step_s)
-    object_bodies.prepare(spec)
     # What friction holds must not creep, as MuJoCo's regularised friction does. With its default, a pyramid
     # for a cone, it would all the same: each of the pyramid's two directions has a share of the normal force
     # for itself.
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = _WITH_WIRES if description.wires else _FRICTION_OVER_NORMAL
-    for item in description.mounted:
-        object_bodies.add_mounted(spec, spec.body(FLANGE_MOUNT), item, _ROBOT_CONTACT, description.step_s)
+    object_bodies.prepare(spec)
+
+
+def _add_surroundings(
+    spec: mujoco.MjSpec, description: SceneDescription, mounted: Sequence[SceneObject]
+) -> None:
+    """Add floor, objects, wires and cell to arms."""
+    cell = description.cell
+    if description.floor_height_m is not None and not (cell is not None and cell.has_plane):
+        height = description.floor_height_m
+        floor = SceneObject(FLOOR, "plane", (4.0, 4.0), (0.0, 0.0, height), rgba=_FLOOR_GREY)
+        object_bodies.add_object(spec, floor, {}, description.step_s)
     objects = {item.name: item for item in description.objects}
     for item in description.objects_by_parent():
         object_bodies.add_object(spec, item, objects, description.step_s)
-    for carried, item in product(description.mounted, description.objects):
-        if item.mass_kg > 0.0:
-            object_bodies.add_corner_contacts(
-                spec, spec.body(carried.name), spec.body(item.name), description.friction
-            )
+    carried = [spec.body(item.name) for item in mounted]
+    for item in description.objects:
+        if carried and item.mass_kg > 0.0:
+            object_bodies.add_corner_contacts(spec, carried, spec.body(item.name), description.friction)
     for wire in description.wires:
         object_bodies.add_wire(spec, wire, objects, description.step_s)
     if cell is not None:
         still = [item.name for item in description.objects if item.mass_kg == 0.0]
         ground = [FLOOR] if spec.body(FLOOR) is not None else []
         attach_cell(spec, cell, [*still, *ground])
-    mounted, wires = ([item.name for item in items] for items in (description.mounted, description.wires))
-    description.friction.add_contacts(spec, mounted, wires)
-    model = spec.compile()
-    for wire in description.wires:
-        object_bodies.relax_wire(model, wire)
-    check_finite(model)
-    return model
 
 
 def _mujoco_urdf(urdf: str) -> str:
@@ -373,14 +412,15 @@ class CompiledScene:
 
     Args:
         description: what the scene is made of.
+        arms: further ones in it, see `compile_model`.
 
     Raises:
         InputError: MuJoCo refuses the arm's file or an object.
     """
 
-    def __init__(self, description: SceneDescription) -> None:
+    def __init__(self, description: SceneDescription, arms: tuple[SceneDescription, ...] = ()) -> None:
         set_up_engine()
-        self._model = compile_model(description)
+        self._model = compile_model(description, arms)
 
     def model(self) -> mujoco.MjModel:
         """Return a model that may be changed."""

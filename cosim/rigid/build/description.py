@@ -298,6 +298,7 @@ class SceneDescription:
         armature: rotor inertia seen at each joint [kg m^2]; those of the arm's file unless given.
         gains: of the servos; those of the arm's file, or from its torque limits, unless given.
         friction: of pairs of bodies, and of the film on them.
+        prefix: of the names of the arm's bodies, joints and sensors among several arms, such as left/.
     """
 
     arm: ArmFile
@@ -313,6 +314,7 @@ class SceneDescription:
     armature: float | None = None
     gains: ServoGains | None = None
     friction: PairFriction = PairFriction()
+    prefix: str = ""
 
     @property
     def step_s(self) -> float:

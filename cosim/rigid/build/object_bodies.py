@@ -13,6 +13,7 @@ walks. So its corners are points that touch the palm for themselves, besides wha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import mujoco
@@ -257,17 +258,16 @@ _GOLDEN: Final = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def add_corner_contacts(
-    spec: mujoco.MjSpec, carried: mujoco.MjsBody, touching: mujoco.MjsBody, friction: PairFriction
+    spec: mujoco.MjSpec, carried: Sequence[mujoco.MjsBody], touching: mujoco.MjsBody, friction: PairFriction
 ) -> None:
-    """Let the corners of a body touch another one, as the other one's geoms are touched.
+    """Let the corners of a body touch other ones, as the others' geoms are touched.
 
     Args:
         spec: holds both.
-        carried: on the flange; its geoms have names, and priority over those of objects.
+        carried: on flanges; their geoms have names, and priority over those of objects.
         touching: an object that can move; its geoms have names.
         friction: of pairs.
     """
-    names = carried.name, touching.name
     for geom in list(touching.geoms):
         body_from_geom = Pose.from_quaternion(np.array(geom.quat), np.array(geom.pos))
         for k, place in enumerate(body_from_geom.apply(_corners(spec, geom))):
@@ -275,9 +275,10 @@ def add_corner_contacts(
             # contact bits of 0: nothing but what is named in a pair meets it
             corner = touching.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=0)
             corner.size, corner.pos, corner.mass = [_POINT_M, 0.0, 0.0], place, 0.0
-            for other in carried.geoms:
-                sliding = friction.between(names, (other.friction[0], geom.friction[0]))
-                _add_pair(spec, other, name, sliding)
+            for body in carried:
+                for other in body.geoms:
+                    both = other.friction[0], geom.friction[0]
+                    _add_pair(spec, other, name, friction.between((body.name, touching.name), both))
 
 
 def _add_pair(spec: mujoco.MjSpec, carried: mujoco.MjsGeom, corner: str, sliding: float) -> None:

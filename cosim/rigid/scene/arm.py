@@ -75,11 +75,11 @@ class ArmLayout:
         return Mounting(SITE, self.site, self.mount, self.dofs)
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, joint_names: tuple[str, ...]) -> ArmLayout:
-        """Return the layout of the arm with the named joints, base to flange."""
-        joints = np.array([model.joint(name).id for name in joint_names])
-        site = int(model.site(FLANGE_SITE).id)
-        force, torque = (int(model.sensor(name).adr[0]) for name in (FORCE_SENSOR, TORQUE_SENSOR))
+    def of(cls, model: mujoco.MjModel, joint_names: tuple[str, ...], prefix: str = "") -> ArmLayout:
+        """Return the layout of the arm with the named joints, base to flange, all names behind a prefix."""
+        joints = np.array([model.joint(prefix + name).id for name in joint_names])
+        site = int(model.site(prefix + FLANGE_SITE).id)
+        force, torque = (int(model.sensor(prefix + name).adr[0]) for name in (FORCE_SENSOR, TORQUE_SENSOR))
         return cls(
             joints=_consecutive(joints),
             positions=_consecutive(model.jnt_qposadr[joints]),

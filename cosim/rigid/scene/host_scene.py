@@ -124,7 +124,6 @@ class HostState:
     given_back: Array
 
 
-@final
 class HostScene(CoupledScene):
     """Somebody's scene with a soft robot on a site or body of it.
 
@@ -282,12 +281,16 @@ class HostScene(CoupledScene):
 
     def end_tick(self) -> None:
         """Read what the tick has led to, before the soft robot moves."""
+        self.accelerated()
+        self.read()
+
+    def accelerated(self) -> None:
+        """Read the acceleration of the tick."""
         data, dofs = self._data, self._mounting.dofs
         if self._steps == 1:
             self._acceleration[:] = data.qacc[dofs]
         else:
             self._acceleration[:] = (data.qvel[dofs] - self._speed) / self.tick_s
-        self.read()
 
     def read(self) -> None:
         """Bring poses, velocities and inertia up to the present state of the joints."""

@@ -207,7 +207,7 @@ def native_scene(
     mount = layout.mount
     return NativeScene(
         pace, float(model.opt.timestep), np.array(_addresses(_STEPS)),
-        np.array((model._address, data._address)), data.ctrl.reshape(-1, 3),
+        np.array((model._address, data._address)), data.ctrl.reshape(-1, 3)[layout.joints],
         data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],

@@ -27,7 +27,7 @@ from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.build.pair_friction import body_names
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, droop, effort_limit
+from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, Mounting, droop, effort_limit
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.link_contacts import LinkContacts
@@ -71,20 +71,31 @@ class RigidScene(CoupledScene):
     Args:
         description: what the scene is made of.
         compiled: of that description, if it has been compiled already.
+        shared: model and state of a scene with several arms, of which this is one.
 
     Raises:
         InputError: MuJoCo refuses the arm's file or an object.
     """
 
     flange: Flange
+    coupled: CoupledScene
+    """As a soft robot exchanges loads with it: itself, unless it is one of several arms."""
+    other_arms: tuple[str, ...] = ()
+    """What the names of their bodies begin with."""
 
-    def __init__(self, description: SceneDescription, compiled: CompiledScene | None = None) -> None:
+    def __init__(
+        self,
+        description: SceneDescription,
+        compiled: CompiledScene | None = None,
+        shared: tuple[mujoco.MjModel, mujoco.MjData] | None = None,
+    ) -> None:
         self.description = description
         self._compiled = compiled or CompiledScene(description)
-        model = self._compiled.model()
-        super().__init__(model, mujoco.MjData(model), description.tick_s)
+        model = self._compiled.model() if shared is None else shared[0]
+        super().__init__(model, mujoco.MjData(model) if shared is None else shared[1], description.tick_s)
         self._scratch = mujoco.MjData(model)
-        self._layout = layout = ArmLayout.of(self._model, description.arm.joint_names)
+        self.coupled = self
+        self._layout = layout = ArmLayout.of(model, description.arm.joint_names, description.prefix)
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
         self._q: Array = self._data.qpos[layout.positions]
@@ -92,7 +103,7 @@ class RigidScene(CoupledScene):
         self._torque: Array = self._data.qfrc_applied[self._v]
         self._warnings = self._data.warning.number
         # Servo inputs are interleaved: position, velocity, feedforward of each joint in turn.
-        self._control = self._data.ctrl.reshape(-1, 3)
+        self._control = self._data.ctrl.reshape(-1, 3)[layout.joints]
         self.armature: Array = self._model.dof_armature[self._v].copy()
         self.armature.setflags(write=False)
         self.flange = Flange(self._model, self._data, layout)
@@ -110,6 +121,11 @@ class RigidScene(CoupledScene):
         self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
         self.set_control(description.arm.home)
+
+    @property
+    def mounting(self) -> Mounting:
+        """Where the soft robot hangs."""
+        return self._layout.mounting
 
     @property
     def joint_names(self) -> tuple[str, ...]:

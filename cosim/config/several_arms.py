@@ -1,0 +1,208 @@
+"""Reads scenarios with several arms: the keys of each `[[arm]]`, next to those that all arms share.
+
+Each arm with the shared keys is a scenario of one arm, so every key means what it means there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, final
+
+from cosim.base.resources import scenario_path
+from cosim.config.loading import by_key, loaded_scenario
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.toml.reading import Faults, copy_with, merge, read_table
+from cosim.config.writing import table_text, to_table
+from cosim.errors import ScenarioError
+
+ARMS: Final = "arm"
+OF_AN_ARM: Final = (
+    "robot", "arm_base", "soft_robot", "start", "phase", "fidelity", "payload_compensation", "solver",
+    "model", "gas", "pump", "winch", "controller", "sensor", "command",
+)  # fmt: skip
+"""Keys of a scenario that each arm may give; those above the arms are of all, an arm's own are on top."""
+_NAME: Final = "[A-Za-z][A-Za-z0-9_-]*"
+_HEADER: Final = (
+    "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
+)
+
+
+@final
+@dataclass(frozen=True)
+class ArmsScenario:
+    """Several arms in one scene.
+
+    Args:
+        name: of the scenario.
+        title: one line for people.
+        arms: the scenario of each arm, by its name; all last as long, and are alike in what arms share.
+    """
+
+    name: str
+    title: str
+    arms: Mapping[str, Scenario]
+
+    def text(self) -> str:
+        """Return it as TOML text, which loads to the same."""
+        tables = {name: to_table(scenario) for name, scenario in self.arms.items()}
+        shared = {key: value for key, value in next(iter(tables.values())).items() if key not in OF_AN_ARM}
+        arms = [
+            {"name": name, **{key: table[key] for key in OF_AN_ARM if key in table}}
+            for name, table in tables.items()
+        ]
+        return _HEADER + table_text({**shared, "name": self.name, "title": self.title, ARMS: arms})
+
+
+def has_arms(source: str | Path) -> bool:
+    """Return whether a scenario's file has several arms.
+
+    Args:
+        source: name of a scenario that comes with cosim, or path of a .toml file.
+
+    Raises:
+        InputError: there is no such scenario, or it is not TOML.
+    """
+    return ARMS in read_table(scenario_path(source))
+
+
+def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmsScenario:
+    """Return a checked scenario of several arms.
+
+    Args:
+        source: name of a scenario that comes with cosim, or path of a .toml file with `[[arm]]`.
+        overrides: values by key path, such as {"arm.left.phase.lift.duration_s": 2.0, "clock.tick_s": 1e-3}.
+
+    Raises:
+        InputError: there is no such scenario, or the overrides are no values by key path.
+        ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
+    """
+    path, changes = scenario_path(source), by_key(overrides)
+    table = read_table(path)
+    table.setdefault("name", path.stem)
+    table |= {key: changes.pop(key) for key in ("name", "title") if key in changes}
+    entries = _entries(table.pop(ARMS, None))
+    found, faults = dict[str, Scenario](), Faults()
+    common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
+    for name in {key.split(".")[1] for key in changes if key.startswith(f"{ARMS}.")} - entries.keys():
+        faults.add(f"{ARMS}.{name}", f"no such arm; there are: {', '.join(entries)}")
+    for name, entry in entries.items():
+        own = {key: value for key, value in entry.items() if key != "name"}
+        changed = _changes_of(name, changes)
+        with faults, of_arm(name):
+            _check_keys([*own, *changed])
+            merged = merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
+            if isinstance(table.get("title"), str):
+                merged["title"] = f"{table['title']}: {name}"
+            found[name] = loaded_scenario(merged, path.parent, common | changed)
+            _check(found[name])
+            objects, wires = found[name].objects, found[name].wires
+            if name in {"cell", *(one.name for one in objects), *(one.name for one in wires)}:
+                raise ScenarioError(
+                    f"{ARMS}.{name}", "is the name of something else in the scene; rename one"
+                )
+    faults.tell()
+    return ArmsScenario(str(table["name"]), str(table["title"]), _lasting_alike(found))
+
+
+def _entries(given: Any) -> dict[str, dict[str, Any]]:
+    """Return the tables of arms by their names.
+
+    Raises:
+        ScenarioError: they are not two or more with different names.
+    """
+    entries = given if isinstance(given, list) and all(isinstance(each, dict) for each in given) else []
+    names = [each.get("name") for each in entries]
+    if len(entries) < 2 or len({*map(str, names)}) < len(names):
+        raise ScenarioError(
+            ARMS,
+            "must be two or more tables [[arm]] with different names; the keys of one arm need no [[arm]]",
+        )
+    for place, name in enumerate(names, 1):
+        if not (isinstance(name, str) and re.fullmatch(_NAME, name)):
+            raise ScenarioError(
+                f"{ARMS}.{place}.name", f"{name!r} must be a letter followed by letters, digits, '_' or '-'"
+            )
+    return dict(zip(map(str, names), entries, strict=True))
+
+
+def _check_keys(own: Sequence[str]) -> None:
+    shared = [key for key in own if key.partition(".")[0] not in OF_AN_ARM]
+    if shared:
+        text = f"is shared by all arms: give it above the first [[arm]]; an arm has {', '.join(OF_AN_ARM)}"
+        first, *more = [(key, text) for key in shared]
+        raise ScenarioError(*first, further=tuple(more))
+
+
+def _changes_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the overrides of one arm alone."""
+    prefix = f"{ARMS}.{name}."
+    return {key.removeprefix(prefix): value for key, value in changes.items() if key.startswith(prefix)}
+
+
+@contextmanager
+def of_arm(name: str) -> Iterator[None]:
+    """Name the keys of a file of several arms, where a refusal names those of one arm's scenario.
+
+    Args:
+        name: of the arm.
+
+    Raises:
+        ScenarioError: in place of another one.
+    """
+    try:
+        yield
+    except ScenarioError as error:
+        first, *more = [
+            (f"{ARMS}.{name}.{place}" if place.partition(".")[0] in OF_AN_ARM else place, problem)
+            for place, problem in error.faults
+        ]
+        raise ScenarioError(*first, further=tuple(more)) from error.__cause__
+
+
+def _check(scenario: Scenario) -> None:
+    """Check that a scenario asks for nothing that several arms in a scene cannot do.
+
+    Raises:
+        ScenarioError: it does.
+    """
+    faults = list(_beyond(scenario))
+    if faults:
+        raise ScenarioError(*faults[0], further=tuple(faults[1:]))
+
+
+def _beyond(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    if scenario.mode != "dynamic":
+        yield "mode", "several arms need 'dynamic'; for equilibria, run a scenario of each arm alone"
+    if scenario.coupling.scheme != "staggered":
+        yield "coupling.scheme", "several arms need 'staggered'"
+    if scenario.robot == NO_ARM:
+        yield "robot", "is 'none'; each of several arms needs a robot"
+    if scenario.endless:
+        yield "phase", "is missing: each of several arms needs phases"
+    if scenario.fidelity == "auto":
+        yield "fidelity", "'auto' knows one arm; choose one with `cosim trade` for each arm alone"
+    if scenario.fidelity == "section" and scenario.model.handover:
+        yield "model.handover", "several arms need false: a section model of theirs does not hand over"
+    if scenario.cameras:
+        yield "camera", "several arms have none: pictures show one soft robot; leave cameras out"
+    for entry in scenario.controllers:
+        if entry.kind == "python":
+            yield f"controller.{entry.name}.kind", "several arms need 'bang_bang' or 'pi'"
+
+
+def _lasting_alike(arms: Mapping[str, Scenario]) -> dict[str, Scenario]:
+    """Return scenarios that last as long as the longest: the others hold what they have come to."""
+    ticks = {name: sum(one.ticks(each) for each in one.phases) for name, one in arms.items()}
+    most, found = max(ticks.values()), dict[str, Scenario]()
+    for name, scenario in arms.items():
+        *before, last = scenario.phases
+        left_s = (most - ticks[name]) * scenario.clock.tick_s
+        if left_s:
+            last = copy_with(last, settle_s=last.settle_s + left_s)
+        found[name] = copy_with(scenario, phases=(*before, last))
+    return found

@@ -1,0 +1,86 @@
+"""Several arms in one scene: each sees the scene as its own, one call steps it for all.
+
+What one arm's soft robot applies is kept apart from what the others apply, as they may touch the same body.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.rigid.build.compiled_scene import CompiledScene
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.host_scene import HostScene
+from cosim.rigid.scene.scene import RigidScene
+
+
+@final
+class SharedScene(HostScene):
+    """A scene of several arms, as one of them exchanges loads with it.
+
+    Args:
+        model: of the scene.
+        data: its state.
+        arm: as it is planned and driven.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: RigidScene) -> None:
+        super().__init__(model, data, arm.mounting, arm.substeps)
+        self._arm = arm
+        own = arm.native()
+        self._native = self._native._replace(
+            position=own.position, speed=own.speed, servo_torque=own.servo_torque
+        )
+
+    def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
+        return self._arm.contact_query(fixed_only=fixed_only)
+
+    def check(self) -> None:
+        self._arm.check()
+
+    def end_tick(self) -> None:
+        self.accelerated()
+        self.flange.moved()
+
+
+@final
+class SceneOfArms:
+    """Steps several arms among objects.
+
+    `arms` are theirs, each as it is planned and driven; `exchanges` the same, as their soft robots act on it.
+
+    Args:
+        descriptions: of the arms, each with a prefix; objects are those of the first.
+        compiled: of these descriptions.
+    """
+
+    def __init__(self, descriptions: tuple[SceneDescription, ...], compiled: CompiledScene) -> None:
+        self._model = model = compiled.model()
+        self._data = data = mujoco.MjData(model)
+        self.arms = tuple(RigidScene(each, compiled, (model, data)) for each in descriptions)
+        self.exchanges = tuple(SharedScene(model, data, arm) for arm in self.arms)
+        for arm, exchange in zip(self.arms, self.exchanges, strict=True):
+            arm.coupled = exchange
+            arm.other_arms = tuple(each.prefix for each in descriptions if each is not arm.description)
+        self._control = data.ctrl.reshape(-1, 3)
+
+    def step(self) -> None:
+        """Take the rigid half of a tick, for which all arms have begun theirs.
+
+        Raises:
+            InstabilityError: the state is no longer finite.
+        """
+        model, data, exchanges = self._model, self._data, self.exchanges
+        data.xfrc_applied[:] = np.sum([each.load for each in exchanges], axis=0)
+        data.qfrc_applied[:] = np.sum([each.torque for each in exchanges], axis=0)
+        for step in range(self.arms[0].substeps):
+            if step:
+                self._control[:, 0] += float(model.opt.timestep) * self._control[:, 1]
+            mujoco.mj_step2(model, data)
+            mujoco.mj_step1(model, data)
+            self.arms[0].check()
+            for each in exchanges:
+                each.carry()
