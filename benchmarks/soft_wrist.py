@@ -41,8 +41,7 @@ SCENE = """
     </body>
     <body name="peg" pos="0 0 {tip}">
       <freejoint/>
-      <geom type="cylinder" fromto="0 0 -0.001 0 0 -0.05" size="0.01" mass="0.1"/>
-      <geom type="sphere" pos="0 0 -0.05" size="0.01" mass="0.05"/>
+      <geom type="capsule" fromto="0 0 -0.01 0 0 -0.05" size="0.01" mass="0.15"/>
     </body>
     {walls}
   </worldbody>
