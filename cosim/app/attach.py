@@ -471,11 +471,11 @@ def attach(
             "overrides: attached soft robots have no phases, mode 'dynamic', coupling.scheme 'staggered'; "
             "leave these keys out"
         )
-    chosen = prepared(scenario, log, recording=False)
-    if host.far is not None and chosen.fidelity not in ("lumped", "refined"):
+    if host.far is not None and scenario.fidelity not in ("lumped", "refined"):
         raise InputError(
-            f"fidelity is {chosen.fidelity!r}; a soft joint between two bodies needs its film: 'lumped' or 'refined'"
+            f"overrides: fidelity is {scenario.fidelity!r}; a soft joint needs 'lumped' or 'refined'"
         )
+    chosen = prepared(scenario, log, recording=False)
     _compile(chosen, host.far is not None)
     note_kinds(chosen)
     return Attached(chosen, host, named and named.body)

@@ -18,8 +18,8 @@ from tests.app.test_attach import EXACT, ROBOT
 HUNG = """
 <mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
   <body name="arm" pos="0 0 1"><joint name="up" type="slide" axis="0 0 1"/>
-    <geom type="box" size="0.05 0.05 0.05" mass="3"/><site name="wrist" euler="180 0 0"/></body>
-  <body name="tool" pos="0 0 0.98">{joint}<geom type="sphere" size="0.02" mass="{mass}"/></body>
+    <geom type="box" size="0.05 0.05 0.05" mass="3"/><site name="wrist" pos="0 0 -0.05" euler="180 0 0"/></body>
+  <body name="tool" pos="0 0 0.925">{joint}<geom type="sphere" size="0.02" mass="{mass}"/></body>
 </worldbody><actuator><position joint="up" kp="20000" kv="400"/></actuator></mujoco>"""
 FREE = """
 <mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
@@ -29,7 +29,7 @@ FREE = """
 CALM: dict[str, Any] = {"solver.damping_per_s": 20.0, "start.pressure_Pa": 3e3}
 
 
-def joined(text: str, at: tuple[str, str], **given: Any) -> tuple[cosim.Attached, Any, Any]:
+def joined(text: str, at: str | tuple[str, str], **given: Any) -> tuple[cosim.Attached, Any, Any]:
     """Return a soft robot between two bodies, with its compiled model and data."""
     spec = mujoco.MjSpec.from_string(text)
     soft = cosim.attach(spec, at, ROBOT, **given)
@@ -45,28 +45,32 @@ def hung(mass: float = 0.2, joint: str = "<freejoint/>") -> tuple[cosim.Attached
 
 
 def test_a_tool_hangs_on_the_film_and_the_film_on_the_arm() -> None:
-    """At rest each load is the weight below it; the tool has gone with the tip ring."""
+    """Each load is that below it; the tool moves by its own, and goes with the tip ring."""
     mass = 0.2
     soft, model, data = hung(mass)
-    gap = data.body("tool").xpos - soft.tip_position
-    soft.step(model, data, 400)
-    weight = 9.81 * mass
-    np.testing.assert_allclose(soft.far_wrench.force, [0.0, 0.0, weight], rtol=0.0, atol=0.02)
-    down = weight + 9.81 * soft.node_mass_kg.sum()
-    np.testing.assert_allclose(soft.wrench.force, [0.0, 0.0, -down], rtol=0.0, atol=0.05)
-    give = weight / (GLUE_N_m * len(soft._model.body.tip))
-    np.testing.assert_allclose(data.body("tool").xpos - soft.tip_position, gap, atol=20e-6 + give)
+    gap, h, first = data.body("tool").xpos - soft.tip_position, soft.tick_s, model.body("tool").dofadr[0]
+    soft.step(model, data, 300)
+    load, speed, weight = soft.far_wrench.force, data.qvel[first : first + 3].copy(), 9.81 * mass
+    soft.step(model, data)
+    moved = mass * (data.qvel[first : first + 3] - speed) / h + [0.0, 0.0, weight]
+    np.testing.assert_allclose(load, moved, rtol=0.0, atol=1e-9)
+    loads = []
+    for _ in range(100):
+        soft.step(model, data)
+        loads.append((soft.far_wrench.force[2], soft.wrench.force[2]))
+    below = weight + 9.81 * soft.node_mass_kg.sum()
+    np.testing.assert_allclose(np.mean(loads, axis=0), [weight, -below], rtol=0.02)
+    np.testing.assert_allclose(data.body("tool").xpos - soft.tip_position, gap, rtol=0.0, atol=1e-4)
     assert soft.ledger.momentum_error < 1e-10
 
 
 def test_a_twisted_tool_is_turned_back_by_the_film() -> None:
-    """The torque on the tool is against its turn, and as large as that on the arm about the same point."""
+    """The torque on the tool is against its turn."""
     soft, model, data = hung(0.2, '<joint axis="0 0 1" damping="0.01"/>')
     data.qpos[-1] = 0.1
     soft.step(model, data)
     back = soft.far_wrench.torque[2]
     assert back < -1e-3
-    assert soft.wrench.torque[2] > 0.0 or abs(soft.wrench.torque[2]) < abs(back)
     soft.step(model, data, 200)
     assert abs(data.qpos[-1]) < 0.05
 
@@ -107,16 +111,15 @@ def test_a_saved_soft_joint_repeats_its_ticks_to_the_bit(tmp_path: Path) -> None
     first = walk(soft, model, data)
     soft.restore(saved)
     assert walk(soft, model, data) == first
-    other, model, data = joined(
-        HUNG.format(mass=0.2, joint="<freejoint/>"), ("wrist", "tool"), overrides=CALM
-    )
+    text = HUNG.format(mass=0.2, joint="<freejoint/>")
+    other, model, data = joined(text, ("wrist", "tool"), overrides=CALM)
     data.qpos[-7] += 2e-3
     other.reset(model, data)
     other.restore(tmp_path / "here.npz")
     assert walk(other, model, data) == first
-    alone, model, data = joined(HUNG.format(mass=0.2, joint=""), "wrist", overrides=CALM)
+    alone, model, data = joined(text, "wrist", overrides={"contact.enabled": False})
     alone.reset(model, data)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"glued by \d+ nodes, this one by 0"):
         alone.restore(saved)
 
 
@@ -146,7 +149,7 @@ def test_a_body_far_from_the_tip_is_refused_with_the_place_of_the_tip() -> None:
 
 
 def test_the_film_touches_its_second_body_at_the_glue_alone() -> None:
-    """The tool's ball is in the film; a floor below is touched all the same."""
+    """The tool's ball is in the film and neither pushes it away nor is refused at the start."""
     soft, model, data = hung()
     soft.step(model, data, 5)
     assert soft.ledger.contacts == 0
