@@ -3,8 +3,8 @@
     python benchmarks/soft_wrist.py [--sides 24 36] [--seconds 10]
 
 The wrist is an inflated tube of film, 40 mm long and 40 mm wide; its first ring hangs on a carriage, its last
-one is glued to the peg. The carriage comes down beside the hole by the offset, over which a chamfer leads the peg
-in. Printed are the mean push down on the way of 30 mm, and the sideways force and the turn of the peg at the end.
+one is glued to the peg. The carriage comes down beside the hole by the offset; a chamfer leads the peg in.
+Printed are the mean push down on the way of 30 mm, and at its end the sideways force and the turn of the peg.
 """
 
 from __future__ import annotations
@@ -139,15 +139,13 @@ def momentum(sides: int, seconds: float, mass_kg: float) -> None:
         moved += float(np.abs(data.qvel[:3] - speed).max())
     change = float(np.abs(np.array(found) - found[0]).max())
     size = float(np.abs(found[0]).max())
-    print(
-        f"momentum over {seconds:g} s, {mass_kg:g} kg: {change:.2g} kg m/s off, {change / size:.2g} of its size, "
-        f"{change / moved:.2g} of what moved; loads as handed over to {soft.ledger.momentum_error:.2g}"
-    )
+    print(f"momentum over {seconds:g} s, {mass_kg:g} kg: {change:.2g} kg m/s off, {change / size:.2g} of its")
+    print(f"size, {change / moved:.2g} of what moved; ledger of the loads {soft.ledger.momentum_error:.2g}")
 
 
 def table(meshes: Sequence[int]) -> None:
     """Print the forces over pressure and offset of the last mesh, and how far the one before is from them."""
-    print("| pressure [kPa] | offset [mm] | mean push [N] | force aside [N] | turn [deg] | coarser mesh off by |")
+    print("| pressure [kPa] | offset [mm] | push [N] | force aside [N] | turn [deg] | coarser mesh off by |")
     print("|---:|---:|---:|---:|---:|---:|")
     worst = 0.0
     for pressure in PRESSURES_Pa:
@@ -155,8 +153,8 @@ def table(meshes: Sequence[int]) -> None:
             found = np.array([insert(sides, pressure, offset) for sides in meshes])
             off = np.abs(found[-2] / found[-1] - 1.0)[: 3 if offset else 0].max(initial=0.0)
             worst, (push, aside, turn) = max(worst, off), found[-1]
-            row = f"{1e-3 * pressure:g} | {1e3 * offset:g} | {push:.3f} | {aside:.3f} | {np.degrees(turn):.2f}"
-            print(f"| {row} | {1e2 * off:.1f} % |", flush=True)
+            forces = f"{push:.3f} | {abs(aside):.3f} | {np.degrees(turn):.2f}"
+            print(f"| {1e-3 * pressure:g} | {1e3 * offset:g} | {forces} | {1e2 * off:.1f} % |", flush=True)
     print(f"meshes of {meshes[-2]} and {meshes[-1]} sides are at most {1e2 * worst:.1f} % apart")
 
 

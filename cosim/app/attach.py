@@ -238,17 +238,25 @@ class Attached:
         return run
 
     def _check_far(self, scene: HostScene, positions: Array) -> None:
-        if self._host.far is None:
+        """Check that the second body is at the film's other end, whose nodes are `positions` (n, 3) [m].
+
+        Raises:
+            InputError: it is farther away than the film is long, or that end has less than three nodes.
+        """
+        body, far = self._model.body, self._host.far
+        if far is None:
             return
-        body = self._model.body
         if len(body.tip) < 3:
-            raise InputError(f"at: the soft robot has {len(body.tip)} nodes at its tip; gluing needs 3 at least")
-        tip, length = body.tip_position(positions), body.tip_position(positions) - scene.flange_pose.translation
-        away, most = np.linalg.norm(scene.far_position - tip), np.linalg.norm(length)
+            raise InputError(
+                f"at: the tip of the soft robot has {len(body.tip)} nodes; gluing needs at least 3"
+            )
+        tip = body.tip_position(positions)
+        away = float(np.linalg.norm(scene.far_position - tip))
+        most = float(np.linalg.norm(tip - scene.flange_pose.translation))
         if away > most:
             raise InputError(
-                f"at: {self._host.far!r} is {away:.4g} m from the soft robot's tip at {np.round(tip, 4).tolist()} m, "
-                f"more than the film's length of {most:.4g} m; move it to the tip before the first before()"
+                f"at: {far!r} is {away:.4g} m from the soft robot's tip at {np.round(tip, 4).tolist()}, "
+                f"farther than the film is long ({most:.4g} m); move it to the tip before the first before()"
             )
 
     def command(self, command: Command, over_s: float = 0.0) -> None:

@@ -11,14 +11,14 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.coupling.contact.contact_exchange import GLUE_N_m
 from cosim.errors import InputError
 from tests.app.test_attach import EXACT, ROBOT
 
 HUNG = """
 <mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
   <body name="arm" pos="0 0 1"><joint name="up" type="slide" axis="0 0 1"/>
-    <geom type="box" size="0.05 0.05 0.05" mass="3"/><site name="wrist" pos="0 0 -0.05" euler="180 0 0"/></body>
+    <geom type="box" size="0.05 0.05 0.05" mass="3"/>
+    <site name="wrist" pos="0 0 -0.05" euler="180 0 0"/></body>
   <body name="tool" pos="0 0 0.925">{joint}<geom type="sphere" size="0.02" mass="{mass}"/></body>
 </worldbody><actuator><position joint="up" kp="20000" kv="400"/></actuator></mujoco>"""
 FREE = """
@@ -140,9 +140,7 @@ def test_what_a_soft_joint_cannot_be_is_refused_by_name(name: str) -> None:
 
 
 def test_a_body_far_from_the_tip_is_refused_with_the_place_of_the_tip() -> None:
-    soft, model, data = joined(
-        HUNG.format(mass=0.2, joint="<freejoint/>"), ("wrist", "tool"), overrides=CALM
-    )
+    soft, model, data = joined(HUNG.format(mass=0.2, joint="<freejoint/>"), ("wrist", "tool"), overrides=CALM)
     data.qpos[-7] = 0.5
     with pytest.raises(InputError, match=r"'tool' is 0\.5\d* m from the soft robot's tip at"):
         soft.reset(model, data)

@@ -353,8 +353,9 @@ class ContactExchange:
 
     def _first_arrays(self, search: Search) -> ContactArrays:
         law, bodies, query, surface = self.law, self.bodies, self.query, self.surface
-        stiffness, touchable = law.stiffness_N_m3, np.union1d(query.body, self._glue.body[: len(self._glue.point)])
-        room, nodes = len(self._glue.point), 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
+        stiffness, room = law.stiffness_N_m3, len(self._glue.point)
+        touchable = np.union1d(query.body, self._glue.body[:room])
+        nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         movable = touchable[bodies.movable(touchable)]
         numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0)
         touched = TouchedPlanes(

@@ -142,11 +142,7 @@ class HostScene(CoupledScene):
     steps_itself = False
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        ends: tuple[Mounting, Mounting | None],
-        steps: int,
+        self, model: mujoco.MjModel, data: mujoco.MjData, ends: tuple[Mounting, Mounting | None], steps: int
     ) -> None:
         super().__init__(model, data, steps * float(model.opt.timestep))
         mounting, self._far = ends

@@ -134,7 +134,7 @@ class ContactPlanes:
         normal: (k, 3), unit, out of the obstacle.
         offset: (k,) [m], n . y - offset is the distance.
         stiffness: (k,) [N/m].
-        friction: (k,) [N], largest friction force; `GLUED` for a point that a spring holds in every direction.
+        friction: (k,) [N], largest friction force; `GLUED`: a spring holds the point in every direction.
         anchor: (k, 3) [m], world, where the stick springs are tied.
         law: widths of the transitions.
         body: (k,) index of the touched body; empty where nobody asks for it.
