@@ -227,6 +227,7 @@ class Attached:
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )
+        self._check_far(scene, found.state.positions)
         carrier.couple(found.wrench)
         parts.plan.phases[0].holding.apply(parts.soft, carrier.flange_pose)
         parts.commands.begin_phase(0)
@@ -235,6 +236,28 @@ class Attached:
             parts.commands.command(command, ticks)
         self._waiting.clear()
         return run
+
+    def _check_far(self, scene: HostScene, positions: Array) -> None:
+        """Check that the second body is at the film's other end, whose nodes are `positions` (n, 3) [m].
+
+        Raises:
+            InputError: it is farther away than the film is long, or that end has less than three nodes.
+        """
+        body, far = self._model.body, self._host.far
+        if far is None:
+            return
+        if len(body.tip) < 3:
+            raise InputError(
+                f"at: the tip of the soft robot has {len(body.tip)} nodes; gluing needs at least 3"
+            )
+        tip = body.tip_position(positions)
+        away = float(np.linalg.norm(scene.far_position - tip))
+        most = float(np.linalg.norm(tip - scene.flange_pose.translation))
+        if away > most:
+            raise InputError(
+                f"at: {far!r} is {away:.4g} m from the soft robot's tip at {np.round(tip, 4).tolist()}, "
+                f"farther than the film is long ({most:.4g} m); move it to the tip before the first before()"
+            )
 
     def command(self, command: Command, over_s: float = 0.0) -> None:
         """Ask for pressures, tensions and the like from the next tick on; see `Command`.
@@ -289,6 +312,11 @@ class Attached:
     def wrench(self) -> Wrench:
         """What the soft robot exerts on its mount at present, at its origin, world axes."""
         return self._begun_run.carrier.wrench
+
+    @property
+    def far_wrench(self) -> Wrench:
+        """What the soft joint exerts on the second body, at the site or body named for it, world axes."""
+        return self._run.carrier.far_wrench
 
     @property
     def ledger(self) -> LedgerEntry:
@@ -412,7 +440,7 @@ class Attached:
 
 def attach(
     spec: HostSource,
-    at: str,
+    at: str | tuple[str, str],
     robot: str | Path | None = None,
     *,
     tick_s: float | None = None,
@@ -425,6 +453,7 @@ def attach(
         spec: `mujoco.MjSpec`, which is compiled afterwards; path of an MJCF, which `Attached.spec` is then
             read from; or a compiled `mujoco.MjModel`.
         at: name of a site, or else of a body: its frame is the flange, the soft robot hangs along its z axis.
+            Two names: a soft joint, whose tip ring is glued to the second, as it is at the start.
         robot: name of a soft robot that comes with cosim, or path of its file.
         tick_s: of the soft robot, one or several timesteps; None: MuJoCo's timestep.
         overrides: values by key path of a scenario, such as {"fidelity": "section",
@@ -432,7 +461,8 @@ def attach(
         body: a soft body in place of `robot`.
 
     Raises:
-        InputError: the model has no such site or body, its integrator is RK4, or a key is wrong.
+        InputError: the model has no such site or body, its integrator is RK4, a key is wrong, or the soft
+            joint's model has no film that could give way.
     """
     from cosim.rigid.scene.host_model import HostModel  # here: it brings MuJoCo
 
@@ -449,8 +479,12 @@ def attach(
             "overrides: attached soft robots have no phases, mode 'dynamic', coupling.scheme 'staggered'; "
             "leave these keys out"
         )
+    if host.far is not None and scenario.fidelity not in ("lumped", "refined"):
+        raise InputError(
+            f"overrides: fidelity is {scenario.fidelity!r}; a soft joint needs 'lumped' or 'refined'"
+        )
     chosen = prepared(scenario, log, recording=False)
-    _compile(chosen)
+    _compile(chosen, host.far is not None)
     note_kinds(chosen)
     return Attached(chosen, host, named and named.body)
 
@@ -466,12 +500,12 @@ def _scenario(host: HostModel, robot: str | Path | None) -> Scenario:
     )  # fmt: skip
 
 
-def _compile(scenario: Scenario) -> None:
+def _compile(scenario: Scenario, glued: bool) -> None:
     from cosim.base.compilation import compile_modules  # here: it brings the kernels
     from cosim.build.kernel_modules import contact_modules, exchange_modules
     from cosim.coupling import open_ticks
 
-    touched = contact_modules() if scenario.contact.enabled else ()
+    touched = contact_modules() if scenario.contact.enabled or glued else ()
     compile_modules(log, (*exchange_modules(scenario), open_ticks, *touched))
 
 

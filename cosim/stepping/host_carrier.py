@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Annotated, Any, Final, final
 
 import numpy as np
 
@@ -32,10 +32,12 @@ class HostCarrierState:
     Args:
         scene: rigid side.
         coupling: exchange with the soft side.
+        glued: (k, 3) [m], where glued nodes are tied, in their body's frame.
     """
 
     scene: HostState
     coupling: Any
+    glued: Annotated[Array, ("k", 3)]
 
 
 _NO_SERVOS: Final = Servos.knowing_no_payload(*[np.zeros((1, 0))] * 3)
@@ -62,6 +64,31 @@ class HostCarrier(SceneCarrier):
 
     def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> StaggeredCoupling:
         return StaggeredCoupling(Interface(self._coupled, self._soft, wrench, contact))
+
+    def _contact(self) -> ContactExchange | None:
+        scene, soft, far = self._scene, self._soft, self._scene.far_body
+        if far is None:
+            return super()._contact()
+        query = scene.nothing_touched() if self._contact_law is None else scene.contact_query()
+        glued = soft.body.tip, far
+        found = ContactExchange(query, scene.bodies, soft.contact_surface(), self._contact_law, glued)
+        found.glue(soft.state.positions)
+        return found
+
+    @property
+    def _glued(self) -> Array:
+        contact = self._staggered.interface.contact
+        return np.zeros((0, 3)) if contact is None else contact.arrays.glue.place
+
+    @property
+    def far_wrench(self) -> Wrench:
+        """What the soft robot exerts on what its tip is glued to, at that site or body, world axes."""
+        far, touched = self._scene.far_body, self.touched
+        place = np.flatnonzero(touched.bodies == far)
+        if far is None or not len(place):
+            return Wrench()
+        load = Wrench(touched.force[place[0]], touched.torque[place[0]])
+        return load.moved(self._scene.far_position)
 
     def set_configuration(self, joints: Array) -> None:
         pass
@@ -121,11 +148,16 @@ class HostCarrier(SceneCarrier):
     def save_state(self) -> HostCarrierState:
         self.follow()
         assert self._coupling is not None, "couple() comes before"
-        saved = HostCarrierState(self._scene.save_state(), self._coupling.save_state())
+        saved = HostCarrierState(self._scene.save_state(), self._coupling.save_state(), self._glued.copy())
         self._known.add(saved)
         return saved
 
     def restore_state(self, state: object) -> None:
         if not isinstance(state, HostCarrierState):
             raise InputError("the saved state is not of a soft robot in somebody's scene")
+        if state.glued.shape != self._glued.shape:
+            raise InputError(
+                f"the saved soft robot is glued by {len(state.glued)} nodes, this one by {len(self._glued)}"
+            )
         self._restore_exchange(state, state.coupling, state.scene.loaded)
+        self._glued[:] = state.glued

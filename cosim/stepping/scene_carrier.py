@@ -66,11 +66,14 @@ class SceneCarrier(Carrier):
         return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
 
     def couple(self, wrench: Wrench) -> None:
+        self._coupling = self._exchanging(wrench, self._contact())
+
+    def _contact(self) -> ContactExchange | None:
+        """Return the exchange of what the film touches; None where that is nothing."""
         scene, soft, law = self._coupled, self._soft, self._contact_law
-        contact = None
-        if law is not None:
-            contact = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
-        self._coupling = self._exchanging(wrench, contact)
+        if law is None:
+            return None
+        return ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface(), law)
 
     @abstractmethod
     def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> Coupling:

@@ -11,7 +11,7 @@ from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.contact_law import GLUED, ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
@@ -54,6 +54,21 @@ def test_derivatives_are_exact_within_the_transition_and_beyond(share: float) ->
     errors = derivative_errors(lambda y: evaluate(planes, system, y), x, 1e-7)
     # the third derivative jumps at the ends of the transitions, which differences may straddle
     assert max(errors) < 20.0 * RELATIVE
+
+
+def test_glued_points_are_held_by_springs_in_every_direction() -> None:
+    """Derivatives are exact; stiffnesses that others read are those of the tangent."""
+    body = hexagon_arm(1)
+    system = SoftSystem(body)
+    surface = ContactSurface.of(body, system.pattern)
+    x = shapes(1)["random"]
+    anchor = surface.points(x) + 1e-4 * np.random.default_rng(0).normal(size=(len(surface), 3))
+    planes = half_space(surface, UP, 0.0, LAW, GLUED, anchor)
+    assert max(derivative_errors(lambda y: evaluate(planes, system, y), x, 1e-7)) < RELATIVE
+    stretch = surface.points(x) - anchor
+    assert evaluate(planes, system, x)[0] == pytest.approx(0.5 * planes.stiffness @ (stretch**2).sum(axis=1))
+    for found in (planes.stiffnesses(x), planes.tangents(x)):
+        np.testing.assert_array_equal(found, planes.stiffness[:, None, None] * np.eye(3))
 
 
 def test_contact_points_stand_for_the_whole_area_and_its_moments() -> None:

@@ -207,6 +207,26 @@ class Ties(NamedTuple):
         return cls(_no_indices(count), _no_indices(count), np.zeros((count, 3)), _no_indices(count))
 
 
+class Glue(NamedTuple):
+    """Points of the film that are glued to a body, with springs; they are the last contacts of every tick.
+
+    Args:
+        point: (k,) of the film.
+        place: (k, 3) [m], body frame, where each is tied.
+        body: (1,).
+        stiffness: [N/m], of each.
+        position: (bodies, 3) [m], world, and
+        axes: (bodies, 9), of the bodies; MuJoCo's.
+    """
+
+    point: Indices
+    place: Matrix
+    body: Indices
+    stiffness: float
+    position: Matrix
+    axes: Matrix
+
+
 class EndRows(NamedTuple):
     """What is left of contacts at the end of a tick.
 
@@ -216,7 +236,7 @@ class EndRows(NamedTuple):
         loads: (bodies, 6), force [N] and torque about the world's origin [N m] on each body, world axes.
         acting: (bodies,), 1 where any acts.
         held: (bodies,) [N/m], trace of the stiffness of a body's contacts, stick springs slack.
-        film: (6,), the loads as the film's nodes bear them, summed over all bodies.
+        film: (7,), the loads as the film's nodes bear them, summed over all bodies, and their size [N].
         figures: (3,), sum of the normal forces [N]; depth of the deepest that presses [m]; work on the film
             in the tick [J].
         own: (k, 3) [N], force of each on its body.
@@ -237,7 +257,7 @@ class EndRows(NamedTuple):
     def room(cls, count: int, bodies: int, force: Array) -> EndRows:
         """Return room for so many, with the force on the film as it is."""
         of_bodies = np.zeros((bodies, 6)), _no_indices(bodies), np.zeros(bodies)
-        rest = np.zeros(6), np.zeros(3), np.zeros((count, 3)), force
+        rest = np.zeros(7), np.zeros(3), np.zeros((count, 3)), force
         return cls(np.zeros((count, 3)), np.zeros(count), *of_bodies, *rest)
 
 
@@ -332,6 +352,7 @@ class ContactArrays(NamedTuple):
         kept: of the tick in progress.
         touched: contacts.
         ties: theirs.
+        glue: what is glued.
         end: of the tick.
         bodies: that bear it.
         movable: (f,) bodies that can be touched, and that loads can move.
@@ -352,6 +373,7 @@ class ContactArrays(NamedTuple):
     kept: MemoryRows
     touched: TouchedPlanes
     ties: Ties
+    glue: Glue
     end: EndRows
     bodies: BodyLoads
     movable: Indices

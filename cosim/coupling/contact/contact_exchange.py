@@ -31,6 +31,7 @@ from cosim.coupling.contact.contact_arrays import (
     ContactArrays,
     ContactNumbers,
     EndRows,
+    Glue,
     ListRows,
     MemoryRows,
     NearPoints,
@@ -63,6 +64,8 @@ FEATURE_AREA_M2: Final = 5e-5
 """What each represents: a corner must hold back the film around it by itself."""
 RENEW_ABOVE: Final = 1.2
 """Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
+GLUE_N_m: Final = 1e5
+"""Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
@@ -100,13 +103,25 @@ class ContactExchange:
         bodies: of the scene.
         surface: of the soft body.
         law: of contact.
+        glued: (k,) nodes of the film and the body that they are glued to, each where it is; None for none.
     """
 
     def __init__(
-        self, query: ContactQuery, bodies: Bodies, surface: ContactSurface, law: ContactLaw | None = None
+        self,
+        query: ContactQuery,
+        bodies: Bodies,
+        surface: ContactSurface,
+        law: ContactLaw | None = None,
+        glued: tuple[IntArray, int] | None = None,
     ) -> None:
         self.query, self.bodies, self.surface = query, bodies, surface
         self.law = law or ContactLaw()
+        nodes, body = glued or (np.zeros(0, np.int64), 0)
+        # the surface's first points are its nodes, ascending
+        points = np.searchsorted(surface.nodes[surface.weights[:, 0] == 1.0, 0], nodes)
+        self._glue = Glue(
+            points, np.zeros((len(nodes), 3)), np.array([body]), GLUE_N_m, bodies.positions, bodies.axes
+        )
         self._places = np.zeros((len(surface), 3))
         nothing: ListRows = nothing_of(ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
@@ -117,6 +132,13 @@ class ContactExchange:
     def at(self) -> int:
         """Address at which kernels read `arrays`, until these change."""
         return self._store.address(self.arrays)
+
+    def glue(self, positions: Array) -> None:
+        """Glue the film's nodes where they are at positions (n, 3) [m]."""
+        glue = self._glue
+        body = glue.body[0]
+        here = positions[self.surface.nodes[glue.point, 0]]
+        glue.place[:] = (here - glue.position[body]) @ glue.axes[body].reshape(3, 3)
 
     def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
         """Return what the film may touch in the coming step; None for nothing.
@@ -331,18 +353,19 @@ class ContactExchange:
 
     def _first_arrays(self, search: Search) -> ContactArrays:
         law, bodies, query, surface = self.law, self.bodies, self.query, self.surface
-        stiffness, touchable = law.stiffness_N_m3, np.unique(query.body)
+        stiffness, room = law.stiffness_N_m3, len(self._glue.point)
+        touchable = np.union1d(query.body, self._glue.body[:room])
         nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         movable = touchable[bodies.movable(touchable)]
         numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0)
         touched = TouchedPlanes(
-            address_of(add_contacts), PlaneRows.room(0), np.array([law.smoothing_m, law.stick_m]),
-            np.empty((0, 3)), np.empty(0),
+            address_of(add_contacts), PlaneRows.room(room), np.array([law.smoothing_m, law.stick_m]),
+            np.empty((room, 3)), np.empty(room),
         )  # fmt: skip
         return ContactArrays(
             search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
-            MemoryRows.room(0), MemoryRows.room(0), touched, Ties.room(0),
-            EndRows.room(0, bodies.count, np.zeros((nodes, 3))),
+            MemoryRows.room(room), MemoryRows.room(room), touched, Ties.room(room), self._glue,
+            EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
             BodyLoads(
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
@@ -355,7 +378,7 @@ class ContactExchange:
     def _with_room(self, search: Search, room: int) -> ContactArrays:
         """Return the arrays with room for so many contacts, what is remembered taken along."""
         before, remembered = self.arrays, int(self.arrays.counts[REMEMBERED])
-        room = max(room, remembered)
+        room = max(room, remembered) + len(self._glue.point)
         memory = MemoryRows.room(room)
         for old, new in zip(before.memory, memory, strict=True):
             new[:remembered] = old[:remembered]

@@ -49,7 +49,7 @@ from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
-from cosim.soft.contact.contact_law import shorten, touch
+from cosim.soft.contact.contact_law import GLUED, shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
 from cosim.soft.contact.point_kernels import combine, span
 
@@ -231,6 +231,25 @@ def _take_feature(contact: Any, x: Matrix, e: int, first_key: int) -> float:
 
 
 @device_function
+def _take_glued(contact: Any, e: int, k: int) -> None:
+    """Fill contact e from glued point k, whose anchor goes with its body."""
+    planes, ties, glue, surface = contact.touched.planes, contact.ties, contact.glue, contact.search.surface
+    p, b, place = glue.point[k], glue.body[0], small_vector(3)
+    for r in range(3):
+        planes.nodes[e, r], planes.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
+        planes.normal[e, r], ties.carrier[e, r] = 0.0, 0.0
+        place[r] = glue.position[b, r]
+        for s in range(3):
+            place[r] += glue.axes[b, 3 * r + s] * glue.place[k, s]
+    for r in range(3):
+        planes.anchor[e, r] = place[r] + led(contact.bodies.leads.lead[b], place, r)
+    for r in range(6):
+        planes.slots[e, r] = surface.slots[p, r]
+    planes.offset[e], planes.stiffness[e], planes.friction[e] = 0.0, glue.stiffness, GLUED
+    planes.body[e], ties.shape[e], ties.key[e], ties.triangle[e] = b, -1, -1, -1
+
+
+@device_function
 def _describe(contact: Any, x: Matrix) -> None:
     """Fill tangent planes and what they are tied to, from nodes (n, 3) [m].
 
@@ -239,7 +258,11 @@ def _describe(contact: Any, x: Matrix) -> None:
     shapes, memory, planes, ties = contact.shapes, contact.memory, contact.touched.planes, contact.ties
     points, remembered = contact.counts[POINTS], contact.counts[REMEMBERED]
     first_key = shapes.body.shape[0] * contact.search.surface.nodes.shape[0]
+    glued = contact.counts[TOUCHES] - contact.glue.point.shape[0]
     for e in range(contact.counts[TOUCHES]):
+        if e >= glued:
+            _take_glued(contact, e, e - glued)
+            continue
         distance = _take_point(contact, e) if e < points else _take_feature(contact, x, e, first_key)
         g, height = ties.shape[e], 0.0
         for r in range(3):
@@ -309,13 +332,15 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     reach = rest + ahead * contact.speed[0]
     poses = ShapePoses(bounds.position, bounds.rotation)
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
-    if near == 0:
-        return 0, 0
     for k in range(near):
         met += bodies.leads.ahead[body[bounds.near[k]]] > 0
+    if contact.glue.point.shape[0] > 0:
+        met += bodies.leads.ahead[contact.glue.body[0]] > 0
     if ahead > 0.0 and met > 0:
         _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
+    if near == 0:
+        return 0, 0
     for f in range(listed.shape[0]):  # which triangle has held it back until now
         held[f] = -1
     for e in range(contact.counts[REMEMBERED]):
@@ -342,17 +367,19 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     contact = record_at(at, ContactArrays)
     counts = contact.counts
     counts[ASKS] = 0
-    if contact.search.bounds.geoms.shape[0] == 0:
+    glued = contact.glue.point.shape[0]
+    if contact.search.bounds.geoms.shape[0] + glued == 0:
         return 0
     points, features = _find_pairs(contact, x, velocity, rest, ahead)
     if points < 0:
         return -1
-    counts[POINTS], counts[TOUCHES] = points, points + features
-    if points + features == 0:
+    touches = points + features + glued
+    counts[POINTS], counts[TOUCHES] = points, touches
+    if touches == 0:
         counts[REMEMBERED] = 0
         return 0
     _describe(contact, x)
-    return points + features
+    return touches
 
 
 @device_function
@@ -383,7 +410,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
     planes, ties, end, kept = contact.touched.planes, contact.ties, contact.end, 0
     width, stick = contact.touched.widths[0], contact.touched.widths[1]
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
-    end.figures[0], end.figures[1] = 0.0, -np.inf
+    end.figures[0], end.figures[1], size = 0.0, -np.inf, 0.0
     end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0, 0.0, 0.0
     for e in range(contact.counts[TOUCHES]):
         point, n, b, distance = end.point[e], planes.normal[e], planes.body[e], -planes.offset[e]
@@ -396,12 +423,17 @@ def _conclude(contact: Any, x: Matrix) -> int:
         _, push = touch(
             point, n, planes.offset[e], planes.stiffness[e], friction, anchor, width, stick, own, tangent
         )
-        slack = contact.shapes.friction[ties.shape[e]] * push
-        end.slack_friction[e] = slack
         for r in range(3):
             end.own[e, r] = own[r]
-        pressing = planes.stiffness[e] * min(max((0.5 * width - distance) / width, 0.0), 1.0)
-        end.held[b] += pressing + 4.0 * slack / stick
+        if friction == GLUED:
+            end.slack_friction[e] = friction
+            end.held[b] += 3.0 * planes.stiffness[e]
+            size += abs(own[0]) + abs(own[1]) + abs(own[2])
+        else:
+            slack = contact.shapes.friction[ties.shape[e]] * push
+            end.slack_friction[e] = slack
+            pressing = planes.stiffness[e] * min(max((0.5 * width - distance) / width, 0.0), 1.0)
+            end.held[b] += pressing + 4.0 * slack / stick
         # a point that has just come off may still rub: friction is bounded by the last tick's normal force
         if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
             end.acting[b] = 1
@@ -420,6 +452,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
             kept += 1
     if kept == 0:
         end.figures[1] = 0.0
+    end.film[6] = end.figures[0] + size
     return kept
 
 
@@ -501,9 +534,8 @@ def _load_bodies(end: Any, bodies: Any) -> None:
         if end.acting[b] or bodies.loaded[b]:
             bodies.loaded[b] = end.acting[b]
             _bear(bodies, end.loads[b], b)
-    for r in range(6):
+    for r in range(7):
         bodies.handed[r] = end.film[r]
-    bodies.handed[6] = end.figures[0]
 
 
 @device_function

@@ -225,7 +225,8 @@ class _Step:
     def presses(self) -> bool:
         """Return whether the film presses on bodies where the last trial has ended."""
         assert self._planes is not None, "there are bodies"
-        return bool(self._planes.at(self._soft.state.positions).normal_force[self._levers.mine].any())
+        pressing = self._planes.at(self._soft.state.positions).normal_force > 0.0
+        return bool((pressing | self._planes.glued)[self._levers.mine].any())
 
     def held_N_m(self) -> float:
         """Return the trace of the stiffness of the contacts where the last trial has ended."""

@@ -109,10 +109,11 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, jacobian: Array, added:
 class Bodies:
     """Loads on bodies, and how they answer; a view into a scene's model and state.
 
-    `applied` (bodies, 6) are MuJoCo's loads about `mass_centers` (bodies, 3) [m]; `loaded` names the bodies
-    that bear a load of `apply`, and `bearing` (bodies,) is 1 for these. `spins` (bodies, 6) are MuJoCo's
-    velocities, angular then linear, at the centres of mass `tree_centers` (bodies, 3) [m] of their trees,
-    each in row `roots` (bodies,); `flange` is the body that goes with it, `foresight` how all will move.
+    `applied` (bodies, 6) are MuJoCo's loads about `mass_centers` (bodies, 3) [m]; `loaded` names the
+    bodies that bear a load of `apply`, and `bearing` (bodies,) is 1 for these. `spins` (bodies, 6) are
+    MuJoCo's velocities, angular then linear, at the centres of mass `tree_centers` (bodies, 3) [m] of
+    their trees, each in row `roots` (bodies,); `positions` (bodies, 3) [m] and `axes` (bodies, 9) are the
+    bodies' frames; `flange` is the body that goes with it, `foresight` how all will move.
     `carried` is what the arm's joints carry.
 
     Args:
@@ -130,6 +131,8 @@ class Bodies:
         self._movable: Mask = (model.body_weldid != 0) & ~driven
         self.applied: Array = data.xfrc_applied
         self.mass_centers: Array = data.xipos
+        self.positions: Array = data.xpos
+        self.axes: Array = data.xmat
         self.bearing: IntArray = np.zeros(model.nbody, np.int64)
         self.spins: Array = data.cvel
         self.tree_centers: Array = data.subtree_com

@@ -36,6 +36,7 @@ class HostModel:
     Args:
         spec: from which it is compiled; None: it has been.
         at: name of the site or body.
+        far: name of the one that the soft robot's tip is glued to; None for none.
         timestep_s: of MuJoCo.
         gravity: (3,) [m/s^2].
         steps: of MuJoCo in a tick.
@@ -43,30 +44,33 @@ class HostModel:
 
     spec: mujoco.MjSpec | None
     at: str
+    far: str | None
     timestep_s: float
     gravity: tuple[float, float, float]
     steps: int
 
     @classmethod
-    def of(cls, source: HostSource, at: str, tick_s: float | None) -> HostModel:
+    def of(cls, source: HostSource, at: str | tuple[str, str], tick_s: float | None) -> HostModel:
         """Return a model that has the site or body.
 
         Args:
             source: specification, which may get a massless body; or a compiled model; or path of an MJCF.
-            at: name of a site, or else of a body.
+            at: name of a site, or else of a body; or two, the second for the soft robot's tip.
             tick_s: of the soft robot; None: MuJoCo's timestep.
 
         Raises:
             InputError: MuJoCo refuses it, it has no such site or body, or its steps will not do.
         """
         spec, model = _read(source)
+        at, far = (at, None) if isinstance(at, str) or len(at) != 2 else at
         mounting = find_mounting(model, at)
+        _find_far(model, mounting, far)
         _check_steps(model)
         if spec is not None and model.body_simple[mounting.body]:
             # MuJoCo keeps no whole mass matrix of a body without children; what it carries needs one
             (spec.site(at).parent if mounting.kind == SITE else spec.body(at)).add_body(name=_free_name(spec))
         timestep_s = float(model.opt.timestep)
-        return cls(spec, at, timestep_s, _gravity(model), _steps(tick_s, timestep_s))
+        return cls(spec, at, far, timestep_s, _gravity(model), _steps(tick_s, timestep_s))
 
     def scene(self, model: mujoco.MjModel, data: mujoco.MjData) -> HostScene:
         """Return the scene of a compiled model with its state.
@@ -88,7 +92,7 @@ class HostModel:
                 raise InputError(
                     f"model.opt.{what} is {one}, and was {other} when it was attached to; set it before"
                 )
-        return HostScene(model, data, mounting, self.steps)
+        return HostScene(model, data, (mounting, _find_far(model, mounting, self.far)), self.steps)
 
 
 def find_mounting(model: mujoco.MjModel, name: str) -> Mounting:
@@ -109,6 +113,18 @@ def find_mounting(model: mujoco.MjModel, name: str) -> Mounting:
     sites = _listed(model.site(k).name for k in range(model.nsite))
     bodies = _listed(model.body(k).name for k in range(1, model.nbody))
     raise InputError(f"at is {name!r}, which is no site or body; sites: {sites}; bodies: {bodies}")
+
+
+def _find_far(model: mujoco.MjModel, mounting: Mounting, name: str | None) -> Mounting | None:
+    """Return where the tip of a mounted soft robot is glued to.
+
+    Raises:
+        InputError: no site or body has that name, or it goes with the mount.
+    """
+    far = None if name is None else find_mounting(model, name)
+    if far is not None and model.body_weldid[far.body] == model.body_weldid[mounting.body]:
+        raise InputError(f"at: {name!r} goes rigidly with what carries the soft robot; name another body")
+    return far
 
 
 def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:

@@ -134,14 +134,17 @@ class HostScene(CoupledScene):
     Args:
         model: somebody's.
         data: its state.
-        mounting: where the soft robot hangs.
+        ends: where the soft robot hangs, and where its tip is glued to; None for nowhere.
         steps: of MuJoCo in a tick.
     """
 
     steps_itself = False
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, steps: int) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, ends: tuple[Mounting, Mounting | None], steps: int
+    ) -> None:
         super().__init__(model, data, steps * float(model.opt.timestep))
+        mounting, self._far = ends
         self._steps, self._mounting, self._began_s = steps, mounting, 0.0
         self.flange = MountedFrame(model, data, mounting)
         pace = np.ones(2, np.int64)  # how bodies give way is foreseen as if a tick were one step
@@ -164,6 +167,17 @@ class HostScene(CoupledScene):
         return bool(self.bodies.carried.on_arm.any())
 
     @property
+    def far_body(self) -> int | None:
+        """The body that the soft robot's tip is glued to; None for none."""
+        return None if self._far is None else self._far.body
+
+    @property
+    def far_position(self) -> Array:
+        """(3,) [m], world, of the site or body that was named for it."""
+        assert self._far is not None, "there is one"
+        return self._far.frame(self._data)[0].copy()
+
+    @property
     def joint_acceleration(self) -> Array:
         return self._acceleration.copy()
 
@@ -184,10 +198,15 @@ class HostScene(CoupledScene):
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), but for what the mount is part of.
 
+        Neither for the body that the tip is glued to.
+
         Raises:
             InputError: something that collides has no surface that a film could touch.
         """
         geoms = touchable_geoms(self._model, self._mounting.body, fixed_only=fixed_only)
+        if self._far is not None:
+            rigid = self._model.body_weldid
+            geoms = geoms[rigid[self._model.geom_bodyid[geoms]] != rigid[self._far.body]]
         for geom in geoms.tolist():
             kind = mujoco.mjtGeom(self._model.geom_type[geom])
             if kind not in GEOM_TYPES.values():
@@ -197,6 +216,10 @@ class HostScene(CoupledScene):
                     'contype and conaffinity to 0, or attach with overrides={"contact.enabled": False}'
                 )
         return ContactQuery(self._model, self._data, geoms)
+
+    def nothing_touched(self) -> ContactQuery:
+        """Return the distances to nothing."""
+        return ContactQuery(self._model, self._data, [])
 
     def check_clear(self, points: Array) -> None:
         """Check that a film does not begin inside of what it touches.

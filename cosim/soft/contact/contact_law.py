@@ -9,6 +9,7 @@ With the depth s = width / 2 - d, d the distance from the tangent plane, and the
 twice continuously differentiable; deep in contact the pressure is the stiffness per area times -d.
 Friction: u = (1 - n n^T)(y - anchor), energy F f0(|u|), f0' = f1 = 2 z - z^2 for z = |u| / stick < 1 and 1
 beyond, F = friction coefficient x normal force of the last step.
+A glued point is held in every direction: energy k |y - anchor|^2 / 2.
 Source: the smooth friction mollifier of Li et al., Incremental Potential Contact, ACM TOG 39 (2020) 49,
 here on the distance from an anchor instead of the displacement in a step.
 """
@@ -16,12 +17,15 @@ here on the distance from an anchor instead of the displacement in a step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
 from cosim.base.kernels import Matrix, Vector, device_function, small_vector
 from cosim.errors import InputError
+
+GLUED: Final = -1.0
+"""The friction by which a glued point is known."""
 
 
 @final
@@ -98,6 +102,14 @@ def touch(
 ) -> tuple[float, float]:
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
     u = small_vector(3)
+    if friction == GLUED:
+        square = 0.0
+        for r in range(3):
+            own[r] = stiffness * (point[r] - anchor[r])
+            square += (point[r] - anchor[r]) ** 2
+            for c in range(3):
+                tangent[r, c] = stiffness if r == c else 0.0
+        return 0.5 * stiffness * square, 0.0
     distance, along = -offset, 0.0
     for r in range(3):
         distance += n[r] * point[r]

@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import (
     Blocks,
     IndexTable,
@@ -27,7 +27,7 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.soft.contact.contact_law import ContactLaw, touch
+from cosim.soft.contact.contact_law import GLUED, ContactLaw, touch
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import add_block
 
@@ -134,7 +134,7 @@ class ContactPlanes:
         normal: (k, 3), unit, out of the obstacle.
         offset: (k,) [m], n . y - offset is the distance.
         stiffness: (k,) [N/m].
-        friction: (k,) [N], largest friction force.
+        friction: (k,) [N], largest friction force; `GLUED`: a spring holds the point in every direction.
         anchor: (k, 3) [m], world, where the stick springs are tied.
         law: widths of the transitions.
         body: (k,) index of the touched body; empty where nobody asks for it.
@@ -204,7 +204,8 @@ class ContactPlanes:
         pressing = self.stiffness * np.clip(depth / self.law.smoothing_m, 0.0, 1.0)
         dragging = 2.0 * self.friction / self.law.stick_m
         outer = self.normal[:, :, None] * self.normal[:, None, :]
-        return np.asarray(dragging[:, None, None] * np.eye(3) + (pressing - dragging)[:, None, None] * outer)
+        found = dragging[:, None, None] * np.eye(3) + (pressing - dragging)[:, None, None] * outer
+        return self._with_glue(found)
 
     def stiffnesses(self, positions: Array) -> Array:
         """Return the stiffness (k, 3, 3) [N/m] of each contact, derivative of its gradient by its point.
@@ -224,11 +225,19 @@ class ContactPlanes:
         outer = self.normal[:, :, None] * self.normal[:, None, :]
         direction = u / length[:, None]
         slip = direction[:, :, None] * direction[:, None, :]
-        return np.asarray(
+        return self._with_glue(
             (pressing - across)[:, None, None] * outer
             + across[:, None, None] * np.eye(3)
             + (along - across)[:, None, None] * slip
         )
+
+    @property
+    def glued(self) -> Mask:
+        """(k,), which of them are glued."""
+        return np.asarray(self.friction == GLUED)
+
+    def _with_glue(self, stiffness: Array) -> Array:
+        return np.where(self.glued[:, None, None], self.stiffness[:, None, None] * np.eye(3), stiffness)
 
 
 @final
