@@ -26,7 +26,7 @@ BEGIN: dict[str, Any] = {
     "contact.self_contact": False,
     "gravity_m_s2": [0.0, 0.0, 4.0],
     "clock.tick_s": 0.002,
-    "solver.residual_tolerance_N": 2e-10,  # rounding: 1e-9 at rest moves the end's differences by 1e-5 of them
+    "solver.residual_tolerance_N": 2e-10,  # rounding; 1e-9 at rest moves differences by 1e-5 of them
     "solver.dynamic_tolerance_N": 1e-12,
     "solver.damping_per_s": 3.0,
     "solver.air_drag_per_s": 1.0,
