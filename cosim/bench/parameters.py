@@ -32,6 +32,9 @@ _ROBOT: Final = "soft_robot."
 _SOLVER: Final = ("solver.damping_per_s", "solver.air_drag_per_s")
 """Losses in time, which no body knows of."""
 _STEP: Final = 3e-5  # of a parameter
+_DRAWN_STEP: Final = 1e-4  # the same where the drawn film changes: stiff film then rounds less
+_LOSSES: Final = {*_SOLVER, "soft_robot.film.loss_factor"}
+_LOSS_STEP: Final = 1e-3  # forces are linear in a loss; with less, a state moves by its rounding only
 _ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass; what is linear in it does not mind
 _STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
 _SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.0, "gas_mass_kg": 0.0}
@@ -119,6 +122,8 @@ class ModelParameter:
             InputError: the mesh changes its nodes or triangles with it, or no value near it is allowed.
         """
         step = _STEP * abs(self.value) if self.value else _ZERO_STEP
+        if _LOSSES.issuperset(self.keys):
+            step = _LOSS_STEP * (abs(self.value) or 1.0)
 
         def built(offset: float) -> SoftSystem:
             if not offset or self.keys[0] in _SOLVER:
@@ -132,7 +137,7 @@ class ModelParameter:
         made = _sided(built, step, self.name)
         if len(made) == len(_CENTRAL) and not np.array_equal(made[0][3].body.positions, drawn.positions):
             with suppress(InputError):  # twice the step may not be allowed
-                made = _scheme(built, _FOURTH, step)
+                made = _scheme(built, _FOURTH, _DRAWN_STEP / _STEP * step)
         law = film_law(model.scenario)
 
         def sides(here: Equilibrium, clamp: Clamp) -> tuple[Side, ...]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias, final
+from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from cosim.base.frames import Array
 from cosim.bench.outputs import Output, Slopes, outputs_of
 from cosim.bench.parameters import AnyParameter, LoadParameter, ParameterName, StaticModel, parameters_of
 from cosim.bench.run_slopes import RunSlopes
+from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError, SensitivityError
@@ -21,6 +22,9 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.quasistatic import QuasistaticSimulation
+
+_TICK_N: Final = 1e-7
+"""Left in a tick at most: what ticks leave acts on the state, and has no derivative."""
 
 
 @final
@@ -104,7 +108,8 @@ def sensitivity(
     the shape; what presses on the film stays pressed on it, and an arm does not give way to the wrench.
 
     In time, the derivatives of the state at rest are carried on by those of each implicit step
-    (`cosim.bench.run_slopes`); a load is then shifted alike in all ticks and at rest.
+    (`cosim.bench.run_slopes`); a load is then shifted alike in all ticks and at rest. A scenario is run with
+    solver.dynamic_tolerance_N of at most 1e-7 N, so that what ticks leave does not count.
 
     Args:
         source: a simulation of fidelity "lumped" or "refined": with mode "quasistatic", taken where it is;
@@ -213,7 +218,11 @@ def _simulation_of(
                 "overrides are for a scenario; branch a simulation: simulation.branch(overrides)"
             )
         return source
-    simulation = Simulation(source, overrides=overrides)
-    if simulation.stage.mode == "quasistatic":
+    scenario = load_scenario(source, overrides)
+    if scenario.mode == "dynamic":
+        bound_N = min(scenario.solver.dynamic_tolerance_N, _TICK_N)
+        scenario = replace(scenario, solver=replace(scenario.solver, dynamic_tolerance_N=bound_N))
+    simulation = Simulation(scenario)
+    if scenario.mode == "quasistatic":
         simulation.step(ticks=simulation.ticks_left)
     return simulation
