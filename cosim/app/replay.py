@@ -110,7 +110,7 @@ def replay(
         overrides: values by key path.
 
     Raises:
-        InputError: the scenario is wrong, or the table asks for what the robot has not.
+        InputError: the scenario is wrong, or the table names parts that the robot has not.
         SolverError: the physics could not be solved.
     """
     rows = table if isinstance(table, JointTable) else JointTable.read(table)

@@ -45,7 +45,7 @@ class JointTable:
     Args:
         name: of the phase, or of the scenario.
         columns: after the time: joints end in ".position_rad" (sliding ones in ".position_m"), cables in
-            ".tension_N" or ".length_m" (what is off the drum), chambers in ".pressure_Pa"; of a run also
+            ".tension_N" or ".length_m" (length off the drum), chambers in ".pressure_Pa"; of a run also
             those of `PAYLOAD`.
         time_s: (n,), from 0 on.
         values: (n, columns) [rad, m, N, Pa], as their names end.
