@@ -87,7 +87,7 @@ class UnreachableError(InputError):
 
 
 class OutputError(CosimError):
-    """Results cannot be written, for want of room or of the directory; the text says what is saved where."""
+    """Results cannot be written, for want of room or of the directory; the text names the saved files."""
 
 
 class WorkerError(CosimError):
@@ -117,7 +117,7 @@ class ConvergenceError(SolverError):
 
 
 class OutOfRangeError(ConvergenceError):
-    """A section model ends before what is asked for; `place` says which section, and where."""
+    """A section model ends before the load that is asked for; `place` says which section, and where."""
 
     def __init__(self, message: str, residual_N: float, iterations: int, place: str) -> None:
         self.place = place

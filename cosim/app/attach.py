@@ -133,7 +133,7 @@ class Attached:
         return self.scenario.clock.tick_s
 
     def before(self, model: Model, data: Data) -> None:
-        """Apply what the soft robot exerts, for one step of MuJoCo.
+        """Apply the wrench of the soft robot, for one step of MuJoCo.
 
         Args:
             model: compiled, of what was attached to.
@@ -263,7 +263,7 @@ class Attached:
         """Ask for pressures, tensions and the like from the next tick on; see `Command`.
 
         Args:
-            command: what it names is reached evenly within a time and held then.
+            command: its values are reached evenly within a time and held then.
             over_s: that time [s]; one tick at least.
 
         Raises:
@@ -358,7 +358,7 @@ class Attached:
         return self._model.body.node_mass.copy()
 
     def measure(self) -> Measurement:
-        """Return what is measured of the present state, without noise; without joints of the scene."""
+        """Return a measurement of the present state, without noise; without joints of the scene."""
         run = self._run
         return run.parts.measured_now(run.tick * self.tick_s, np.array(run.loads.cable_tension_N))
 

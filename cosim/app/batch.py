@@ -81,7 +81,7 @@ class Batch:
     def step(
         self, commands: Command | Sequence[Command | None] | None = None, *, ticks: int = 1
     ) -> tuple[Measurement | None, ...]:
-        """Advance all runs by some ticks, and return what is measured then; None of runs that have failed.
+        """Advance all runs by some ticks, and return their measurements; None for runs that have failed.
 
         Args:
             commands: one for all runs, or one for each; see `Simulation.step`.
@@ -98,7 +98,7 @@ class Batch:
         return self._called("step", {k: asked[k] for k in self._well})
 
     def measure(self) -> tuple[Measurement | None, ...]:
-        """Return what is measured of all runs at present; None of those that have failed."""
+        """Return measurements of all runs at present; None for those that have failed."""
         return self._called("measure", dict.fromkeys(self._well, ()))
 
     def save(self) -> tuple[SavedState | None, ...]:
@@ -112,13 +112,13 @@ class Batch:
         start: SavedState | str | Path | None = None,
         changes: Changes | Sequence[Changes] = None,
     ) -> tuple[Measurement | None, ...]:
-        """Let runs begin again, those that have failed too, and return what is measured of these then.
+        """Let runs begin again, those that have failed too, and return their measurements.
 
         A process that has ended is replaced; other runs of it begin again when they are reset.
 
         Args:
             runs: their numbers; None for all.
-            start: what they continue from; None: from where they began.
+            start: state that they continue from; None: from where they began.
             changes: values by key path that differ until the next reset: for all of them, or for each.
 
         Raises:

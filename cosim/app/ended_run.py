@@ -27,7 +27,7 @@ from cosim.telemetry.summary import Status, phase_cells
 
 
 def load_run(directory: str | Path) -> RunResult:
-    """Return what a run saw: its arrays as they were in memory, its summary, and names of all parts.
+    """Return the record of a run: its arrays as they were in memory, its summary, and names of all parts.
 
     Args:
         directory: that `cosim run` or `cosim.run(..., out=directory)` wrote.

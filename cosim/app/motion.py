@@ -153,7 +153,7 @@ def _of_cables(names: Sequence[str], tension_N: Array, length_m: Array) -> tuple
 def run_path(
     run: RunResult | str | Path, *, phase: str | None = None, rate_Hz: float = _RATE_Hz
 ) -> JointTable:
-    """Return what the joints were asked for in a run, what the soft robot had, and the payload on the flange.
+    """Return the target angles of a run, the pressures and tensions, and the payload on the flange.
 
     Joints between ticks by a cubic spline, all else linearly. Pressures and tensions are those that the run
     had, whoever gave them. The payload is the soft robot in its shape at that instant and what else is on the
@@ -272,8 +272,8 @@ class PayloadTorque:
 def payload_torque(run: RunResult | str | Path) -> PayloadTorque:
     """Return how wrong the torque of a controller is that takes the soft robot for a rigid payload.
 
-    With q of the run, Y p the torque of a payload p by inverse dynamics, w what the soft robot exerts on the
-    flange and p_m what is fixed beside it: wrong = Y p_set - (Y p_m - J^T w).
+    With q of the run, Y p the torque of a payload p by inverse dynamics, w the wrench of the soft robot on
+    the flange and p_m the payload fixed next to it: wrong = Y p_set - (Y p_m - J^T w).
 
     Args:
         run: its result, or its directory; the arm is that of the scenario there.

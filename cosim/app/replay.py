@@ -110,7 +110,7 @@ def replay(
         overrides: values by key path.
 
     Raises:
-        InputError: the scenario is wrong, or the table asks for what the robot has not.
+        InputError: the scenario is wrong, or the table names parts that the robot has not.
         SolverError: the physics could not be solved.
     """
     rows = table if isinstance(table, JointTable) else JointTable.read(table)
@@ -146,22 +146,21 @@ def _driven(run: SteppedRun, steps: Sequence[tuple[Command, int]], frames_per_s:
 
 
 def _speeds(rows: JointTable) -> Array | None:
-    """Return the speed (n, joints) of the joints by central differences; None where they are rough."""
-    speed = np.gradient(rows.joints, rows.time_s, axis=0)
+    """Return the speed (n, joints) of the joints; None where they are rough."""
     steps = np.diff(rows.joints, axis=0) / np.diff(rows.time_s)[:, None]
     change = np.abs(np.diff(steps, axis=0)) / np.diff(rows.time_s)[1:, None]
-    return speed if change.max(initial=0.0) <= _ROUGH_rad_s2 else None
+    return rows.joint_speeds if change.max(initial=0.0) <= _ROUGH_rad_s2 else None
 
 
 def _command(rows: JointTable, k: int, speed: Array | None) -> Command:
-    """Return what a row asks for; the first and the last row are for standing."""
+    """Return what a row asks for."""
     given: dict[str, Any] = {}
     for column, value in zip(rows.columns, rows.values[k].tolist(), strict=True):
         name, _, unit = column.rpartition(".")
         if unit in _MOVES:
             given.setdefault(_MOVES[unit], {})[name] = value
     if speed is not None:
-        given["joint_velocity"] = speed[k] if 0 < k < len(speed) - 1 else np.zeros(speed.shape[1])
+        given["joint_velocity"] = speed[k]
     return Command(joint_position=rows.joints[k], **given)
 
 

@@ -37,8 +37,8 @@ class SavedState(WrittenState):
     """A simulation between two ticks; made by `Simulation.save`.
 
     Args:
-        _run: what the ticks to come depend on, with arrays that the simulation shares.
-        snapshot: what it shows of itself.
+        _run: the state that the ticks to come depend on, with arrays that the simulation shares.
+        snapshot: of that state.
     """
 
     _run: Any
@@ -133,11 +133,11 @@ class Simulation:
     @overload
     def step(self, command: Command | None = None, /, *, ticks: int = 1) -> Snapshot: ...
     def step(self, command: Command | int | None = None, /, *, ticks: int = 1) -> Snapshot:
-        """Advance by some ticks and return what is there then; `step(5)` is `step(ticks=5)`.
+        """Advance by some ticks and return the new state; `step(5)` is `step(ticks=5)`.
 
         Args:
-            command: what is asked of the robot from here on: values are reached evenly within these ticks and
-                held then, what it leaves out stays as it was commanded last; see `Command`.
+            command: to the robot from here on: values are reached evenly within these ticks and
+                held then, values that it leaves out stay as commanded last; see `Command`.
             ticks: of the clock.
 
         Raises:
@@ -170,7 +170,7 @@ class Simulation:
         return self._snapshot
 
     def measure(self, sensors: Sequence[str] = ()) -> Measurement:
-        """Return what is measured of the present state, without noise but for the readings of sensors.
+        """Return a measurement of the present state, without noise but for the readings of sensors.
 
         Args:
             sensors: names of those whose readings take the place of the truth.
@@ -242,7 +242,7 @@ class Simulation:
     def reset(
         self, start: SavedState | str | Path | None = None, changes: Mapping[str, Any] | None = None
     ) -> Snapshot:
-        """Begin again, with the scenario that the simulation was made with, and return what is there then.
+        """Begin again, with the scenario that the simulation was made with, and return the new state.
 
         The ticks to come are those of a new simulation of that scenario and start, bit for bit. Nothing in a
         scenario is random but the noise of sensors, see `seed_sensors`; for random scenarios, draw `changes`.

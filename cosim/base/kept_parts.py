@@ -96,7 +96,7 @@ class KeptParts:
     """Holds the parts that were made or taken last, a few of each kind.
 
     Nobody changes a part that is in here. Its name holds everything that making it depends on, so a part that
-    is taken is, bit for bit, the one that would be made. Not for several threads at once.
+    is taken is bit-identical to the one that would be made. Not for several threads at once.
 
     Args:
         folder: in which parts that take long to make are kept for other processes; None: nowhere.
@@ -111,7 +111,7 @@ class KeptParts:
 
         Args:
             kind: of part.
-            name: of what it is made of, see `name_of`.
+            name: of its ingredients, see `name_of`.
             make: makes it; where it raises, nothing is kept.
             most: how many of the kind are kept, those that were made or taken last.
         """
@@ -128,7 +128,7 @@ class KeptParts:
         return cast(Kind, part)
 
     def forget(self, kind: str, name: str) -> None:
-        """Let a part go, of which what it was made of has changed.
+        """Let a part go whose ingredients have changed.
 
         Args:
             kind: of the part.

@@ -172,7 +172,7 @@ def linearise(simulation: Simulation, *, motions: int = 40) -> LinearModel:
 
     The soft half of a tick is exact: tangent, mass and losses of its implicit step, losses along cables
     held. Of a film, it is that of its slowest natural modes, and of how it gives way to each load and lags
-    behind the flange; what is faster follows at once. The rigid half is by central differences of MuJoCo's
+    behind the flange; faster motion follows at once. The rigid half is by central differences of MuJoCo's
     step. Contact is not part of it.
 
     Args:

@@ -65,8 +65,7 @@ def check_robot(robot: SoftRobotTable) -> None:
 def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
     """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and can continue.
 
-    Where the flange goes for a target or path of the tip is not known without statics, nor is what the way
-    leads into looked at.
+    What takes statics or minutes is left to runs: see `left_to_runs`.
 
     Args:
         scenario: checked by `load_scenario`.
@@ -100,6 +99,17 @@ def check_arms(scenario: ArmsScenario) -> None:
         with faults, of_arm(name):
             check_built(one, kept)
     faults.tell()
+
+
+def left_to_runs(scenario: Scenario) -> tuple[str, ...]:
+    """Return what `check_built` leaves to runs, as it takes statics or minutes; they may refuse it."""
+    aimed = [repr(phase.name) for phase in scenario.phases if phase.tip_key is not None]
+    found = [f"whether the tip can follow phase {', '.join(aimed)}"] if aimed else []
+    if scenario.plan.collision == "refuse" and scenario.robot != NO_ARM:
+        found.append("whether the way is clear (plan.collision)")
+    if scenario.fidelity in ("section", "auto"):
+        found.append("whether the film has a section model (fidelity)")
+    return tuple(found)
 
 
 def check_designs(study: StudyTable) -> None:

@@ -72,7 +72,7 @@ def _add_identify(commands: Any) -> None:
     bench.add_argument(
         "--out", metavar="DIR", type=Path, help="where to (default: runs/ and the file's name)"
     )
-    bench.add_argument("--check", action="store_true", help="only say what the data can tell")
+    bench.add_argument("--check", action="store_true", help="only print which values the data determine")
     bench.add_argument("--force", action="store_true", help="fit whatever the check says")
 
 
@@ -111,7 +111,7 @@ def _add_replay(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
-    export = commands.add_parser("export", help="write what a run saw for other programs")
+    export = commands.add_parser("export", help="write the record of a run for other programs")
     export.add_argument("directory", metavar="DIR", type=Path, help="directory of a run")
     export.add_argument("--csv", action="store_true", help="all curves as one table, arrays.csv")
     export.add_argument("--vtk", action="store_true", help="the deformed film, film.pvd and its .vtp files")
@@ -147,7 +147,7 @@ def _add_export_fmu(commands: Any) -> None:
 
 def _add_compare(commands: Any) -> None:
     compare = commands.add_parser(
-        "compare", help="replay what a robot was asked for, and compare what was measured"
+        "compare", help="replay the commands to a robot, and compare its measured motion"
     )
     compare.add_argument(
         "scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file"
@@ -160,7 +160,7 @@ def _add_compare(commands: Any) -> None:
 
 
 def _add_twin(commands: Any) -> None:
-    twin = commands.add_parser("twin", help="follow a robot while it moves, and show what is predicted")
+    twin = commands.add_parser("twin", help="follow a robot while it moves, and show predictions")
     twin.add_argument("scenario", metavar="SCENARIO", help="name (see 'cosim list') or path of a .toml file")
     streams = (
         "rtde:HOST[:PORT], joints of a UR; or lines of JSON: tcp:HOST:PORT, file:PATH (a serial line too), "
@@ -205,7 +205,7 @@ def _add_drawing(command: Any) -> None:
 def _add_pattern(commands: Any) -> None:
     pattern = commands.add_parser("pattern", help="look at cut patterns of soft robots, and write them")
     actions = pattern.add_subparsers(dest="action", required=True, metavar="ACTION")
-    check = actions.add_parser("check", help="say what a drawing is understood as, or what is wrong where")
+    check = actions.add_parser("check", help="describe a drawing as cosim reads it, or list its errors")
     check.add_argument("file", metavar="FILE", help="a drawing (.dxf, .svg), or a soft robot's name or file")
     check.add_argument("--png", metavar="PNG", type=Path, help="draw it as well")
     _add_drawing(check)
@@ -252,7 +252,7 @@ def _add_sweep(commands: Any) -> None:
         "--out",
         metavar="DIR",
         type=Path,
-        help="directory of the results (default: runs/STUDY); what is known there is not run again",
+        help="directory of the results (default: runs/STUDY); designs that are done there are not run again",
     )
     sweep.add_argument(
         "--engine",
@@ -286,7 +286,7 @@ def _add_trade(commands: Any) -> None:
         "--against",
         choices=("finest", "refined"),
         default="finest",
-        help="what a choice is measured against: its mesh at the finest tick, or a wrinkling film, refined",
+        help="reference of the errors: its mesh at the finest tick, or a wrinkling film, refined",
     )
     trade.add_argument("--quick", action="store_true", help="fewer candidates, none with a refined mesh")
     trade.add_argument(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -110,24 +111,29 @@ def _arm_line(name: str) -> str:
     return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, home, "both engines agree"))
 
 
-def _check_built(path: Path) -> None:
-    """Check what a scenario, robot or study file describes.
+def _check_built(path: Path) -> str:
+    """Check what a scenario, robot or study file describes; return what is left to runs, empty for nothing.
 
     Raises:
         ScenarioError: keys or values are wrong, or it cannot be built.
     """
     found = load_arms(path) if path.suffix == ".toml" and has_arms(path) else load_file(path)
     # imported here: a file that cannot be read needs no engine
-    from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot
+    from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot, left_to_runs
 
+    if isinstance(found, StudyTable):
+        check_designs(found)
+        return ""
     if isinstance(found, ArmsScenario):
         check_arms(found)
-    elif isinstance(found, StudyTable):
-        check_designs(found)
     elif isinstance(found, Scenario):
         check_built(found)
     else:
         check_robot(found)
+        return ""
+    scenarios = found.arms.values() if isinstance(found, ArmsScenario) else (found,)
+    left = "; ".join(dict.fromkeys(chain.from_iterable(map(left_to_runs, scenarios))))
+    return left and f"; only a run shows: {left}"
 
 
 def arm_lines() -> list[str]:
@@ -153,7 +159,7 @@ def _checked(name: str, fine: str) -> bool:
         if is_of_menagerie(name) or (is_file(path) and is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
-            _check_built(path if is_file(path) else scenario_path(name))
+            fine += _check_built(path if is_file(path) else scenario_path(name))
     except ScenarioError as error:
         faults = error.faults
     for place, problem in faults:

@@ -136,7 +136,7 @@ def live_view(*, web: bool, recording: bool) -> Iterator[LiveView]:
         InputError: there is no display, or nothing is recorded.
     """
     if not recording:
-        raise InputError("--no-recording: a live view shows what is recorded; leave one of them out")
+        raise InputError("--no-recording: a live view shows the recording; leave one of them out")
     view = LiveView("page" if web else "window")
     try:
         yield view

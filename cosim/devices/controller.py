@@ -34,7 +34,7 @@ class Measurement(Shown):
 
     Args:
         time_s: simulated time.
-        setpoint: what the phase asks of the controller that looks, in the unit of what it controls; None:
+        setpoint: of the phase for the controller that looks, in the unit of the controlled value; None:
             nothing, or nobody does.
         tip_wanted: (3,) [m], world, where the phase's tip path or tip target has the tip now; free components
             are not numbers; None: nowhere, or no controller looks.
@@ -133,7 +133,7 @@ class Controller(ABC, Generic[State]):
         """Return the state in which a phase begins that uses this controller after one that did not.
 
         Args:
-            seen: what is measured then.
+            seen: the measurement then.
         """
 
     @abstractmethod
@@ -141,8 +141,8 @@ class Controller(ABC, Generic[State]):
         """Return the state afterwards and the command that holds for the next period.
 
         Args:
-            state: what the call before has returned, or `start`.
-            seen: what is measured now.
+            state: of the call before, or `start`.
+            seen: the measurement now.
         """
 
 

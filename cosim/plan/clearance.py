@@ -200,7 +200,7 @@ def check_clearances(clearances: PathClearances | None, plan: Plan, settings: Pl
     more = f" (and {others} more)" if others else ""
     raise ScenarioError(
         flange_key(plan.phases[first.phase].phase),
-        f"{first.text(names)}{more}; lead the flange around it, move what is in the way, or run all the same "
+        f"{first.text(names)}{more}; lead the flange around it, move the obstacle, or run all the same "
         "with plan.collision = 'warn'",
     )
 

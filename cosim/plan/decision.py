@@ -84,7 +84,7 @@ class Choices:
         if self.contact.included and not here.contact.included:
             raise InputError(
                 f"{here.contact.switch}: contact with the scene is left out ({here.contact.reason}), in the "
-                f"run whose state it goes on from it is modelled ({self.contact.reason}); leave "
+                f"run whose state it continues it is modelled ({self.contact.reason}); leave "
                 f"{here.contact.switch} as it is there, or restart without contact"
             )
         if here.contact.included and self.contact.switch == CONTACT_ENABLED and not self.contact.included:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final, Self, final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from cosim.base.files import write_whole
 from cosim.base.frames import Array
@@ -44,7 +45,7 @@ class JointTable:
     Args:
         name: of the phase, or of the scenario.
         columns: after the time: joints end in ".position_rad" (sliding ones in ".position_m"), cables in
-            ".tension_N" or ".length_m" (what is off the drum), chambers in ".pressure_Pa"; of a run also
+            ".tension_N" or ".length_m" (length off the drum), chambers in ".pressure_Pa"; of a run also
             those of `PAYLOAD`.
         time_s: (n,), from 0 on.
         values: (n, columns) [rad, m, N, Pa], as their names end.
@@ -74,6 +75,16 @@ class JointTable:
     def joints(self) -> Array:
         """(n, joints) [rad], of sliding ones [m]."""
         return self.values[:, : len(self.joint_names)]
+
+    @property
+    def joint_speeds(self) -> Array:
+        """(n, joints) of the cubic spline through the joints, from rest to rest [rad/s, m/s].
+
+        Differences would miss a sixth of the jerk times the square of a step, which servos see.
+        """
+        speeds = np.asarray(CubicSpline(self.time_s, self.joints, bc_type="clamped")(self.time_s, 1))
+        speeds[[0, -1]] = 0.0  # not rounded ones
+        return speeds
 
     def csv_text(self) -> str:
         """Return the table as CSV: a line of heads, then numbers that read back to the bit."""
@@ -131,13 +142,12 @@ class JointTable:
     def trajectory_text(self) -> str:
         """Return a `trajectory_msgs/msg/JointTrajectory` of ROS 2 as YAML, as `ros2 topic pub` takes it.
 
-        Positions, and velocities by central differences; tensions and pressures have no place in it.
+        Positions, and velocities of a spline; tensions and pressures have no place in it.
         """
-        speed = np.gradient(self.joints, self.time_s, axis=0)
         lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}"]
         lines += [f"joint_names: {json.dumps(self.joint_names)}", "points:"]
         for time_s, place, rate in zip(
-            self.time_s.tolist(), self.joints.tolist(), speed.tolist(), strict=True
+            self.time_s.tolist(), self.joints.tolist(), self.joint_speeds.tolist(), strict=True
         ):
             sec, nanosec = divmod(round(1e9 * time_s), 10**9)
             lines.append(

@@ -280,8 +280,8 @@ class RunResult(RigidColumns):
         phase: (rows,), index into `stage.phase_names`.
         joint_position: (rows, joints) [rad], of the arm; a joint that slides has metres.
         joint_velocity: (rows, joints) [rad/s], in statics the mean one over the increment.
-        joint_torque: (rows, joints) [N m], that the servos gave in the tick; at rest, what they hold with.
-        joint_target: (rows, joints) [rad], what the servos were asked for.
+        joint_torque: (rows, joints) [N m], that the servos gave in the tick; at rest, their holding torque.
+        joint_target: (rows, joints) [rad], targets of the servos.
         body_position: (rows, bodies, 3) [m], of the frames of the arm's links and the objects, world.
         body_quaternion: (rows, bodies, 4), (w, x, y, z), world from body.
         body_contact_force: (rows, bodies, 3) [N], of the soft robot's contacts on each body, world axes.
@@ -302,7 +302,7 @@ class RunResult(RigidColumns):
         cable_length_m: (rows, cables), of the routes; (rows, 0) without devices or commanded lengths.
         cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
         sensor_reading: (rows, readings) [1], of all sensors, each in its unit; see `sensor`.
-        sensor_truth: (rows, readings) [1], what they measure, at the same instants.
+        sensor_truth: (rows, readings) [1], true values, at the same instants.
         bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
         residual_N: (rows,), largest force component that the soft step was left with.
         newton_iterations: (rows,), of the soft step.
@@ -310,7 +310,7 @@ class RunResult(RigidColumns):
         stability_ratio: (rows,), of the coupling; stable below 1.
         contacts: (rows,), points of the film that press on something.
         contact_force_N: (rows,), sum of their normal forces.
-        contact_depth_m: (rows,), of the deepest point in what it presses on.
+        contact_depth_m: (rows,), of the deepest point in the pressed body.
         self_contacts: (rows,), points of the film that press on another film of the soft robot.
         self_contact_force_N: (rows,), sum of their normal forces.
         self_contact_depth_m: (rows,), of the deepest point behind another film.

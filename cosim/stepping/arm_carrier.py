@@ -110,7 +110,7 @@ class ArmCarrier(SceneCarrier):
         if not isinstance(coupling, StaggeredCoupling):
             raise InputError("a linear model is of the staggered exchange: set coupling.scheme = 'staggered'")
         if coupling.interface.touched.count:
-            raise InputError("a linear model has no contact; move the soft robot off what it touches")
+            raise InputError("a linear model has no contact; move the soft robot off all bodies")
 
         def servos(position: Array, velocity: Array) -> Servos:
             still = np.zeros((1, len(position)))

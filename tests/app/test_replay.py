@@ -66,12 +66,20 @@ def test_a_replayed_plan_moves_as_the_planned_run(asked: tuple[Path, JointTable,
     first = int(np.argmin(np.abs(found.result.time_s - found.begin_s)))
     count = len(planned.tick)
     assert len(found.result.tick) == first + count
-    np.testing.assert_allclose(found.result.joint_position[first:], planned.joint_position, atol=2e-5)
+    np.testing.assert_allclose(found.result.joint_position[first:], planned.joint_position, atol=1e-6)
     np.testing.assert_allclose(found.result.tip_position[first:], planned.tip_position, atol=2e-5)
     np.testing.assert_allclose(found.result.pressure_Pa[-1], 25e3)
     np.testing.assert_allclose(found.result.cable_tension_N[-1], [1.0, 0.0])
     assert not found.compared
     assert "nothing was measured" in repr(found)
+
+
+def test_speeds_are_those_of_the_planned_motion_and_zero_at_its_ends() -> None:
+    s = np.linspace(0.0, 1.0, 126)
+    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # a ramp of 1 rad and 1 s, from rest to rest
+    table = JointTable("ramp", ("j.position_rad",), s, smooth[:, None])
+    np.testing.assert_allclose(table.joint_speeds[:, 0], 30.0 * s**2 * (1.0 - s) ** 2, atol=2e-5)
+    assert table.joint_speeds[[0, -1], 0].tolist() == [0.0, 0.0]
 
 
 def test_delay_noise_and_offset_of_what_was_measured_are_found(

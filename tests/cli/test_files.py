@@ -14,7 +14,21 @@ from cosim.cli.main import main
 def test_fine_files_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     robot = str(soft_robot_path("hexagon_arm"))
     assert main(["check", "ur5e_hexagon_arm", robot]) == 0
-    assert capsys.readouterr().out == f"ur5e_hexagon_arm: fine\n{robot}: fine\n"
+    left = "only a run shows: whether the tip can follow phase 'lift', 'reach'"
+    assert capsys.readouterr().out == f"ur5e_hexagon_arm: fine; {left}\n{robot}: fine\n"
+
+
+def test_what_a_check_leaves_to_runs_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = scenario_path("light_hexagon_arm").read_text(encoding="utf-8")
+    Path("mine.toml").write_text(f'fidelity = "section"\nplan.collision = "refuse"\n{text}')
+    assert main(["check", "mine.toml"]) == 0
+    assert capsys.readouterr().out == (
+        "mine.toml: fine; only a run shows: whether the tip can follow phase 'lift'; whether the way is "
+        "clear (plan.collision); whether the film has a section model (fidelity)\n"
+    )
 
 
 def test_each_fault_is_a_line_and_a_later_file_is_still_checked(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -65,6 +67,24 @@ def test_overrides_enter_nothing_but_tables(parent: str, value: object) -> None:
     with pytest.raises(ScenarioError, match=f"^{parent}.1: cannot be set: {parent} is not a table$"):
         apply_override(tables, f"{parent}.1.more", 0.0)
     assert tables == {parent: value}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "remedy"),
+    [
+        ("start.flange.position_m[0]", 0.4, "start.flange.position_m=[0.3, 0.0, 0.7]"),
+        ("phase[1].duration_s", 2.0, "phase.inflate.duration_s;"),
+        ("phase[lift].duration_s", 2.0, "phase.lift.duration_s;"),
+        ("phase[99].duration_s", 2.0, "phase.hang.duration_s;"),
+        ("soft_robot.cable[0].corner", 1, "soft_robot.cable.right.corner;"),
+    ],
+)
+def test_a_place_in_brackets_is_refused_with_a_key_that_works(key: str, value: float, remedy: str) -> None:
+    with pytest.raises(ScenarioError, match=rf"^{re.escape(key)}: ") as refused:
+        load_scenario(REFERENCE, {key: value})
+    assert f" {remedy}" in f"{refused.value};"
+    named, _, whole = remedy.rstrip(";").partition("=")
+    load_scenario(REFERENCE, {named: json.loads(whole) if whole else value})
 
 
 def test_overrides_reach_every_kind_of_place() -> None:

@@ -139,7 +139,7 @@ def _named_link(joint: ElementTree.Element, end: str, names: set[str], path: Pat
     link = link_of(joint, end)
     if link not in names:
         where = f"arm file {path}: joint {joint.get('name')!r}"
-        raise InputError(f"{where}: its {end} is link {link!r:.80}; there is none of that name")
+        raise InputError(f"{where}: its {end} is link {link!r:.80}; no such name is there")
     return link
 
 

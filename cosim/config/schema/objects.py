@@ -194,7 +194,7 @@ class ObjectTable(_Shaped):
         center_of_mass_m: in the object's frame, together with inertia_kg_m2.
         friction: coefficient of sliding; contact.pair_friction says what two of them make.
         torsional_friction_m: of turning on the spot, torque by normal force; of the two that touch the larger
-            counts. Film has none of its own.
+            counts. Film has none.
         rolling_friction_m: of rolling, the same.
         hinge: that it hangs on; needs mass_kg.
         slide: the same; an object has one of them, or none.

@@ -318,9 +318,9 @@ class ForceTable:
 @final
 @dataclass(frozen=True)
 class PhaseTable:
-    """One stretch of the run; what is omitted stays as it is.
+    """One stretch of the run; omitted values stay as they are.
 
-    What belongs to the gas is one value for all chambers, or a list, or a table by chamber.
+    Values of the gas are one value for all chambers, or a list, or a table by chamber.
 
     Args:
         name: of the phase; overrides, curves and the summary call it by that.
@@ -328,8 +328,8 @@ class PhaseTable:
         settle_s: held afterwards, at the end values.
         increments: of the ramp, in the quasistatic mode.
         ramp: "smooth" is the minimum-jerk quintic.
-        gas: "prescribed": the pressure is given; "sealed": what is in the chamber when the phase starts stays
-            in it, and its pressure follows from the volume. Prescribed until a phase seals it.
+        gas: "prescribed": the pressure is given; "sealed": the gas in the chamber at the phase's start stays in it,
+            and its pressure follows from the volume. Prescribed until a phase seals it.
         leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
         pressure_Pa: gauge pressure at the end of the ramp.
         cable_tension_N: at the base end of each cable, at the end of the ramp; in the file a list, or a table
@@ -356,10 +356,10 @@ class PhaseTable:
         cell_speed_rad_s: the same of its hinges.
         release: rings let go when the phase starts, before anything else is held.
         clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
-        supports: `[[phase.support]]` in the file; held from here on, besides what is held already.
+        supports: `[[phase.support]]` in the file; held from here on, in addition to the rings held already.
         forces: `[[phase.force]]` in the file; together they replace the forces of earlier phases.
         tip_target: where the tip should end up.
-        tip_path: what path the tip follows, with a time law of its own in place of `ramp`.
+        tip_path: path that the tip follows, with a time law in place of `ramp`.
     """
 
     name: Name

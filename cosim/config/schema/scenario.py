@@ -43,8 +43,8 @@ class CouplingTable:
 
     Args:
         scheme: "staggered": one step of each side a tick, loads act one tick later, algorithmic mass rides
-            along where the soft robot is heavy for what it acts on; "iterated": a tick is repeated until the
-            loads agree; "auto": iterated only where the staggered exchange would need algorithmic mass.
+            along where the soft robot is heavy for the bodies that it acts on; "iterated": a tick is repeated
+            until the loads agree; "auto": iterated only where the staggered exchange would need algorithmic mass.
         tolerance: largest difference of the loads over their size, where they agree.
         iterations_max: trials of a tick before the run fails.
     """
@@ -136,7 +136,7 @@ class SolverTable:
 class PlanTable:
     """What the planned way of the arm is checked for, before anything runs.
 
-    Links count always; the soft robot, in its drawn shape, where the run does not model what it touches.
+    Links count always; the soft robot, in its drawn shape, where the run does not model its contact.
 
     Args:
         collision: of a link with another one, or with what no load can move. "refuse": it does not run;
@@ -188,8 +188,8 @@ class ContactTable:
             With `model.published` "auto" is false. A section model has it in the energy of its sections,
             between neighbouring units and without friction.
         self_friction: coefficient of sliding between films; without meaning in the quasistatic mode.
-        film_friction: coefficient of sliding of the film on all else; omitted: that of what it touches.
-        pair_friction: what the coefficients of two that touch make, rigid bodies and film alike: the
+        film_friction: coefficient of sliding of the film on all else; omitted: that of the touched body.
+        pair_friction: how the coefficients of two that touch combine, rigid bodies and film alike: the
             "largest", the "smallest", their "mean", or the "root" of their product.
         pairs: `[[contact.pair]]` in the file.
     """
@@ -422,8 +422,8 @@ class ControllerTable:
         kind: "bang_bang": raises or lowers its output by `increment` per period; "pi": proportional and
             integral; "python": handed to `cosim.run(..., controllers={name: controller})`.
         period_s: between two samples, a whole number of ticks; the command holds in between.
-        measures: what it keeps at its setpoint; "tip_position_m": where the `tip_path` or `tip_target` of the
-            phase has the tip, with kind "pi" and commands "flange_twist".
+        measures: the value that it keeps at its setpoint; "tip_position_m": where the `tip_path` or `tip_target`
+            of the phase has the tip, with kind "pi" and commands "flange_twist".
         commands: its output; "flange_twist": the flange moves besides its plan, without turning.
         cables: that it moves, all alike.
         sensors: names of those whose readings it sees in place of the truth.

@@ -30,10 +30,10 @@ class SensorTable:
 
     Args:
         name: of the sensor; controllers name it in `sensors`.
-        kind: what it measures, in Pa, m, N, N m or rad; forces, torques and directions along the world's
+        kind: of the measured value, in Pa, m, N, N m or rad; forces, torques and directions along the world's
             axes.
         of: names of the chambers or cables that it measures; omitted: all. Other kinds have no names.
-        noise: standard deviation of white noise, in the unit of what is measured; one for all values, or one
+        noise: standard deviation of white noise, in the unit of the kind; one for all values, or one
             for each.
         bias: constant error, in that unit; likewise.
         delay_s: age of a reading; rounded to whole ticks.

@@ -251,7 +251,7 @@ class CableTable:
         damping_Ns_m: tension per rate of that stretch, of a cable that creeps (Kelvin-Voigt), in time.
         eyelet_loss_N: tension lost at each eyelet besides, whatever the tension.
         losses: "one_way": tension falls from the base on, whichever way the cable slides, as in the paper's
-            model; "directed": against the way it slides, with stick and slip of its own at each eyelet.
+            model; "directed": against the way it slides, with separate stick and slip at each eyelet.
     """
 
     name: Name
@@ -341,8 +341,8 @@ class PalmTable:
         mass_kg: of the disc.
         rgba: colour: red, green, blue, opacity.
         friction: coefficient of sliding.
-        contact_time_s: in which what touches it comes to move with it; what it holds slips in proportion. A
-            tick is taken where that is longer.
+        contact_time_s: in which a body that touches it comes to move with it; a held one slips in proportion.
+            A tick is taken where that is longer.
     """
 
     radius_m: Positive

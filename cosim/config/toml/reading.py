@@ -12,7 +12,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -33,6 +33,7 @@ class Fault(NamedTuple):
     problem: str
 
 
+_LONGEST_EXAMPLE: Final = 200  # characters
 _PLAIN: Final = "_plain"
 """Where a guarded class keeps the one that it represents."""
 
@@ -318,8 +319,11 @@ def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
     `phase.inflate.pressure_Pa` or `phase.2.pressure_Pa`. A table that gets another kind loses its other keys.
 
     Raises:
-        ScenarioError: the path enters something that is neither a table nor a list of tables.
+        ScenarioError: the path enters something that is neither a table nor a list of tables, or has a place
+            in brackets.
     """
+    if "[" in path:
+        _refuse_brackets(table, path)
     *parents, last = path.split(".")
     holder: Any = None
     here: Any = table
@@ -333,6 +337,24 @@ def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
     if isinstance(holder, dict) and _other_kind(here, {last: value}):
         here.clear()
     here[last] = only_readable(value)
+
+
+def _refuse_brackets(table: dict[str, Any], path: str) -> None:
+    """Refuse a place in brackets within a path, if there is a list there; say how to write it instead."""
+    key, _, rest = path.partition("[")
+    place, _, rest = rest.partition("]")
+    here: Any = deepcopy(table)  # a table that is not there is entered too
+    for depth, part in enumerate(parts := key.split(".")):
+        here = _enter(here, part, ".".join(parts[:depth]))
+    if not isinstance(here, list) or not here:
+        return
+    if not all(isinstance(entry, dict) for entry in here):
+        such = f", such as {key}={here}" if len(str(here)) <= _LONGEST_EXAMPLE else ""
+        raise ScenarioError(path, f"an entry of a list cannot be set alone; set {key} as a whole{such}")
+    names = {str(index): entry.get("name", index + 1) for index, entry in enumerate(here)}
+    name = place if place in names.values() else names.get(place, next(iter(names.values())))
+    problem = f"entries are named, or counted from 1; write {key}.{name}{rest}; there are: "
+    raise ScenarioError(path, problem + ", ".join(map(str, names.values())))
 
 
 def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -294,7 +294,7 @@ class HostScene(CoupledScene):
             return
         if now < began + 0.5 * step_s and np.count_nonzero(self._data.warning.number):
             raise InstabilityError(
-                f"MuJoCo's state became unstable at {began:.4f} s and it began anew; check masses, loads and "
+                f"MuJoCo's state became unstable at {began:.4f} s and it restarted; check masses, loads and "
                 "servos, or use a shorter timestep"
             )
         raise InputError(
