@@ -7,7 +7,7 @@ DEMO_DIR := runs/demo
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check docs site format lint types benchmark clean
+.PHONY: help demo test kernels check docs site format lint types benchmark clean
 
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
@@ -27,13 +27,17 @@ demo: .venv/installed
 	@echo "The recording is $(DEMO_DIR)/recording.rrd, its figures are in $(DEMO_DIR)/summary.json."
 	@echo "Open it with:  $(BIN)/cosim view $(DEMO_DIR)"
 
-test: check
+test: check kernels
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 docs: site
 	$(BIN)/python -m pytest --quiet tests/docs
 
-site: .venv/installed-dev
+# once, before the tests and the notebooks would each compile them
+kernels: .venv/installed-dev
+	$(BIN)/python -c 'from cosim.base.compilation import compile_modules; from tests.compiled import all_modules; compile_modules(print, all_modules())'
+
+site: kernels
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
 	@echo "The documentation is build/docs/index.html."
 

@@ -39,16 +39,21 @@ SHORT: dict[str, tuple[str, tuple[str, ...]]] = {
 """Runs that are interrupted: scenario and changes."""
 
 WORKER = """
-import contextlib, json, os, signal, sys, traceback
-from pathlib import Path
+import contextlib, os, signal, sys, traceback
 import cosim.cli.running as running
-from cosim.app.checkpoint import read_checkpoint
 from cosim.app.driver import build_simulation
 from cosim.cli.main import main
-from cosim.app.driver import prepared
-from cosim.config.loading import load_scenario
 
-prepared(load_scenario(Path(sys.argv[1]) / "scenario.toml"), lambda text: None, recording=False)
+class Stop:
+    def __init__(self, inner): self.inner, self.stage = inner, inner.stage
+    def __getattr__(self, name): return getattr(self.inner, name)
+    def batches(self): return self.inner.batches(most=3)
+running.build_simulation = lambda scenario, **_given: Stop(build_simulation(scenario))
+go_on = lambda place: main(["run", "--resume", place, "--no-recording", "--quiet"])
+
+# what is loaded and compiled here, no child has to
+with contextlib.redirect_stdout(sys.stderr):
+    assert go_on(sys.argv[1]) == 0
 print("ready", flush=True)
 for line in sys.stdin:
     child = os.fork()
@@ -56,13 +61,8 @@ for line in sys.stdin:
         signal.alarm(60)
         report = open(line.strip() + "/said", "w")
         os.dup2(report.fileno(), 1); os.dup2(report.fileno(), 2)
-        class Stop:
-            def __init__(self, inner): self.inner, self.stage = inner, inner.stage
-            def __getattr__(self, name): return getattr(self.inner, name)
-            def batches(self): return self.inner.batches(most=3)
-        running.build_simulation = lambda scenario, **_given: Stop(build_simulation(scenario))
         try:
-            code = main(["run", "--resume", line.strip(), "--no-recording", "--quiet"])
+            code = go_on(line.strip())
         except BaseException:
             traceback.print_exc(); code = 99
         report.flush(); os._exit(code)
@@ -120,8 +120,9 @@ def try_forgeries(run: Path, count: int, seed: int, folder: Path) -> list[tuple[
     """Return (forgery, outcome, what was said) of so many forged checkpoints of a run."""
     random = np.random.default_rng(seed)
     results = []
+    sound = shutil.copytree(run, folder / f"{run.name}-sound")
     with subprocess.Popen(
-        [sys.executable, "-c", WORKER, str(run)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", WORKER, str(sound)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as worker:
         assert worker.stdin is not None
         assert worker.stdout is not None

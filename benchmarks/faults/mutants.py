@@ -21,7 +21,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from queue import SimpleQueue
 from signal import SIGPROF
@@ -53,6 +53,9 @@ class Verdict:
     wall_s: float
 
 
+_faults = cache(faults)
+
+
 def draw(seed: int, count: int, folders: Sequence[str] = (".",), root: Path = ROOT) -> list[Fault]:
     """Return faults drawn at random, each in a line of its own.
 
@@ -64,9 +67,8 @@ def draw(seed: int, count: int, folders: Sequence[str] = (".",), root: Path = RO
     """
     by_line: dict[tuple[str, int], list[Fault]] = {}
     for path in sorted({path for folder in folders for path in (root / "cosim" / folder).rglob("*.py")}):
-        name = str(path.relative_to(root))
-        for fault in faults(name, path.read_bytes()):
-            by_line.setdefault((name, fault.line), []).append(fault)
+        for fault in _faults(str(path.relative_to(root)), path.read_bytes()):
+            by_line.setdefault((fault.path, fault.line), []).append(fault)
     chance = random.Random(seed)
     return [chance.choice(by_line[line]) for line in chance.sample(sorted(by_line), count)]
 

@@ -39,7 +39,7 @@ def shortening(name: str, seconds: dict[str, float]) -> dict[str, Any]:
 
 def shortened(name: str, seconds: dict[str, float]) -> RunResult:
     """Run a shortened scenario; see `shortening`."""
-    result = cosim.run(name, overrides=shortening(name, seconds))
+    result = cosim.run(name, overrides=shortening(name, seconds), error=False)
     assert result.status == "completed"
     return result
 
@@ -116,7 +116,7 @@ def test_a_gripper_from_a_drawing_or_a_mesh_holds_100_g_when_shaken(
 def test_a_conveyor_brings_the_spool_below_the_gripper() -> None:
     seconds = {"bring": 1.0}
     changes = shortening("gripper_sorts_bins", seconds) | {"fidelity": "rigid"}
-    result = cosim.run("gripper_sorts_bins", overrides=changes)
+    result = cosim.run("gripper_sorts_bins", overrides=changes, error=False)
     spool = result.body_position[:, result.stage.body_names.index("spool")]
     np.testing.assert_allclose(spool[-1] - spool[0], [0.0, 0.2, 0.0], atol=3e-4)  # it sinks in by 0.1 mm
 

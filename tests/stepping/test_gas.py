@@ -123,8 +123,11 @@ def test_targets_are_planned_with_the_gas_that_is_sealed() -> None:
     assert pressure["again"] < 17.5e3
 
 
+FEWER = {"phase.inflate.increments": 40, "phase.turn.increments": 40, "phase.leak.increments": 20}
+
+
 def test_the_sealed_arm_answers_its_question() -> None:
-    result = cosim.run("sealed_arm", overrides={"phase.leak.increments": 20})
+    result = cosim.run("sealed_arm", overrides=FEWER, error=False)
     rise = {entry["name"]: entry["pressure_Pa"] - 30e3 for entry in result.summary["phases"]}
     assert 200.0 < rise["turn"] < 600.0
     assert 4e3 < rise["pull"] < 7e3
