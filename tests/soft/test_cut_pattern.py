@@ -24,6 +24,7 @@ from cosim.soft.beams.beam_rings import BeamRings
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
+from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.elements.hinge import bending_measure
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import GasChambers
@@ -165,6 +166,8 @@ def test_an_area_without_a_port_is_welded_flat_and_an_inner_seam_is_gone_around(
     assert line.sum() >= 7
     mesh = drawn_pattern(sheet.table(tmp_path, mesh_m=0.003), "base")
     assert len(mesh.face_groups["welded"]) == 2 * welded.sum()
+    # sheets welded flat lie on one another as drawn: they do not press on one another
+    assert not FilmFaces.of(SoftBody.from_arrays(mesh.positions, mesh.triangles, Film(1e9, 0.3, 1e-4))).can_meet
 
 
 def test_a_seam_has_the_width_it_is_given(tmp_path: Path) -> None:

@@ -22,7 +22,13 @@ from scipy.sparse.csgraph import connected_components, shortest_path
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
-from cosim.soft.geometry.surface import dihedral_angle, interior_hinges, triangle_area, triangles_beside
+from cosim.soft.geometry.surface import (
+    dihedral_angle,
+    directed_edges,
+    interior_hinges,
+    triangle_area,
+    triangles_beside,
+)
 
 _SEAM_RAD = 0.6 * np.pi  # away from right angles, which rounding would put on either side
 
@@ -65,8 +71,9 @@ class FilmFaces:
         angle = dihedral_angle(body.positions, hinges)
         sides = triangles_beside(triangles, hinges)
         seam, valley = angle < _SEAM_RAD, angle > 2.0 * np.pi - _SEAM_RAD
-        unit = _components(len(triangles), sides[~valley])
-        face = _components(len(triangles), sides[~valley & ~seam])
+        welded = _welded_flat(triangles)
+        unit = _components(len(triangles), np.concatenate([sides[~valley], welded]))
+        face = _components(len(triangles), np.concatenate([sides[~valley & ~seam], welded]))
         unit_of_face = np.zeros(int(face.max()) + 1, np.int64)
         unit_of_face[face] = unit
         return cls(triangles, face, unit, unit_of_face, _relations(unit_of_face, face[sides[valley]]))
@@ -93,6 +100,16 @@ class FilmFaces:
     def can_meet(self) -> bool:
         """Whether any two faces can."""
         return bool(self.relation.any())
+
+
+def _welded_flat(triangles: IntArray) -> IntArray:
+    """Return pairs (k, 2) that join all triangles at each edge of a flat weld, where there are four."""
+    _, edge, count = np.unique(
+        np.sort(directed_edges(triangles), axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    rows = np.argsort(edge.ravel(), kind="stable")
+    same = (np.diff(edge.ravel()[rows]) == 0) & (count[edge.ravel()[rows[1:]]] > 2)
+    return np.stack([rows[:-1][same], rows[1:][same]], axis=1) // 3
 
 
 def _components(count: int, pairs: IntArray) -> IntArray:
