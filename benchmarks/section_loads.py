@@ -75,7 +75,8 @@ def model_of(robot: str, refine: int) -> SoftModel:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"{robot}.toml"
         more = f"stack.refine = {refine}" if refine else ""
-        path.write_text(SCENE.format(robot=ROBOTS[robot], refine=more).replace(",  }", " }"), encoding="utf-8")
+        text = SCENE.format(robot=ROBOTS[robot], refine=more).replace(",  }", " }")
+        path.write_text(text, encoding="utf-8")
         return SoftModel(load_scenario(path), KeptParts(), tell=print)
 
 

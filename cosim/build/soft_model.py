@@ -87,8 +87,8 @@ def section_model(
     if off > _MOST_OFF:
         raise ScenarioError(
             "fidelity",
-            f"the section model of '{robot.name}' is too far off its film: by up to {off:.0%} of its length at "
-            f"loads that it was not built from, more than {_MOST_OFF:.0%}; take fidelity = 'lumped'",
+            f"the section model of '{robot.name}' is too far off its film: by up to {off:.0%} of its length, "
+            f"more than {_MOST_OFF:.0%}, at loads that it was not built from; take fidelity = 'lumped'",
         )
     return model
 
