@@ -47,6 +47,7 @@ from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.stepping.parts import film_law
 
 _SHORT, _SHORT_SEARCH = 40, 600  # iterations from a shape nearby: what needs more is not near
+_MOST_OFF = 0.05  # of the length, of the tip from the film's where both have an equilibrium
 _MARGIN = 1.1  # of the range of pressure over the largest that a scenario gives
 
 
@@ -61,7 +62,7 @@ def section_model(
         body: of that soft robot, if it has been built already.
 
     Raises:
-        ScenarioError: the film has no smooth states to condense, or its model loses equilibria.
+        ScenarioError: the film has no smooth states to condense, or its model is far off or loses equilibria.
     """
     robot = file_of(scenario, "a section model")
     if body is None or robot.copies is not None:  # copies share the model of one of them
@@ -81,6 +82,13 @@ def section_model(
             f"the section model of '{robot.name}' does not hold: within its range it loses its equilibrium "
             "at loads at which its film has one; take fidelity = 'lumped', or model.handover = true, by "
             "which the film takes over there",
+        )
+    off = max((away / length for _, away, length in model.tips.tolist() if math.isfinite(away)), default=0.0)
+    if off > _MOST_OFF:
+        raise ScenarioError(
+            "fidelity",
+            f"the section model of '{robot.name}' is too far off its film: by up to {off:.0%} of its length, "
+            f"more than {_MOST_OFF:.0%}, at loads that it was not built from; take fidelity = 'lumped'",
         )
     return model
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final, final
 
 import numpy as np
@@ -94,7 +95,7 @@ class SectionBody:
         self.inverse_length: Array = np.zeros(model.length.shape[1])
         self.terms = model.spline.terms(0.0)
 
-    @property
+    @cached_property
     def reach_m(self) -> float:
         """A distance [m] from the flange's origin that no node exceeds: all sections stretched to their ends.
 

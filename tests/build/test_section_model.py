@@ -143,6 +143,17 @@ def test_a_model_that_loses_its_equilibria_needs_a_handover(
     assert "it has no equilibrium at some loads" in run.stage.report
 
 
+def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    off = 0.06 / section().model.tip_error
+    far = replace(section().model, tips=section().model.tips * (1.0, off, 1.0))
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: far)
+    path = tmp_path / "three_units.toml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"by up to 6% of its length, more than 5%, .*; take fidelity"):
+        soft_model.section_model(load_scenario(path, {"model.handover": True}))
+
+
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

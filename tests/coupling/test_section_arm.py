@@ -57,6 +57,13 @@ def test_the_tip_is_where_the_film_has_it(
     assert wrench.torque == pytest.approx(film_wrench.torque, abs=0.03 * size * 2.6)
 
 
+def test_an_equilibrium_that_is_no_longer_remembered_is_followed_from_its_own_pressure() -> None:
+    (arm, _), (other, _) = arms(), arms()
+    begin, bent = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0))), Loads((13e3,), (2.0, 0.0))
+    known, unknown = (each.follow(begin, SIDEWAYS, bent).state.positions for each in (arm, other))
+    assert unknown == pytest.approx(known, abs=1e-7)
+
+
 def test_the_error_estimate_is_of_that_size() -> None:
     assert 0.0 < section().model.tip_error < 0.02
 

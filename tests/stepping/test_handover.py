@@ -146,6 +146,16 @@ def test_a_jerk_and_a_falling_box_make_no_jump(tmp_path: Path) -> None:
     assert hit[change.tick - 1].ledger.contacts > 0
 
 
+def test_what_falls_onto_a_chain_meets_it_in_rows_as_tick_by_tick(tmp_path: Path) -> None:
+    falling = DROP.replace("0.55]", "1.35]").replace("0.3\n", "0.42\n").replace("0.05\n", "0.3\n")  # at 4 m/s
+    rows = together(run_of(tmp_path, falling, 1.0, LEANING))
+    ticks = list(run_of(tmp_path, falling, 1.0, LEANING).steps())
+    hits = [[shot.ledger.contacts > 0 for shot in run] for run in (rows, ticks)]
+    assert hits[0] == hits[1]
+    assert 150 < hits[0].index(True) < 230
+    assert_close(rows, ticks, 1e-6)
+
+
 def test_without_a_handover_the_run_ends_there(tmp_path: Path) -> None:
     with pytest.raises(OutOfRangeError, match="the section model ends here"):
         together(run_of(tmp_path, JERK, model__handover=False, contact__only_in_reach=False))

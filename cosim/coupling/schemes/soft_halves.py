@@ -131,15 +131,26 @@ class SoftHalves:
         raise NotImplementedError
 
 
+_ROW_S, _ROOM_M, _FREE_ROOM_M = 0.05, 0.15, 1.0
+"""A row of ticks of a chain in a scene; what is farther than its reach and this does not meet it meanwhile:
+the flange goes at less than 3 m/s, what can move freely comes on at less than 20 m/s.
+"""
+
+
 @final
 class SectionHalves(SoftHalves):
-    """Of a section model that touches nothing.
+    """Of a section model, of which kernels know the ticks that are far from all that it might touch.
 
     Args:
         interface: between the sides.
     """
 
     most = 512  # more cost no less each
+
+    def __init__(self, interface: Interface) -> None:
+        super().__init__(interface)
+        if interface.contact is not None:
+            self.most = max(1, round(_ROW_S / interface.scene.tick_s))
 
     @property
     def _soft(self) -> SectionArm:
@@ -149,7 +160,17 @@ class SectionHalves(SoftHalves):
 
     @property
     def _ready(self) -> bool:
-        return True
+        contact = self.interface.contact
+        if contact is None:
+            return True
+        if contact.arrays.bodies.loaded.any() or contact.planes is not None:
+            return False
+        query, origin = contact.query, self.interface.scene.flange_pose.translation
+        reach = self._soft.reach_m + _FREE_ROOM_M
+        query.update()
+        hits = query.distances(origin[None], reach, query.near(origin, origin, reach))
+        free = contact.bodies.movable(query.body[hits.shape])
+        return not (free | (hits.distance < self._soft.reach_m + _ROOM_M)).any()
 
     def _commands(self, loads: Sequence[Loads]) -> ChainCommands:
         distinct, section = {id(load): load for load in loads}, self._soft.section
@@ -379,8 +400,7 @@ class FilmHalves(SoftHalves):
 def soft_halves(interface: Interface) -> SoftHalves:
     """Return what takes the ticks of an interface in a row."""
     soft = interface.soft.rowing
-    alone = interface.contact is None and interface.scene.steps_itself
-    if isinstance(soft, SectionArm) and alone and not soft.stepper.losses_follow_shape:
+    if isinstance(soft, SectionArm) and interface.scene.steps_itself and not soft.stepper.losses_follow_shape:
         return SectionHalves(interface)
     if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
         return FilmHalves(interface)

@@ -200,11 +200,13 @@ class ChainEquilibria:
             clamp: frames held by the flange.
             flange: wanted pose of it.
             loads: wanted loads.
-            pressure_Pa: of the gas in a beginning that these films did not make.
+            pressure_Pa: of sealed gas in a beginning that these films have forgotten, or did not make.
 
         Raises:
             ConvergenceError: a piece of 1/256 of the way did not converge.
         """
+        if self._section.gas(begin.loads) is None:
+            pressure_Pa = self._section.pressure(begin.loads)
         here, done, piece, spent = begin, 0.0, 1.0, 0
         while done < 1.0:
             load_factor = min(1.0, done + piece)
