@@ -28,7 +28,7 @@ class SharedScene(HostScene):
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: RigidScene) -> None:
-        super().__init__(model, data, arm.mounting, arm.substeps)
+        super().__init__(model, data, (arm.mounting, None), arm.substeps)
         self._arm = arm
         own = arm.native()
         self._native = self._native._replace(
