@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.build.arm_parts import rigid_substeps
 from cosim.build.simulation import build_arms
 from cosim.cli.main import main
 from cosim.config.several_arms import load_arms
@@ -72,15 +73,17 @@ def test_two_arms_far_apart_are_two_runs_with_one(tmp_path: Path) -> None:
         assert np.ptp(one.joint_position, axis=0).max() > 0.01
 
 
+HELD: dict[str, Any] = {"clock.tick_s": 0.004}
+for _arm in ("left", "right"):
+    HELD |= {f"arm.{_arm}.phase.{name}.duration_s": 0.1 for name in ("carry", "hold")}
+    HELD |= {f"arm.{_arm}.phase.carry.flange_shift_m": [0.0, 0.0, 0.0]}
+    HELD |= {f"arm.{_arm}.phase.lift.flange_shift_m": [0.0, 0.0, 0.02]}
+
+
 @pytest.fixture(scope="module")
 def held() -> dict[str, cosim.RunResult]:
     """Two arms that have pressed a box and lift it a little."""
-    changes: dict[str, Any] = {"clock.tick_s": 0.004}
-    for arm in ("left", "right"):
-        changes |= {f"arm.{arm}.phase.{name}.duration_s": 0.1 for name in ("carry", "hold")}
-        changes |= {f"arm.{arm}.phase.carry.flange_shift_m": [0.0, 0.0, 0.0]}
-        changes |= {f"arm.{arm}.phase.lift.flange_shift_m": [0.0, 0.0, 0.02]}
-    return cosim.run_arms(HOLD, overrides=changes)
+    return cosim.run_arms(HOLD, overrides=HELD)
 
 
 def test_two_arms_hold_a_box_and_both_ledgers_balance(held: dict[str, cosim.RunResult]) -> None:
@@ -91,15 +94,24 @@ def test_two_arms_hold_a_box_and_both_ledgers_balance(held: dict[str, cosim.RunR
         assert run.body_position[-1, box, 2] > run.body_position[0, box, 2] + 0.015
 
 
-def test_what_both_press_on_the_box_carries_its_weight(held: dict[str, cosim.RunResult]) -> None:
-    forces = []
-    for run in held.values():
-        box = run.stage.body_names.index("box")
-        forces.append(run.body_contact_force[-20:, box].mean(axis=0))
-    left, right = forces
-    assert left[0] > 5.0
-    np.testing.assert_allclose(left[0], -right[0], rtol=0.02)
-    np.testing.assert_allclose(left[2] + right[2], 0.3 * 9.81, rtol=0.02)
+def test_the_box_gets_what_both_ledgers_hand_over(held: dict[str, cosim.RunResult]) -> None:
+    """In the air m a is its weight and what both films press on it, tick by tick, to rounding.
+
+    In n steps of h / n a speed v and a force lead to x + h v + h^2 a (n + 1) / 2 n.
+    """
+    left, right = held["left"], held["right"]
+    box, mass, h = left.stage.body_names.index("box"), 0.3, left.stage.tick_s
+    n = rigid_substeps(load_arms(HOLD, HELD).arms["left"])
+    assert n > 1
+    in_air = np.flatnonzero(left.phase >= 2)
+    press = [run.body_contact_force[in_air, box] for run in (left, right)]
+    np.testing.assert_array_equal(left.body_position, right.body_position)
+    acceleration = sum(press) / mass + [0.0, 0.0, -9.81]
+    before, after = acceleration[:-2], acceleration[1:-1]
+    change = np.diff(left.body_position[in_air, box], n=2, axis=0)
+    wanted = h**2 * before + 0.5 * h**2 * (n + 1) / n * (after - before)
+    assert np.abs(press).max(axis=(1, 2)).min() > 5.0
+    np.testing.assert_allclose(mass * change / h, mass * wanted / h, rtol=0.0, atol=1e-10)
 
 
 def test_an_arm_whose_phases_end_first_holds_until_the_others_end(tmp_path: Path) -> None:
