@@ -151,3 +151,32 @@ def test_the_film_touches_its_second_body_at_the_glue_alone() -> None:
     soft, model, data = hung()
     soft.step(model, data, 5)
     assert soft.ledger.contacts == 0
+
+
+LINKS = """
+<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+  <body name="upper" pos="0 0 1"><geom type="box" size="0.05 0.05 0.05" mass="3"/>
+    <site name="above" pos="0 0 -0.05" euler="180 0 0"/>
+    <body name="lower" pos="0 0 -0.06"><joint axis="0 1 0" damping="0.01"/>
+      <geom type="capsule" fromto="0 0 -0.03 0.1 0 -0.03" size="0.01" mass="0.3"/>
+      <site name="below" pos="0 0 -0.012"/></body></body>
+</worldbody></mujoco>"""
+
+
+def test_film_between_two_links_of_one_arm_holds_their_hinge_back() -> None:
+    """The second link is in the tree that carries the first end; it falls less far than it does alone."""
+    soft, model, data = joined(LINKS, ("above", "below"), overrides=CALM)
+    soft.step(model, data, 300)
+    alone = mujoco.MjData(model)
+    mujoco.mj_step(model, alone, 300)
+    assert 0.05 < data.qpos[0] < 0.95 * alone.qpos[0]
+    assert soft.ledger.momentum_error < 1e-10
+
+
+def test_a_second_body_that_cannot_move_bears_the_film() -> None:
+    soft, model, data = joined(HUNG.format(mass=0.2, joint=""), ("wrist", "tool"), overrides=CALM)
+    data.ctrl[0] = 5e-3  # the arm pulls up
+    soft.step(model, data, 100)
+    assert soft.far_wrench.force[2] > 1.0
+    assert soft.wrench.force[2] < -1.0
+    assert soft.ledger.momentum_error < 1e-10
