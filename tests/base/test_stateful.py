@@ -31,7 +31,7 @@ SAVED_OTHERWISE = {
     "FilmLook": "lists that are made anew where they do not serve; what is found does not depend on them",
     "FilmSides": "what is solved in a step, worked out anew for steps of another kind",
     "FilmShapes": "figures of shapes that never change",
-    "FineTicks": "whether the next tick is a fine one, by the staggered scheme",
+    "FineTicks": "how many ticks are fine ones at least, by the staggered scheme",
     "FinerMesh": "workspace of solutions after the run; each begins from the shape that it is given",
     "Flange": "its sensor's reading by RigidScene",
     "ImplicitStepper": "coefficients of the last step, worked out anew for a step of another length",

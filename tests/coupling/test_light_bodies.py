@@ -147,18 +147,29 @@ def test_two_light_balls_give_way_at_once() -> None:
     assert np.abs(beside.height - alone.height).max() < 2e-3
 
 
-@pytest.mark.parametrize(("substeps", "ticks"), [(1, 60), (8, 80)])
-def test_a_light_cube_between_pads_comes_to_rest(substeps: int, ticks: int) -> None:
-    # with 8, in pieces of a tick for most of the time
-    grasp = CoupledGrasp(0.03, 4e-3, StaggeredCoupling, "bdf2", substeps=substeps)
+def test_a_light_cube_between_pads_comes_to_rest() -> None:
+    grasp = CoupledGrasp(0.03, 4e-3, StaggeredCoupling, "bdf2")
     force = []
-    for _ in range(ticks):
+    for _ in range(60):
         grasp.tick()
         force.append(grasp.grasp.exchange.report.force.sum(axis=0))
     assert force[-1][2] == pytest.approx(0.03 * GRAVITY, abs=0.01)  # the pads carry it
     # what film and body may disagree on in a tick comes back with the other sign in the next one
     to_and_fro = np.linalg.norm(np.diff(force[-12:], n=2, axis=0), axis=1) / 4.0
-    assert to_and_fro.mean() < (2e-3 if substeps == 1 else 2e-2)
+    assert to_and_fro.mean() < 2e-3
+
+
+def test_a_light_cube_swings_in_pieces_of_ticks_as_in_short_ones() -> None:
+    kept = []  # share of a swing after 0.16 s more
+    for tick_s, pieces in ((4e-3, 8), (5e-4, 1)):
+        grasp, height = CoupledGrasp(0.03, tick_s, StaggeredCoupling, "bdf2", substeps=pieces), []
+        for _ in range(round(0.32 / tick_s)):
+            grasp.tick()
+            height.append(grasp.grasp.cube_position[2])
+        _, before, _, after = np.array(height).reshape(4, -1)
+        kept.append(np.ptp(after) / np.ptp(before))
+    # whole ticks between pieces would damp it: each first step of another length is one of implicit Euler
+    assert kept[0] == pytest.approx(kept[1], rel=0.1)
 
 
 def test_a_load_of_several_steps_that_acts_late_adds_no_energy() -> None:

@@ -3,7 +3,9 @@
 Where the film comes on to a body that can move, or takes one along on the flange, by more than a bound in a
 tick, a step of that length has the body fly past what it would meet. Such a tick is taken in as many pieces
 as MuJoCo takes steps in it, each an exchange with one step of either side. The film's first step of another
-length is one of implicit Euler; after the last piece it looks back over a whole tick again.
+length is one of implicit Euler; after the last piece it looks back over a whole tick again. Each change
+shakes the film, and a light body turns back within one tick, slow at its end while its load is largest. So
+ticks stay fine until several in a row have been calm.
 
 Servos and loads continue within the tick. What is shown of it belongs to its end, but for sums of work and
 iterations, and the force on bodies: its product with the tick is the impulse that they get. What is left at
@@ -25,39 +27,46 @@ from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
 
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
-_SETTLED: Final = 0.5  # share of it below which ticks are whole again
+_SETTLED: Final = 0.5  # share of it below which a tick is calm
+_CALM_TICKS: Final = 10  # of such in a row, after which ticks are whole again
 
 
 @final
 class FineTicks:
     """Takes ticks of the clock in pieces while what the film touches moves far in one.
 
-    `on` says whether the next tick is such a one.
+    `left` says how many ticks from the next one on are such ones at least.
 
     Args:
         interface: between the sides.
     """
 
     def __init__(self, interface: Interface) -> None:
-        self._interface, self.on = interface, False
+        self._interface, self.left = interface, 0
         scene, soft = interface.scene, interface.soft
         known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
         self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
+
+    @property
+    def on(self) -> bool:
+        """Whether the next tick is a fine one."""
+        return self.left > 0
 
     def look(self, taken: TicksTaken) -> None:
         """Decide on the next tick, after one."""
         interface, before = self._interface, self.on
         if self.fast_m_s < np.inf and interface.contact is not None:
             bound = (_SETTLED if self.on else 1.0) * self.fast_m_s
-            self._go(interface.contact.fastest_m_s(interface.soft.state) > bound)
+            moves = interface.contact.fastest_m_s(interface.soft.state) > bound
+            self._go(_CALM_TICKS if moves else max(0, self.left - 1))
         if self.on and not before:  # its force acts through one piece alone
             taken.ticks.body_force[taken.done - 1] /= interface.scene.substeps
 
-    def restore(self, on: bool) -> None:
+    def restore(self, left: int) -> None:
         """Be where a saved state was, whose scene and soft side have been restored before."""
-        interface, self.on = self._interface, on
+        interface, self.left = self._interface, left
         scene = interface.scene
-        scene.go_finely(scene.substeps if on else None)
+        scene.go_finely(scene.substeps if left else None)
         if interface.light is not None:
             interface.light.begin_ticks_of(scene.tick_s)
 
@@ -94,12 +103,13 @@ class FineTicks:
 
     def stop(self) -> None:
         """Take no more fine ticks: another scheme takes the next ones."""
-        self._go(False)
+        self._go(0)
 
-    def _go(self, on: bool) -> None:
-        if on == self.on:
+    def _go(self, left: int) -> None:
+        if (left > 0) == self.on:
+            self.left = left
             return
-        self.restore(on)
+        self.restore(left)
         self._interface.soft.restart()
 
     def _condense(self, fine: TicksTaken, taken: TicksTaken) -> None:

@@ -54,13 +54,13 @@ class StaggeredState:
         interface: what it acts on.
         added: (joints, joints) [kg m^2], carried algorithmic mass.
         past: (2, joints) [rad/s^2], accelerations while it was carried.
-        fine: whether the next tick is a fine one.
+        fine: how many ticks from the next one on are fine ones at least.
     """
 
     interface: InterfaceState
     added: Array
     past: Array
-    fine: bool
+    fine: int
 
 
 @final
@@ -226,7 +226,7 @@ class StaggeredCoupling(Coupling):
 
     def save_state(self) -> StaggeredState:
         self.follow()
-        return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.on)
+        return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.left)
 
     def restore_state(self, state: StaggeredState) -> None:
         self._begun = self._open = None
@@ -266,12 +266,12 @@ class AutomaticState:
     Args:
         iterated: its iterated scheme; the staggered one carries no mass.
         iterates: whether the last tick was iterated.
-        fine: whether the next tick is a fine one, if it is staggered.
+        fine: how many ticks from the next one on are fine ones at least, if they are staggered.
     """
 
     iterated: IteratedState
     iterates: bool
-    fine: bool
+    fine: int
 
 
 @final
@@ -301,7 +301,7 @@ class AutomaticCoupling(Coupling):
         return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
 
     def save_state(self) -> AutomaticState:
-        return AutomaticState(self._iterated.save_state(), self._iterates, self._staggered.fine.on)
+        return AutomaticState(self._iterated.save_state(), self._iterates, self._staggered.fine.left)
 
     def restore_state(self, state: AutomaticState) -> None:
         self._staggered.fine.restore(state.fine)
