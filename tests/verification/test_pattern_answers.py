@@ -202,7 +202,7 @@ phase = [{ name = "inflate", duration_s = 1.0, increments = 10, pressure_Pa = 20
 
 def test_a_diamond_folds_as_the_triangle_of_its_corners_says(tmp_path: Path) -> None:
     # the weld keeps its length w; the bags turn about the line through its other two corners, which are a and
-    # b from its ends: they stand at arccos((a^2 + b^2 - w^2) / 2ab). Source: J. Ou et al., aeroMorph (UIST 2016)
+    # b from its ends: they stand at arccos((a^2 + b^2 - w^2) / 2ab). Source: Ou et al., aeroMorph, UIST 2016
     half, w, y = 0.014, 0.014, 0.048
     corners = {"left": [0.02 - half, y], "right": [0.02 + half, y]}
     corners |= {"low": [0.02, y - 0.5 * w], "high": [0.02, y + 0.5 * w]}
