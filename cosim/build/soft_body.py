@@ -59,6 +59,7 @@ from cosim.soft.geometry.surface import (
     directed_edges,
     interior_hinges,
     mean_beside,
+    nodes_of_several_fans,
     rims,
     rows_of,
     triangle_area,
@@ -109,6 +110,13 @@ def drawn_mesh(table: MeshTable) -> NamedMesh:
     read = read_surface(Path(table.file))
     surface = GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
     check_mesh(surface.vertices, surface.triangles)
+    pinched = nodes_of_several_fans(surface.triangles)
+    if len(pinched):
+        raise MeshError(
+            f"{Path(table.file).name}: two parts of the film touch only in node {pinched[0]} at "
+            f"{in_mm(surface.vertices[pinched[0]])}: their gas would be one; move them apart, or join "
+            "them along edges"
+        )
     holes = rims(surface.triangles)
     if _six_volumes(surface, holes) < 0.0:
         raise MeshError(f"{Path(table.file).name}: is inside out; turn its triangles over")

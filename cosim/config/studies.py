@@ -192,7 +192,22 @@ def _seen_from(study: StudyTable, folder: Path) -> StudyTable:
         changes["scenario"] = str(folder / study.scenario)
     if study.measure is not None and study.measure.partition(":")[0].endswith(".py"):
         changes["measure"] = str((folder / study.measure).resolve())
+    changes["set"] = _beside(study.set, folder)
+    changes["design"] = tuple(_beside(design, folder) for design in study.design)
+    changes["grid"] = {
+        key: [_file_beside(key, value, folder) for value in values] for key, values in study.grid.items()
+    }
     return copy_with(study, **changes)
+
+
+def _beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {key: _file_beside(key, value, folder) for key, value in values.items()}
+
+
+def _file_beside(key: str, value: Any, folder: Path) -> Any:
+    """Return a value; a robot's file in the study's folder is seen from the working directory."""
+    named = key in {"soft_robot", "robot"} and isinstance(value, str) and value.endswith(".toml")
+    return str(folder / value) if named and is_file(folder / value) else value
 
 
 MOST_DESIGNS: Final = 1_000_000

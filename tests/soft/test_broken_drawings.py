@@ -467,6 +467,14 @@ def obj(vertices: Any, faces: Any) -> str:
             obj([*BOX, *APART], [*SIDES, *ENDS, *(tuple(k + 8 for k in face) for face in (*SIDES, *ENDS))]),
             r"piece of film around \(50\.00, 10\.00, 35\.00\) mm shares no node .* no base \(base\)",
         ),
+        (
+            "corner.obj",
+            obj(
+                [*BOX, *((x + 20, y + 20, z + 50) for x, y, z in BOX)],
+                [*SIDES, *ENDS, *(tuple(6 if k == 0 else k + 8 for k in face) for face in (*SIDES, *ENDS))],
+            ),
+            r"corner\.obj: two parts of the film touch only in node \d+ at \(20\.00, 20\.00, 50\.00\) mm",
+        ),
         ("index.obj", obj(BOX, [*SIDES, (0, 1, 20)]), "a face names vertex 21; there are 8"),
         (
             "nan.obj",

@@ -167,7 +167,9 @@ def test_an_area_without_a_port_is_welded_flat_and_an_inner_seam_is_gone_around(
     mesh = drawn_pattern(sheet.table(tmp_path, mesh_m=0.003), "base")
     assert len(mesh.face_groups["welded"]) == 2 * welded.sum()
     # sheets welded flat lie on one another as drawn: they do not press on one another
-    assert not FilmFaces.of(SoftBody.from_arrays(mesh.positions, mesh.triangles, Film(1e9, 0.3, 1e-4))).can_meet
+    assert not FilmFaces.of(
+        SoftBody.from_arrays(mesh.positions, mesh.triangles, Film(1e9, 0.3, 1e-4))
+    ).can_meet
 
 
 def test_a_seam_has_the_width_it_is_given(tmp_path: Path) -> None:

@@ -175,3 +175,10 @@ def test_paths_in_a_study_are_seen_from_its_file(tmp_path: Path, monkeypatch: py
     table = load_study(path)
     assert table.scenario == str(tmp_path / "folder" / "own.toml")
     assert table.measure == f"{tmp_path / 'folder' / 'own.py'}:stretch"
+
+
+def test_a_robot_in_the_folder_of_a_study_is_found_from_everywhere(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("schema = 2\n", encoding="utf-8")
+    table = study("set.soft_robot = 'mine.toml'\ngrid.robot = ['mine.toml', 'ur5e']\n", tmp_path)
+    assert table.set["soft_robot"] == str(tmp_path / "mine.toml")
+    assert table.grid["robot"] == [str(tmp_path / "mine.toml"), "ur5e"]

@@ -13,9 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cosim
 from cosim.base.frames import Array
 from cosim.build.patterns import cut_pattern, drawn_pattern
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_soft_robot
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
+from cosim.config.schema.scenario import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.named_mesh import NamedMesh
@@ -154,3 +158,69 @@ def test_a_mylar_balloon_from_an_svg_has_the_known_volume(tmp_path: Path) -> Non
     assert found.volume_m3 == pytest.approx(volume, rel=1e-2)
     assert 2.0 * found.positions[top, 2] == pytest.approx(thickness, rel=1e-2)
     assert np.linalg.norm(found.positions[rim], axis=1).mean() == pytest.approx(radius, rel=2e-2)
+
+
+# a strip of 40 x 90 mm, sealed all round, with one diamond across it, creased to one side
+DIAMOND = """schema = 2
+name = "diamond"
+source = "a test"
+base = ["base"]
+[body]
+kind = "pattern"
+outline_m = [[0.0, 0.0], [0.04, 0.0], [0.04, 0.09], [0.0, 0.09]]
+edge = "sealed"
+seams_m = [[{left}, {low}, {right}, {high}, {left}]]
+port_m = [0.02, 0.01]
+mesh_m = 0.004
+fold = [{{ line_m = [{left}, {right}], rest_angle_rad = 0.3, sheet = "front" }}]
+set = [
+    {{ name = "base", box_m = [[0.0, 0.0], [0.04, 0.006]] }},
+    {{ name = "tip", line_m = [[0.0, 0.09], [0.04, 0.09]] }},
+    {{ name = "hinge", line_m = [{left}, {right}] }},
+    {{ name = "along", line_m = [{low}, {high}] }},
+    {{ name = "bag_1", box_m = [[0.0, 0.008], [0.04, {low[1]}]] }},
+    {{ name = "bag_2", box_m = [[0.0, {high[1]}], [0.04, 0.085]] }},
+]
+[film]
+law = "wrinkling"
+young_modulus_Pa = 0.3e9
+poisson_ratio = 0.3
+thickness_m = 0.1e-3
+density_kg_m3 = 1100.0
+[hinge]
+rule = "shell"
+"""
+INFLATED = """schema = 2
+title = "a diamond folds"
+robot = "none"
+soft_robot = "diamond.toml"
+mode = "quasistatic"
+start = { flange = { position_m = [0.0, 0.0, 0.5], direction = [0.0, 0.0, -1.0] } }
+phase = [{ name = "inflate", duration_s = 1.0, increments = 10, pressure_Pa = 20e3 }]
+"""
+
+
+def test_a_diamond_folds_as_the_triangle_of_its_corners_says(tmp_path: Path) -> None:
+    # the weld keeps its length w; the bags turn about the line through its other two corners, which are a and
+    # b from its ends: they stand at arccos((a^2 + b^2 - w^2) / 2ab). Source: Ou et al., aeroMorph, UIST 2016
+    half, w, y = 0.014, 0.014, 0.048
+    corners = {"left": [0.02 - half, y], "right": [0.02 + half, y]}
+    corners |= {"low": [0.02, y - 0.5 * w], "high": [0.02, y + 0.5 * w]}
+    robot = tmp_path / "diamond.toml"
+    robot.write_text(DIAMOND.format(**corners), encoding="utf-8")
+    (tmp_path / "inflated.toml").write_text(INFLATED, encoding="utf-8")
+    x = cosim.run(tmp_path / "inflated.toml", error=False).node_position[-1]
+    body = build_soft_body(load_soft_robot(robot), ModelTable())
+    rings, flat = body.rings, body.positions
+    left, right = x[rings["hinge"][[0, -1]]]
+    ends = x[rings["along"][[0, -1]]]
+    a, b = np.linalg.norm(ends - 0.5 * (left + right), axis=1)
+    axes = []
+    for name in ("bag_1", "bag_2"):
+        nodes = rings[name]
+        columns = np.column_stack([np.ones(len(nodes)), flat[nodes][:, [0, 2]]])
+        axis = np.linalg.lstsq(columns, x[nodes], rcond=None)[0][2]
+        axes.append(axis / np.linalg.norm(axis))
+    predicted = np.pi - math.acos((a**2 + b**2 - w**2) / (2.0 * a * b))
+    assert math.acos(axes[0] @ axes[1]) == pytest.approx(predicted, rel=0.04)
+    assert predicted > 1.5

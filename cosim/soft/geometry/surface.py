@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from cosim.base.frames import Array, IntArray, in_mm
 from cosim.base.kernels import device_function
@@ -305,6 +307,22 @@ def mean_beside(triangles: IntArray, hinges: IntArray, values: Array) -> Array:
 def rows_of(parts: Sequence[_Rows]) -> _Rows:
     """Return one array of several, row after row; the array itself where there is but one."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def nodes_of_several_fans(triangles: IntArray) -> IntArray:
+    """Return the nodes whose triangles are not all joined by edges at the node, ascending.
+
+    Args:
+        triangles: (m, 3) node indices.
+    """
+    node, after, before = (np.roll(triangles, -k, axis=1).ravel() for k in range(3))
+    n = int(triangles.max()) + 1
+    _, along, to = np.intersect1d(
+        node * n + after, node * n + before, return_indices=True
+    )  # the next around the node
+    graph = coo_matrix((np.ones(len(to)), (along, to)), shape=(len(node), len(node)))
+    fan = connected_components(graph, directed=False)[1]
+    return np.flatnonzero(np.bincount(np.unique(np.stack([node, fan], axis=1), axis=0)[:, 0]) > 1)
 
 
 def rims(triangles: IntArray) -> tuple[IntArray, ...]:
