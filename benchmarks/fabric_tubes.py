@@ -1,6 +1,7 @@
 """Inflated fabric tubes beside measured ones: tip load over deflection, torque over twist.
 
     python benchmarks/fabric_tubes.py [--sides 32] [--json FILE]
+    python benchmarks/fabric_tubes.py --measured docs/fabric_tubes.csv
 
 Tubes of woven polyester (Dacron), 1 m long, clamped at one end, were bent and twisted at the other. The
 measured curves are the formulas that their author fitted to them, over pressure p [bar] and radius r [m]:
@@ -229,12 +230,29 @@ def compared(film: Film, p: float, r: float, sides: int) -> dict[str, Any]:
     return row
 
 
+def measured_rows() -> list[str]:
+    """Return the measured curves at the points that the tables compare, as lines of a CSV."""
+    rows = ["test,radius_m,pressure_bar,deflection_m,load_N,twist_rad,torque_Nm"]
+    for r in RADII_m:
+        for p in PRESSURES_bar:
+            v = SHARES * collapse_m(p, r)
+            pairs = zip(v, bending_N(p, r, v), strict=True)
+            rows += [f"bending,{r},{p},{x:.5f},{load:.3f},," for x, load in pairs]
+            turns = zip(TWISTS_rad, torsion_Nm(p, r, TWISTS_rad), strict=True)
+            rows += [f"torsion,{r},{p},,,{x},{torque:.3f}" for x, torque in turns]
+    return rows
+
+
 def main() -> None:
     """Print fits and tables; write what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--sides", type=int, default=32)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--measured", type=Path, help="write the measured curves as CSV, and nothing else")
     arguments = parser.parse_args()
+    if arguments.measured:
+        arguments.measured.write_text("\n".join(measured_rows()) + "\n")
+        return
     compile_kernels()
     found = {}
     for name, film in Fits(arguments.sides).films().items():

@@ -169,9 +169,17 @@ def main() -> None:
         print(
             f"values differ by {report['whole']['off_over_sd']:.3g} standard deviations at most", flush=True
         )
-        fine = identify(*made(Path(folder), 8, 2, 4), force=True)
-        report["refined_twice"] = [*fine.check.lines(), *value_lines(fine), *series_lines(fine)]
-        print("\n".join(["curves of the film refined twice:", *report["refined_twice"]]), flush=True)
+        bench, series = made(Path(folder), 8, 2, 4)
+        changes = tuple(
+            replace(each, table=replace(each.table, relative=True)) if each.table.name == "volume" else each
+            for each in series
+        )
+        for words, given in (("", series), (", volume by its changes", changes)):
+            fine = identify(bench, given, force=True)
+            lines = report[f"refined_twice{words}"] = [
+                *fine.check.lines(), *value_lines(fine), *series_lines(fine)
+            ]  # fmt: skip
+            print("\n".join([f"curves of the film refined twice{words}:", *lines]), flush=True)
         print(f"CPU time {time.process_time() - began:.0f} s")
     if target is not None:
         target.write_text(json.dumps(report, indent=1), encoding="utf-8")
