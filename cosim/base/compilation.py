@@ -52,9 +52,10 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, 
 
 
 def _sentence(kernels: int) -> str:
-    tens_of_s = max(1, round(0.1 * _SECONDS_EACH * kernels / processes()))
+    tens_of_s = [max(1, round(0.1 * _SECONDS_EACH * kernels / count)) for count in (1, processes())]
     return (
-        f"Compiling {kernels} kernels, once per machine: about {10 * tens_of_s} s, on a busy one twice that."
+        f"Compiling {kernels} kernels, once per machine: about {10 * tens_of_s[0]} s of processor time, "
+        f"{10 * tens_of_s[1]} s if nothing else runs."
     )
 
 
