@@ -12,6 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
 	@echo "make test       install into .venv with the development tools and check everything"
+	@echo "make kernels    compile all kernels, once; make test and make site do it first"
 	@echo "make check      format, lint and types only"
 	@echo "make docs       the documentation, from build/docs/index.html; what it shows is run"
 	@echo "make site       the documentation alone; its snippets are run by make test as well"

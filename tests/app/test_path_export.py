@@ -59,7 +59,7 @@ def table(rows: int = 5, joints: int = 6, kind: str = "rad") -> JointTable:
 def test_the_export_drives_mujoco_alone_as_the_coupled_run_moves(file: Path, tmp_path: Path) -> None:
     assert main(["export-path", str(file), str(tmp_path / "way.csv"), str(tmp_path / "way.script")]) == 0
     read = JointTable.read(tmp_path / "way.csv")
-    result = cosim.run(file)
+    result = cosim.run(file, error=False)
     np.testing.assert_array_equal(read.joint_names, result.stage.joint_names)
     rows = np.flatnonzero(result.phase == 1)
     # the run takes a whole number of ticks for the path, up to half a one more or less

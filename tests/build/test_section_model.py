@@ -98,7 +98,8 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
     models = [soft_model.section_model(scenario) for scenario in (ordinary, high, ordinary, high)]
     ranges = [model.spline.largest_Pa for model in models]
     assert built == ranges[:2] == ranges[2:]
-    assert ranges[0] < 90e3 < ranges[1]  # a model for less pressure must not serve for more
+    # a model for less pressure does not work for more; a range that nobody needs costs accuracy
+    assert ranges[0] < 90e3 < ranges[1] < 1.2 * 90e3
 
 
 @pytest.mark.parametrize(

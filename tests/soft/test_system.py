@@ -128,3 +128,11 @@ def test_loads_change_in_proportion_to_the_share() -> None:
     assert middle.cable_tension_N == pytest.approx((4.5, 7.0))
     assert middle.gravity == pytest.approx((0.75, -1.5, -7.6075))
     assert LOADS.interpolated(end, 1.0) is end
+
+
+def test_what_acts_is_made_once_for_the_same_objects() -> None:
+    body = hexagon_arm(1)
+    system, loads, share = SoftSystem(body), Loads(), np.zeros((0, 7))
+    acting = system.acting(loads, share, None)
+    assert system.acting(loads, share, None) is acting
+    assert system.acting(Loads(), share, None) is not acting

@@ -129,6 +129,6 @@ def test_a_run_in_time_rises_and_stays() -> None:
 
 def test_a_bare_sealed_arm_is_pulled_and_leaks_to_the_end() -> None:
     # losing gas under 15 N on its cables, it falls to another branch 245 mm away: a long slide finds it
-    result = cosim.run(bare_film("sealed_arm", "wrinkling"))
+    result = cosim.run(bare_film("sealed_arm", "wrinkling"), error=False)
     assert result.summary["status"] == "completed"
     assert float(np.max(result.pressure_Pa[-1])) < 20e3
