@@ -113,13 +113,14 @@ class ChainStiffness:
         if unstable is not None:
             return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
         section, frames, count = self._solver.section, self._frames, len(self._frames)
-        (_, mode), motion, tip = self._lowest, self._motion[:, :, self._free], section.body.tip
+        (_, mode), motion, tip = self._lowest, self._motion, section.body.tip
         x = section.positions(frames, self._pressure)
         loads = replace(
             self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
         )
         size = DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
-        answers = motion[tip] @ np.linalg.solve(self._matrix, np.tensordot(size, motion, 1).T)
+        disturbed = np.tensordot(size, motion, 1)[:, self._free]
+        answers = motion[tip][:, :, self._free] @ np.linalg.solve(self._matrix, disturbed.T)
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
         step = np.zeros((count, 6))
         step.reshape(-1)[self._free] = answer
