@@ -1,4 +1,4 @@
-"""A stack of three square units, drawn as pairs of sheets and as a stack of polygons: the same film, meshed in two ways.
+"""Three square units, drawn as pairs of sheets and as a stack of polygons: one film, meshed in two ways.
 
     python benchmarks/pattern_against_stack.py [--edges 0.006 0.004 0.0028] [--refine 0 1]
 

@@ -1,9 +1,10 @@
-"""A pouch that is sealed all round, pulled at its two long seams, against the plane pouch motor: the effect of its ends.
+"""A pouch sealed all round, pulled at its long seams, against the plane pouch motor: what its ends cost.
 
     python benchmarks/sealed_pouch.py [--degrees 30] [--edges 12]
 
-The pouch is one length long between its seams and 1, 3 and 10 lengths wide. Its seams are held at the distance
-L sin(angle) / angle. Printed: the pull per width over p L cos(angle) / angle, and volume over that of the arcs.
+The pouch is one length long between its seams and 1, 3 and 10 lengths wide. Its seams are held at the
+distance L sin(angle) / angle. Printed: the pull per width over p L cos(angle) / angle, and volume over that
+of the arcs.
 Source of the plane answer: R. Niiyama et al., Pouch Motors, Soft Robotics 2 (2015) 59.
 """
 
