@@ -634,4 +634,4 @@ def _relative(before: Array, after: Array) -> float:
     if len(before) != len(after):
         return 1.0
     change, size = np.abs(after - before).max(initial=0.0), np.abs(after).max(initial=0.0)
-    return float(change / size) if change else 0.0
+    return float(change / size) if size else float(change > 0.0)
