@@ -174,12 +174,14 @@ def test_a_light_cube_swings_in_pieces_of_ticks_as_in_short_ones() -> None:
 
 def test_a_load_of_several_steps_that_acts_late_adds_no_energy() -> None:
     grasp = CoupledGrasp(0.6, 4e-3, StaggeredCoupling, "bdf2", substeps=8)
-    height = []
-    for _ in range(200):
+    height, fine = [], []
+    for _ in range(260):
         grasp.tick()
         height.append(grasp.grasp.cube_position[2])
+        fine.append(grasp.coupling.fine.on)
     assert grasp.interface.contact_ratio < 0.5  # it bears its load a tick late
-    first, last = np.ptp(height[50:100]), np.ptp(height[150:])
+    assert not any(fine[110:])  # and ticks are whole again
+    first, last = np.ptp(height[110:160]), np.ptp(height[210:])
     assert 0.85 * first < last < first  # it swings on the film, damped by 5 per s
 
 
