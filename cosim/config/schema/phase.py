@@ -328,8 +328,8 @@ class PhaseTable:
         settle_s: held afterwards, at the end values.
         increments: of the ramp, in the quasistatic mode.
         ramp: "smooth" is the minimum-jerk quintic.
-        gas: "prescribed": the pressure is given; "sealed": the gas in the chamber at the phase's start stays in it,
-            and its pressure follows from the volume. Prescribed until a phase seals it.
+        gas: "prescribed": the pressure is given; "sealed": the gas in the chamber at the phase's start stays
+            in it, and its pressure follows from the volume. Prescribed until a phase seals it.
         leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
         pressure_Pa: gauge pressure at the end of the ramp.
         cable_tension_N: at the base end of each cable, at the end of the ramp; in the file a list, or a table

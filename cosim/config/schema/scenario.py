@@ -44,7 +44,8 @@ class CouplingTable:
     Args:
         scheme: "staggered": one step of each side a tick, loads act one tick later, algorithmic mass rides
             along where the soft robot is heavy for the bodies that it acts on; "iterated": a tick is repeated
-            until the loads agree; "auto": iterated only where the staggered exchange would need algorithmic mass.
+            until the loads agree; "auto": iterated only where the staggered exchange would need algorithmic
+            mass.
         tolerance: largest difference of the loads over their size, where they agree.
         iterations_max: trials of a tick before the run fails.
     """
@@ -422,8 +423,8 @@ class ControllerTable:
         kind: "bang_bang": raises or lowers its output by `increment` per period; "pi": proportional and
             integral; "python": handed to `cosim.run(..., controllers={name: controller})`.
         period_s: between two samples, a whole number of ticks; the command holds in between.
-        measures: the value that it keeps at its setpoint; "tip_position_m": where the `tip_path` or `tip_target`
-            of the phase has the tip, with kind "pi" and commands "flange_twist".
+        measures: the value that it keeps at its setpoint; "tip_position_m": where the `tip_path` or
+            `tip_target` of the phase has the tip, with kind "pi" and commands "flange_twist".
         commands: its output; "flange_twist": the flange moves besides its plan, without turning.
         cables: that it moves, all alike.
         sensors: names of those whose readings it sees in place of the truth.
