@@ -104,7 +104,7 @@ def _refuse(arm: Arm, differs: Mask, what: str, *, first: bool = False) -> None:
     found = np.flatnonzero(differs)
     joint = arm.joint_names[int(found[0 if first else -1]) if len(found) else -1]
     raise InputError(
-        f"arm {arm.name!r}: MuJoCo and Pinocchio read joint {joint!r}, or what it moves, differently: {what}"
+        f"arm {arm.name!r}: MuJoCo and Pinocchio read joint {joint!r}, or its links, differently: {what}"
     )
 
 

@@ -552,7 +552,7 @@ def _commands_stand_alone(scenario: Scenario) -> Told:
         yield Fault(
             "command.1",
             "cannot be combined with pumps, winches, controllers or cable lengths: they follow and report "
-            "what the phases ask for, not what this makes of it; let a controller command instead",
+            "the commands of the phases, not these changes; let a controller command instead",
         )
     elif any(phase.tip_key is not None for phase in scenario.phases):
         yield "command.1", "cannot be combined with a tip target or path, which is planned without it"

@@ -90,7 +90,7 @@ class Choices:
         if here.contact.included and self.contact.switch == CONTACT_ENABLED and not self.contact.included:
             raise InputError(
                 f"{CONTACT_ENABLED} is true, in the run whose state it continues from false: the film may be "
-                f"inside of what it would touch; leave it false, or restart with {CONTACT_ENABLED} = true"
+                f"inside of touched bodies; leave it false, or restart with {CONTACT_ENABLED} = true"
             )
 
     def keep(self, contact: Decision) -> Decision:

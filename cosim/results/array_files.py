@@ -147,7 +147,7 @@ def _own(metadata: Mapping[bytes, bytes] | None, path: Path) -> dict[str, Any]:
     if metadata is None or _OWN not in metadata:
         raise InputError(f"{path}: was not written by cosim")
     if metadata.get(_DIGEST, b"") not in (b"", sha256(metadata[_OWN]).hexdigest().encode()):
-        raise InputError(f"{path}: is damaged: what it says of itself is not what was written")
+        raise InputError(f"{path}: is damaged: its description is not the one that was written")
     found: dict[str, Any] = json.loads(metadata[_OWN])
     return found
 
@@ -186,7 +186,7 @@ def stage_of(stored: Mapping[str, Any]) -> RunInfo:
         InputError: it is none.
     """
     if missing := [name for name in _KEPT if name not in stored]:
-        raise InputError(f"what is said of the run lacks {', '.join(missing)}")
+        raise InputError(f"the description of the run lacks {', '.join(missing)}")
     made: dict[str, Any] = {name: _tuples(stored[name]) for name in _KEPT}
     made["soft_triangles"] = np.array(stored["soft_triangles"], np.int64).reshape(-1, 3)
     made["cables"] = tuple(np.array(nodes, np.int64) for nodes in stored["cables"])

@@ -45,9 +45,7 @@ def test_a_difference_is_told_by_the_joint(before: str, after: str, words: str) 
 def test_armature_counts_on_both_sides() -> None:
     other = UR5E.armature.copy()
     other[2] += 1e-4
-    with pytest.raises(
-        InputError, match="joint 'elbow_joint', or what it moves, differently: the mass matrix"
-    ):
+    with pytest.raises(InputError, match="joint 'elbow_joint', or its links, differently: the mass matrix"):
         check_engines_agree(SCENE, Arm(UR5E), other)
 
 

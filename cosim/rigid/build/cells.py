@@ -107,7 +107,7 @@ def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
         if mujoco.mjtJoint(model.jnt_type[joint]) not in _DRIVEN:
             kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
             raise InputError(
-                f"cell file {path}: joint {name!r} is of type {kind!r}; what a cell moves slides or turns "
+                f"cell file {path}: joint {name!r} is of type {kind!r}; bodies of a cell slide or turn "
                 "about a hinge, driven by the phases; give what moves freely as [[object]]"
             )
         limits = (-math.inf, math.inf)
