@@ -14,8 +14,9 @@ import cosim
 from cosim.app.simulation import stepped_run
 from cosim.base.frames import Array
 from cosim.bench.outputs import OutputShape, Slopes, outputs_of, read
-from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, with_values
+from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, value_at, with_values
 from cosim.build.options import fidelity_body, static_options
+from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.body import SoftBody
@@ -193,3 +194,8 @@ def test_a_kink_is_refused() -> None:
 def test_wrong_parameters_are_named(parameter: str, message: str) -> None:
     with pytest.raises(cosim.InputError, match=message):
         cosim.sensitivity(pulled(), [parameter], ["length_m"])
+
+
+def test_an_entry_of_a_list_is_found_by_its_name() -> None:
+    scenario = load_scenario("ur5e_hexagon_arm", {"phase.turn.duration_s": 7.0})
+    assert value_at(scenario, "phase.turn.duration_s") == value_at(scenario, "phase.3.duration_s") == 7.0

@@ -24,7 +24,7 @@ INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
 LONG = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},
-    "path.toml": {"mode": "quasistatic", "phase.reach.increments": 4, "phase.follow.increments": 6},
+    "path.toml": {"mode": "quasistatic"},
     "tip_path_on_rail": {
         "mode": "quasistatic",
         "model.published": True,

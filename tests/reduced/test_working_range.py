@@ -38,6 +38,10 @@ def test_the_section_that_uses_most_of_its_range_is_named() -> None:
     assert found.fraction == pytest.approx(0.97, abs=0.01)
     assert found.at_its_end
     assert found.text.startswith("section 4 of 4 (unit_3.outer to tip) is shortened by ")
+    long = values.copy()
+    long[3, 2] *= 1.0 + 0.97 * limits[3, HIGH]
+    found = place_in_range(body, frames_from_strains(straight[0], long), PRESSURE_Pa)
+    assert found.text.startswith("section 4 of 4 (unit_3.outer to tip) is stretched by ")
 
 
 def test_a_pressure_beyond_the_samples_is_refused() -> None:
