@@ -48,7 +48,7 @@ class ScenarioError(InputError):
 
     Args:
         path: of the key.
-        message: what is wrong with it, and what is allowed.
+        message: its fault, and the allowed values.
         further: (path, message) of the others; the text of the error has a line for each of the first ones.
     """
 

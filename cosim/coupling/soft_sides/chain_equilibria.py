@@ -184,7 +184,7 @@ class ChainEquilibria:
             trail.append(found.frames.reshape(-1, 3))
             start = upright(end_of(trail).reshape(start.shape))
         raise ConvergenceError(
-            f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
+            f"no equilibrium found: the touched places still change after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(loads.contact or ())} points near obstacles; try smaller increments",
             found.residual_N,
             spent,

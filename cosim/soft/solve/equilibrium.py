@@ -400,7 +400,7 @@ class EquilibriumSolver:
                 start = end_of(trail)
                 ways = ways if start is result.positions else None
         raise ConvergenceError(
-            f"no equilibrium found: what is touched still changes after {CONTACT_ROUNDS_MAX} rounds, "
+            f"no equilibrium found: the touched places still change after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(pairs or ())} pairs of films, {len(planes or ())} points near obstacles; try smaller "
             "increments",
             result.residual_N,
