@@ -1,21 +1,21 @@
 """Draws an arm by the meshes of another description of it, found on this machine; what is touched stays.
 
-Both descriptions stand with their joints at zero. The other one is turned and moved as a whole until the axes of
-its joints lie on those of the arm; then its meshes are fixed to the arm's links.
+Both descriptions stand with their joints at zero. The other one is turned and moved as a whole until the axes
+of its joints lie on those of the arm; then its meshes are fixed to the arm's links.
 """
 
 from __future__ import annotations
 
 from contextvars import Context
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final, final
 
 import mujoco
 import numpy as np
 
-from cosim.base.arm_file import ArmFile
-from cosim.base.frames import Array, Pose, cross_matrix
+from cosim.base.arm_file import ArmFile, LinkShape
+from cosim.base.frames import Array, IntArray, Pose, cross_matrix
 from cosim.base.solid import BodyShape
 from cosim.config.arms.arm_files import ArmSource, arm_source
 from cosim.errors import InputError
@@ -66,8 +66,17 @@ def drawing_of(arm: ArmFile, model: mujoco.MjModel, prefix: str = "") -> ArmDraw
 
 @lru_cache(maxsize=4)
 def _read(source: ArmSource) -> ArmFile:
-    """Return another description, read once in a process: its meshes take some 0.4 s."""
-    return read_mjcf(source)
+    """Return another description, read once in a process: meshes take time.
+
+    Corners of triangles that are in one place become one vertex, so that round faces are drawn smooth.
+    """
+    arm = read_mjcf(source)
+    return replace(arm, shapes=tuple(map(_welded, arm.shapes)))
+
+
+def _welded(shape: LinkShape) -> LinkShape:
+    vertices, place = np.unique(shape.vertices, axis=0, return_inverse=True)
+    return replace(shape, vertices=vertices, triangles=place.reshape(-1)[shape.triangles])
 
 
 def _fitted(other: ArmFile, model: mujoco.MjModel, names: list[str]) -> tuple[BodyShape, ...]:
@@ -106,7 +115,7 @@ def _fitted(other: ArmFile, model: mujoco.MjModel, names: list[str]) -> tuple[Bo
     return tuple(shapes)
 
 
-def _at_zero(model: mujoco.MjModel, joints: Array) -> mujoco.MjData:
+def _at_zero(model: mujoco.MjModel, joints: IntArray) -> mujoco.MjData:
     """Return where all bodies are with some joints at zero."""
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[joints]] = 0.0
@@ -117,8 +126,8 @@ def _at_zero(model: mujoco.MjModel, joints: Array) -> mujoco.MjData:
 def _alignment(ours: tuple[Array, Array], theirs: tuple[Array, Array], other: ArmFile) -> Pose:
     """Return the pose X that puts axes onto others: least squares of directions, then of distances of lines.
 
-    R minimises sum |R u_k - v_k|^2 (Kabsch, Acta Cryst. A 32, 1976); t solves sum P_k (R p_k + t - q_k) = 0 with
-    P_k = 1 - v_k v_k^T.
+    R minimises sum |R u_k - v_k|^2 (Kabsch, Acta Cryst. A 32, 1976); t solves sum P_k (R p_k + t - q_k) = 0
+    with P_k = 1 - v_k v_k^T.
 
     Args:
         ours: points q (n, 3) [m] on the axes, and their directions v (n, 3), of length 1.
@@ -131,7 +140,7 @@ def _alignment(ours: tuple[Array, Array], theirs: tuple[Array, Array], other: Ar
     (q, v), (p, u) = ours, theirs
     left, spread, right = np.linalg.svd(u.T @ v)
     if spread[1] < _LEAST_SPREAD:
-        raise InputError(f"all joints of {other.path} are parallel at zero, so that nothing shows its heading")
+        raise InputError(f"axes that are all parallel at zero do not show the heading of {other.path}")
     upright = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     rotation = right.T @ upright @ left.T
     across = np.array([-(cross_matrix(axis) @ cross_matrix(axis)) for axis in v])
@@ -147,7 +156,7 @@ def _alignment(ours: tuple[Array, Array], theirs: tuple[Array, Array], other: Ar
     return Pose(rotation, shift)
 
 
-def _joints_above(model: mujoco.MjModel, body: int, joints: Array) -> int:
+def _joints_above(model: mujoco.MjModel, body: int, joints: IntArray) -> int:
     """Return how many of a chain's joints move a body."""
     order = {int(model.jnt_bodyid[joint]): number for number, joint in enumerate(joints, start=1)}
     while body and body not in order:
