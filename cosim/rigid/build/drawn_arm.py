@@ -59,7 +59,7 @@ def drawing_of(arm: ArmFile, model: mujoco.MjModel, prefix: str = "") -> ArmDraw
         source = Context().run(arm_source, arm.drawn_as)  # its files are not noted as those of a run
         other = Context().run(_read, source)
         shapes = _fitted(other, model, [prefix + name for name in arm.joint_names])
-    except InputError as error:
+    except (InputError, ValueError) as error:  # MuJoCo raises the latter
         return ArmDrawing(note=f"drawn by its own shapes: {error}")
     return ArmDrawing(shapes, f"drawn as {arm.drawn_as}")
 
