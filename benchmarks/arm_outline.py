@@ -1,22 +1,24 @@
 """How far the drawn and the touched shapes of the UR5e are from the public meshes of the same arm.
 
-    python benchmarks/arm_outline.py universal_robots_ur5e/ur5e.xml
+    MENAGERIE_ROOT=mujoco_menagerie python benchmarks/arm_outline.py
 
-The file is MuJoCo Menagerie's; nothing of it is copied here. Both arms stand with their joints at zero; their
-frames then differ by half a turn, and by up to 1 mm. Of each link: how far its mesh is out of our shapes
-(negative: inside), and how far our surface, where no other link hides it, is from the meshes.
+The folder is a checkout of MuJoCo Menagerie; nothing of it is copied here. The meshes lie on our links as in
+recordings. Of each link: how far its mesh is out of our shapes (negative: inside), and how far our surface,
+where no other link hides it, is from the meshes.
 """
 
 from __future__ import annotations
-
-import sys
-from pathlib import Path
 
 import mujoco
 import numpy as np
 from scipy.spatial import cKDTree
 
-OURS = Path(__file__).resolve().parents[1] / "robots" / "ur5e" / "ur5e.urdf"
+from cosim.build.arms import find_arm
+from cosim.rigid.build.compiled_scene import compile_model
+from cosim.rigid.build.description import SceneDescription
+from cosim.rigid.build.drawn_arm import drawing_of
+
+ARM = find_arm("ur5e")
 LINKS = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link")
 
 
@@ -60,17 +62,10 @@ def surface(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], count:
 
 
 def mesh_points(model: mujoco.MjModel, data: mujoco.MjData, body: int, count: int = 60000) -> np.ndarray:
-    """Return points (n, 3) spread evenly over the meshes of a body."""
-    corners = []
-    for geom in np.flatnonzero(model.geom_bodyid == body):
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = model.geom_dataid[geom]
-            first, many = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            turn = data.geom_xmat[geom].reshape(3, 3)
-            x = model.mesh_vert[first : first + many] @ turn.T + data.geom_xpos[geom]
-            first, many = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-            corners.append(x[model.mesh_face[first : first + many]])
-    triangles = np.concatenate(corners)
+    """Return points (n, 3) spread evenly over the meshes that a body is drawn by."""
+    turn, place = data.xmat[body].reshape(3, 3), data.xpos[body]
+    meshes = [shape for shape in drawing_of(ARM, model).shapes if shape.body == body]
+    triangles = np.concatenate([(shape.vertices @ turn.T + place)[shape.triangles] for shape in meshes])
     edges = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = np.linalg.norm(np.cross(*edges), axis=1)
     rng = np.random.default_rng(1)
@@ -80,29 +75,26 @@ def mesh_points(model: mujoco.MjModel, data: mujoco.MjData, body: int, count: in
     return triangles[chosen, 0] + s[:, None] * edges[0][chosen] + t[:, None] * edges[1][chosen]
 
 
-def main(path: str) -> None:
+def main() -> None:
     """Print the errors of each link [mm]."""
-    text = OURS.read_text(encoding="utf-8")
-    keep = '<mujoco><compiler discardvisual="false" fusestatic="false"/></mujoco></robot>'
-    mine = mujoco.MjModel.from_xml_string(text.replace("</robot>", keep))
-    theirs = mujoco.MjModel.from_xml_path(path)
-    here, there = mujoco.MjData(mine), mujoco.MjData(theirs)
-    mujoco.mj_forward(mine, here)
-    mujoco.mj_forward(theirs, there)
+    model = compile_model(SceneDescription(ARM, floor_height_m=None))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    print(drawing_of(ARM, model).note)
     print("mesh out of our shapes: median, 95 %, most; our surface to the mesh: median, 95 %, most [mm]")
-    meshes = {name: mesh_points(theirs, there, theirs.body(name).id) * [-1.0, -1.0, 1.0] for name in LINKS}
+    meshes = {name: mesh_points(model, data, model.body(name).id) for name in LINKS}
     near = cKDTree(np.concatenate(list(meshes.values())))
     for what, touched in (("drawn", False), ("touched", True)):
-        geoms = np.flatnonzero((mine.geom_contype != 0) == touched)
+        geoms = np.flatnonzero((model.geom_contype != 0) == touched)
         for name in LINKS:
-            out = outside_m(mine, here, geoms.tolist(), meshes[name])
-            own = geoms[mine.geom_bodyid[geoms] == mine.body(name).id].tolist()
-            points = surface(mine, here, own)
+            out = outside_m(model, data, geoms.tolist(), meshes[name])
+            own = geoms[model.geom_bodyid[geoms] == model.body(name).id].tolist()
+            points = surface(model, data, own)
             others = [geom for geom in geoms.tolist() if geom not in own]
-            apart, _ = near.query(points[outside_m(mine, here, others, points) > 0.0])
+            apart, _ = near.query(points[outside_m(model, data, others, points) > 0.0])
             found = [*np.percentile(out, [50, 95, 100]), *np.percentile(apart, [50, 95, 100])]
             print(f"{what} {name}: " + ", ".join(f"{1e3 * number:.1f}" for number in found))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

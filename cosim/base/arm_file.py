@@ -73,6 +73,7 @@ class ArmFile:
         shapes: of links, besides those in the URDF.
         files: all files that it was read from.
         notes: what was found out or replaced while reading, as parts of a sentence.
+        drawn_as: model of the Menagerie whose meshes are drawn where it is on this machine.
     """
 
     name: str
@@ -90,6 +91,7 @@ class ArmFile:
     shapes: tuple[LinkShape, ...] = ()
     files: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
+    drawn_as: str | None = None
 
     def __post_init__(self) -> None:
         home = np.array(self.home, dtype=np.float64)

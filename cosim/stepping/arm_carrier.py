@@ -134,8 +134,9 @@ class ArmCarrier(SceneCarrier):
     def report(self) -> Mapping[str, str]:
         arm, cell = self._arm, self._scene.description.cell
         servos = f"{arm.name}, {arm.joint_count} joints, servos with inverse-dynamics feedforward"
+        notes = filter(None, (*arm.notes, self._scene.drawn_as))
         return {
-            "Arm": "; ".join((servos, *arm.notes)),
+            "Arm": "; ".join((servos, *notes)),
             **({} if cell is None else {"Cell": cell.report}),
             "Exchange": exchange_report(self._exchange),
             "Payload compensation": "on" if self._compensation else "off",

@@ -155,6 +155,7 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
         shapes=chain.shapes,
         files=(*source.files, *chain.files),
         notes=chain.notes,
+        drawn_as=table.drawn_as,
     )
     return on_moving_base(arm, base)
 
@@ -367,6 +368,11 @@ def _package_folder(path: Path, number: int) -> Path:
 
 def _from_table(path: Path) -> ArmSource:
     table = read_arm_table(path)
+    if table.drawn_as is not None and not package_files.is_of_menagerie(table.drawn_as):
+        raise ScenarioError(
+            "robot.drawn_as",
+            f"'{table.drawn_as:.80}' is no model of the Menagerie; write {package_files.PREFIX}MODEL",
+        )
     folders = tuple(
         _package_folder(path.parent / folder, k) for k, folder in enumerate(table.package_paths, start=1)
     )

@@ -286,6 +286,8 @@ class ArmTable:
             or one is found.
         package_paths: folders in which the NAME of package://NAME/... is looked for, beside the folders above
             the file and the robots of the package example-robot-data.
+        drawn_as: menagerie:MODEL, the same arm with the same zero of its joints: if it is on this machine,
+            its meshes are drawn in recordings and by cameras. Motion and forces do not depend on it.
     """
 
     file: Text
@@ -293,6 +295,7 @@ class ArmTable:
     flange: Text | None = None
     home: tuple[float, ...] | None = None
     package_paths: tuple[Text, ...] = ()
+    drawn_as: Text | None = None
     base: BaseTable = BaseTable()
     adapter: AdapterTable | None = None
     limits: LimitsTable = LimitsTable()

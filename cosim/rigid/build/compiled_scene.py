@@ -36,6 +36,7 @@ from cosim.rigid.build.description import (
     SceneObject,
     ServoGains,
 )
+from cosim.rigid.build.drawn_arm import ArmDrawing, drawing_of
 from cosim.rigid.build.mjcf_arm import add_shapes
 from cosim.rigid.build.mjcf_files import check_finite, set_up_engine
 
@@ -421,6 +422,7 @@ class CompiledScene:
     def __init__(self, description: SceneDescription, arms: tuple[SceneDescription, ...] = ()) -> None:
         set_up_engine()
         self._model = compile_model(description, arms)
+        self._arms = {one.prefix: one.arm for one in (description, *arms)}
 
     def model(self) -> mujoco.MjModel:
         """Return a model that may be changed."""
@@ -429,4 +431,12 @@ class CompiledScene:
     @cached_property
     def shapes(self) -> tuple[BodyShape, ...]:
         """What is drawn of the bodies."""
-        return body_shapes(self._model)
+        shapes = body_shapes(self._model)
+        for drawing in self.drawings.values():
+            shapes = drawing.in_place_of(shapes)
+        return shapes
+
+    @cached_property
+    def drawings(self) -> dict[str, ArmDrawing]:
+        """How each arm is drawn, by the prefix of its names."""
+        return {prefix: drawing_of(arm, self._model, prefix) for prefix, arm in self._arms.items()}

@@ -138,6 +138,11 @@ class RigidScene(CoupledScene):
         return self._compiled.shapes
 
     @property
+    def drawn_as(self) -> str:
+        """By what the arm is drawn, see `ArmDrawing.note`."""
+        return self._compiled.drawings[self.description.prefix].note
+
+    @property
     def tick_s(self) -> float:
         """Length of a tick [s]: of the clock, or of a fine one, see `go_finely`."""
         return self._step_s if self._pace[0] < self.substeps else self._tick_s
