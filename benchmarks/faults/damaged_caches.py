@@ -77,10 +77,11 @@ def _flipped(data: bytes, random: Random) -> bytes:
 
 
 def made_up_model(random: Random) -> SectionModel:
-    """Return a section model of numbers without meaning."""
+    """Return a section model of numbers without meaning, but near its film."""
     sizes = {"energy": (9, 4, 30), "length": (9, 4), "gas": (9,), "nodes": (9, 20, 2, 4)}
     sizes |= {"held_out": (5, 9), "tips": (3, 3)}
     arrays = {name: random.random(size) for name, size in sizes.items()}
+    arrays["tips"][:, 1] *= 0.01 * arrays["tips"][:, 2]
     return SectionModel(PressureSpline(4e4, 6), **arrays, samples=7, failures=1)
 
 

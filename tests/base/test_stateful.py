@@ -57,6 +57,7 @@ SAVED_OTHERWISE = {
     "StepLoads": "what it has applied for the length of a step of MuJoCo",
     "Stream": "what has come from a robot; a twin is not saved",
     "Streams": "what has come from a robot; a twin is not saved",
+    "SceneOfArms": "of runs of several arms, which are not saved",
     "StrainRates": "what a step begins with, filled anew for every step",
     "TensionSweep": "lives for one tip target of the plan",
     "TickReferences": "worked out anew from the phase",

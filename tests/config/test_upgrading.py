@@ -112,7 +112,9 @@ def test_files_are_rewritten_in_place_and_load(tmp_path: Path, capsys: pytest.Ca
         load_scenario(scenario)
     assert main(["upgrade", str(scenario), str(robot)]) == 0
     assert capsys.readouterr().out == (
-        f"{scenario}: upgraded to schema 2, 2 changes\n{robot}: upgraded to schema 2, 3 changes\n"
+        f"{scenario}: upgraded to schema 2, 2 changes; "
+        "only a run shows: whether the tip can follow phase 'lift', 'reach'\n"
+        f"{robot}: upgraded to schema 2, 3 changes\n"
     )
     assert robot.read_text() == arm
     assert scenario.read_text() == text.replace('"hexagon_arm"', '"soft_arm.toml"')

@@ -112,13 +112,13 @@ def test_the_force_shown_of_ticks_in_pieces_is_their_impulse() -> None:
     scene, cube = here.grasp.scene, here.grasp.scene.body_names.index("cube")
     servos = Servos.knowing_no_payload(*np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None])
     for k in range(150):
-        fine = here.coupling.fine.on
+        fine = here.coupling.fine.left
         taken = here.coupling.advance(servos, [here.grasp.loads])
         shown += tick_s * (taken.ticks.body_force[0, cube] + [0.0, 0.0, -9.81 * mass_kg])
         load = scene.bodies.applied[cube, :3]  # acts in the next tick, or in the next piece
         momentum = mass_kg * scene.bodies.spins[cube, 3:]
         assert shown - scene.tick_s * load == pytest.approx(momentum, abs=1e-12), k
-        left += fine and not here.coupling.fine.on and bool(load.any())
+        left += fine and not here.coupling.fine.left and bool(load.any())
     assert left  # the last piece's force acts through a whole tick
 
 
@@ -138,9 +138,9 @@ def test_the_first_whole_tick_looks_back_over_a_whole_one() -> None:
     grasp, fine = hit(), False
     soft = grasp.grasp.soft
     before = soft.state.positions
-    while not fine or grasp.coupling.fine.on:  # the pads ring for some 0.2 s
+    while not fine or grasp.coupling.fine.left:  # the pads ring for some 0.2 s
         assert grasp.coupling.interface.ticks < 200
-        fine, before = grasp.coupling.fine.on, soft.state.positions
+        fine, before = grasp.coupling.fine.left, soft.state.positions
         grasp.tick()
     assert soft.state.earlier is not None
     assert np.array_equal(soft.state.earlier[0], before)

@@ -17,7 +17,7 @@ from cosim.plan.plan import RobotCommand
 
 @final
 class SineTension(ChangedCommands):
-    """Adds a (1 - cos(2 pi f t)) / 2 to what is asked of a cable.
+    """Adds a (1 - cos(2 pi f t)) / 2 to the tension that is asked of a cable.
 
     Args:
         given: asks for the rest.
@@ -40,7 +40,7 @@ class SineTension(ChangedCommands):
 @final
 @dataclass(frozen=True, kw_only=True)
 class SineTable(CommandTable):
-    """A cable whose tension swings from what the phases ask for upwards.
+    """A cable whose tension swings upwards from the phases' value.
 
     Args:
         cable: its name.

@@ -98,9 +98,12 @@ def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
     assert_close(rows, ticks, 1e-9)
 
 
-def test_what_may_be_touched_goes_tick_by_tick(path: Path) -> None:
-    wanted = scenario(path, contact__only_in_reach=False)
-    assert not taken_together(build_simulation(wanted), 3)
+@pytest.mark.parametrize(("height_m", "rows"), [(0.25, []), (0.05, [1, 2])], ids=["near", "far"])
+def test_what_is_near_goes_tick_by_tick(path: Path, height_m: float, rows: list[int]) -> None:
+    size, place = [0.1, 0.1, 0.05], [0.4, 0.0, height_m]
+    box = {"name": "box", "shape": "box", "size_m": size, "position_m": place}
+    wanted = scenario(path, contact__only_in_reach=False, object=[box])
+    assert taken_together(build_simulation(wanted), 3) == rows
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
@@ -212,7 +215,7 @@ def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
         if shown[-1] == 8:
             run._parts.carrier._scene._data.qvel[0] = np.nan
 
-    ending = drive(run.batches(8), [observe], lambda: None)
+    ending = drive(run.batches(8), observe, lambda: None)
     assert isinstance(ending.error, InstabilityError)
     assert shown == list(range(9))
 

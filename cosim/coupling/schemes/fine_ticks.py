@@ -47,19 +47,14 @@ class FineTicks:
         known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
         self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
 
-    @property
-    def on(self) -> bool:
-        """Whether the next tick is a fine one."""
-        return self.left > 0
-
     def look(self, taken: TicksTaken) -> None:
         """Decide on the next tick, after one."""
-        interface, before = self._interface, self.on
+        interface, before = self._interface, self.left
         if self.fast_m_s < np.inf and interface.contact is not None:
-            bound = (_SETTLED if self.on else 1.0) * self.fast_m_s
+            bound = (_SETTLED if self.left else 1.0) * self.fast_m_s
             moves = interface.contact.fastest_m_s(interface.soft.state) > bound
             self._go(_CALM_TICKS if moves else max(0, self.left - 1))
-        if self.on and not before:  # its force acts through one piece alone
+        if self.left and not before:  # its force acts through one piece alone
             taken.ticks.body_force[taken.done - 1] /= interface.scene.substeps
 
     def restore(self, left: int) -> None:
@@ -96,9 +91,9 @@ class FineTicks:
         interface.ticks = ticks + 1
         self.look(taken)
         acting = np.ones(count)
-        acting[-1] = 1 if self.on else count
+        acting[-1] = 1 if self.left else count
         taken.ticks.body_force[taken.done - 1] = np.tensordot(acting / count, fine.ticks.body_force, 1)
-        if not self.on:  # the next one looks back over this one
+        if not self.left:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
 
     def stop(self) -> None:
@@ -106,7 +101,7 @@ class FineTicks:
         self._go(0)
 
     def _go(self, left: int) -> None:
-        if (left > 0) == self.on:
+        if bool(left) == bool(self.left):
             self.left = left
             return
         self.restore(left)

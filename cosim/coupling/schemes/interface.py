@@ -154,10 +154,10 @@ class Interface:
         about_world = wrench.moved(-scene.flange_pose.translation)
         flange = six_numbers(np.concatenate([about_world.force, about_world.torque]))
         self.handed = TransferredLoads(flange, NOTHING, float(np.abs(wrench.force).max()), 0.0)
-        self.ratio = 0.0
         self.ticks = 0
         self._often = min(max(_FEWEST_TICKS, round(_WEIGHED_AFTER_S / scene.tick_s)), _MOST_TICKS)
         self._seldom = min(max(_FEWEST_TICKS, round(_SELDOM_AFTER_S / scene.tick_s)), _MOST_TICKS_FAR)
+        self.ratio, self._weighed_every = 0.0, self._seldom
 
     @property
     def touched(self) -> ContactReport:
@@ -179,10 +179,6 @@ class Interface:
         """Ticks until it is due the next time, the one in progress counted; at least one."""
         return self._weighed_every - self.ticks % self._weighed_every
 
-    @property
-    def _weighed_every(self) -> int:
-        return self._seldom if self.ratio < _FAR_RATIO else self._often
-
     def update_stability_ratio(self) -> None:
         """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.
 
@@ -191,7 +187,10 @@ class Interface:
         """
         body = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
         gain = exchange_gain(self.soft.answer_weights)
-        self.ratio = gain * stability_ratio(self.scene.mobility(), body)
+        self._take_ratio(gain * stability_ratio(self.scene.mobility(), body))
+
+    def _take_ratio(self, ratio: float) -> None:
+        self.ratio, self._weighed_every = ratio, self._seldom if ratio < _FAR_RATIO else self._often
 
     def save_state(self) -> InterfaceState:
         """Return what the next exchange depends on besides the states of scene and soft side."""
@@ -209,7 +208,8 @@ class Interface:
         if self.contact is None and state.contact is not None:
             raise InputError("contact is modelled in the saved state only")
         self.wrench, self.handed = state.wrench, state.handed
-        self.ratio, self.ticks = state.ratio, state.ticks
+        self._take_ratio(state.ratio)
+        self.ticks = state.ticks
         contact, light = (state.contact, state.light) if state.contact else self._untouched
         if self.contact is not None and contact is not None:
             self.contact.check_state(contact)

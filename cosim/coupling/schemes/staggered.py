@@ -93,7 +93,7 @@ class StaggeredCoupling(Coupling):
         """
         row, halves = self._open, self._halves
         if row is None:
-            opens = opening and isinstance(halves, FilmHalves) and halves.ready and not self._fine.on
+            opens = opening and isinstance(halves, FilmHalves) and halves.ready and not self._fine.left
             taken = self._ready(halves.most if opens else 1)
             rigid = self._weighed(taken)
             if isinstance(halves, FilmHalves) and opens:
@@ -190,7 +190,7 @@ class StaggeredCoupling(Coupling):
         interface, (begun, self._begun) = self.interface, (self._begun, None)
         rigid = self._weighed(taken) if begun is None else begun[1]
         most = interface.ticks_to_weighing
-        if self._fine.on:
+        if self._fine.left:
             self._halves.end(taken)
             self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
             return not self._halves.plain
