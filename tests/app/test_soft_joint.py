@@ -173,8 +173,10 @@ def test_film_between_two_links_of_one_arm_holds_their_hinge_back() -> None:
     assert soft.ledger.momentum_error < 1e-10
 
 
-def test_a_second_body_that_cannot_move_bears_the_film() -> None:
-    soft, model, data = joined(HUNG.format(mass=0.2, joint=""), ("wrist", "tool"), overrides=CALM)
+@pytest.mark.parametrize("led", ["", 'mocap="true" '])
+def test_a_second_body_that_cannot_move_bears_the_film(led: str) -> None:
+    text = HUNG.format(mass=0.2, joint="").replace('<body name="tool" ', f'<body name="tool" {led}')
+    soft, model, data = joined(text, ("wrist", "tool"), overrides=CALM)
     data.ctrl[0] = 5e-3  # the arm pulls up
     soft.step(model, data, 100)
     assert soft.far_wrench.force[2] > 1.0
