@@ -129,7 +129,11 @@ def test_what_ran_loads_to_the_same(tmp_path: Path) -> None:
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "key of an arm": ({"arm.left.phase.1.duration_s": -1.0}, "arm.left.phase.move.duration_s: -1"),
-    "shared key": ({"arm.left.clock": {"tick_s": 0.001}}, "clock: is shared by all arms: give it above"),
+    "shared key": (
+        {"arm.left.clock": {"tick_s": 0.001}},
+        "arm.left.clock: is shared by all arms: give it above",
+    ),
+    "unknown key": ({"arm.left.robott": "ur3"}, "arm.left.robott: unknown key; did you mean robot or"),
     "shared value": ({"clock.tick_s": 1.0}, "clock.tick_s: 1"),
     "no such arm": ({"arm.middle.robot": "ur3"}, "arm.middle: no such arm; there are: left, right"),
     "statics": ({"mode": "quasistatic"}, "mode: several arms need 'dynamic'"),
@@ -151,6 +155,20 @@ def test_what_several_arms_cannot_do_is_refused_by_key(
 ) -> None:
     with pytest.raises(ScenarioError) as raised:
         load_arms(written(tmp_path, "both", of_both()), changes)
+    assert text in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("", "arm.2.name: is missing"),
+        ('name = "left"', "arm.2.name: 'left' is the name of another arm"),
+        ('name = "to the right"', "arm.2.name: 'to the right' must be a letter followed by"),
+    ],
+)
+def test_each_arm_has_a_name_of_its_own(given: str, text: str, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError) as raised:
+        load_arms(written(tmp_path, "both", of_both().replace('name = "right"', given)))
     assert text in str(raised.value)
 
 
