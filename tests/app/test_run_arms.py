@@ -231,10 +231,16 @@ def test_what_cannot_be_reached_is_named_with_its_arm() -> None:
         build_arms(far.arms, lambda _text: None)
 
 
-def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(tmp_path: Path) -> None:
+def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = of_both().replace("position_m = [3.0, 0.0, 0.0]", "position_m = [0.6, 0.0, 0.0]")
     near = written(tmp_path, "near", text.replace("[3.3, 0.0, 0.6]", "[0.35, 0.0, 0.6]"))
-    with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
-        build_arms(load_arms(near).arms, lambda _text: None)
+    for changes in ({}, {"plan.collision": "refuse"}):  # to lead the flange around it would not help
+        with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
+            build_arms(load_arms(near, changes).arms, lambda _text: None)
+    assert main(["check", str(near)]) == 2
+    assert f"{near}: arm.left.start.flange: the arm stands in something" in capsys.readouterr().out
     apart = written(tmp_path, "apart", text.replace("[3.3, 0.0, 0.6]", "[0.6, -0.5, 0.6]"))
     build_arms(load_arms(apart).arms, lambda _text: None)
+    assert main(["check", str(apart)]) == 0
