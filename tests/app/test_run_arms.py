@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.app.ended_run import found_recordings
 from cosim.build.arm_parts import rigid_substeps
 from cosim.build.simulation import build_arms
 from cosim.cli.main import main
@@ -194,7 +195,9 @@ def test_the_command_line_leaves_the_files_of_each_arm(
         assert run.summary["error"]["reason"] == "it is not known of several arms"
         pressures[name] = run.chamber_pressure_Pa[0, 0]
     assert pressures == {"left": 3e3, "right": 2e3}
-    assert (out / "recording.rrd").is_file()
+    assert found_recordings(out / "left") == found_recordings(out) == [out / "recording.rrd"]
+    with pytest.raises(InputError, match=rf"several arms, left, right: .* such as {out / 'left'}"):
+        cosim.load_run(out)
     assert load_arms(out / "scenario.toml").arms["left"].start.pressure_Pa == 3e3
     assert main(["run", "--resume", str(out)]) == 2
     assert "start it again" in capsys.readouterr().err
