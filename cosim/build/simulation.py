@@ -155,9 +155,9 @@ def build_arms(
     all_planned = {}
     for (name, scenario), scene in zip(scenarios.items(), shared.arms, strict=True):
         note_kinds(scenario)
-        model = SoftModel(scenario, kept, None, tell)
-        parts = ArmParts(scenario, kept, described[name], scene)
         with of_arm(name):
+            model = SoftModel(scenario, kept, None, tell)
+            parts = ArmParts(scenario, kept, described[name], scene)
             all_planned[name] = _planned(scenario, model, model.side(), parts)
     check_starts(shared, {name: one.plan.joints for name, one in all_planned.items()})
     runs = {}

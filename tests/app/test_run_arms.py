@@ -234,6 +234,16 @@ def test_what_cannot_be_reached_is_named_with_its_arm() -> None:
         build_arms(far.arms, lambda _text: None)
 
 
+def test_a_film_that_cannot_be_made_is_named_with_its_arm() -> None:
+    changes: dict[str, Any] = {"arm.right.soft_robot": {"file": "diamond_finger"}}
+    changes |= {"arm.right.soft_robot.body.port_m": [0.5, 0.5]}
+    fault = r"^arm\.right\.soft_robot\.body: port_m at .* is outside the sheet"
+    with pytest.raises(ScenarioError, match=fault):
+        cosim.run_arms(HOLD, overrides=changes)
+    with pytest.raises(ScenarioError, match=fault):
+        build_arms(load_arms(HOLD, changes).arms, lambda _text: None)
+
+
 def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
