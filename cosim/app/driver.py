@@ -32,7 +32,7 @@ from cosim.base.files import cache_directory, files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.build.kernel_modules import contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
-from cosim.config.several_arms import ArmsScenario
+from cosim.config.several_arms import ArmsScenario, of_arm
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
@@ -482,10 +482,10 @@ def prepared_arms(
     scenario: ArmsScenario, tell: Callable[[str], None], *, recording: bool, kept: KeptParts
 ) -> ArmsScenario:
     """Return the scenario with each arm's model built, and all compiled that its loop calls."""
-    arms = {
-        name: prepared(one, tell, recording=recording, contact=True, kept=kept)
-        for name, one in scenario.arms.items()
-    }
+    arms = dict[str, Scenario]()
+    for name, one in scenario.arms.items():
+        with of_arm(name):
+            arms[name] = prepared(one, tell, recording=recording, contact=True, kept=kept)
     return replace(scenario, arms=arms)
 
 

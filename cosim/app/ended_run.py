@@ -20,6 +20,7 @@ from cosim.app.run_files import (
     recordings,
 )
 from cosim.base.resources import is_file
+from cosim.config.several_arms import has_arms
 from cosim.errors import InputError
 from cosim.results.array_files import check_rows, read_images, read_parts, read_stage
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult, as_html
@@ -62,6 +63,12 @@ def _summary(where: Path) -> dict[str, Any]:
             raise InputError(
                 f"{where}: the run has not ended; resume it: cosim run --resume {where}"
             ) from None
+        if _is_of_several(where):
+            arms = [folder.parent.name for folder in sorted(where.glob(f"*/{SUMMARY}"))]
+            raise InputError(
+                f"{where}: holds the runs of several arms, {', '.join(arms)}: give the directory of one, "
+                f"such as {where / arms[0] if arms else where / 'ARM'}"
+            ) from None
         raise InputError(
             f"{where}: holds no run, for want of a {SUMMARY}; make one: cosim run SCENARIO --out {where}"
         ) from None
@@ -76,6 +83,11 @@ def _summary(where: Path) -> dict[str, Any]:
             f"{path}: is no whole summary of a run: {type(error).__name__}: {error}; {_again(where)}"
         ) from error
     return found
+
+
+def _is_of_several(where: Path) -> bool:
+    """Return whether a directory is that of a run of several arms, each of which has one within it."""
+    return is_file(where / SCENARIO) and has_arms(where / SCENARIO)
 
 
 def _check_figures(summary: dict[str, Any]) -> None:
@@ -148,7 +160,7 @@ def picture(
 
 
 def found_recordings(run: str | Path | RunResult) -> list[Path]:
-    """Return the recordings of a run, in order.
+    """Return the recordings of a run, in order; of an arm among several those of all arms.
 
     Args:
         run: directory of the run, a .rrd file, or a run that wrote a recording.
@@ -163,6 +175,8 @@ def found_recordings(run: str | Path | RunResult) -> list[Path]:
     path = Path(run)
     is_folder = os.path.isdir(path)  # False too where no name can be that long
     found = recordings(path) if is_folder else [path]
+    if not found and _is_of_several(path.absolute().parent):
+        found = recordings(path.absolute().parent)
     if not found or not is_file(found[0]):
         missing = path / RECORDING if is_folder else path
         raise InputError(f"no recording at {missing}; make one: cosim run SCENARIO --out {path}")

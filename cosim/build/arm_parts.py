@@ -8,7 +8,7 @@ Rigid objects of a scenario, and the palm of a soft robot, as the rigid side wan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final, final
@@ -23,12 +23,13 @@ from cosim.build.arms import cell_of, motion_of, placed_arm
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import ContactTable, Scenario
 from cosim.config.schema.soft_robot import PalmTable
+from cosim.config.several_arms import of_arm
 from cosim.config.toml.reading import Faults, blamed_on
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.plan.arm_limits import PathClearances, PlannedArm
-from cosim.plan.arm_plan import planned_arm
+from cosim.plan.arm_plan import check_stands, planned_arm
 from cosim.plan.clearance import keeps_clear, path_clearances
 from cosim.plan.joint_planner import led_joints, plan_joints
 from cosim.plan.motion import CellMotion, JointPath
@@ -37,6 +38,7 @@ from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject
 from cosim.rigid.build.pair_friction import PairFriction
+from cosim.rigid.scene.arms import SceneOfArms
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 
@@ -289,6 +291,46 @@ def compiled_scene(
         return kept.made("scene", name_of(*together), lambda: CompiledScene(arm.description, descriptions))
     except SceneError as error:
         raise ScenarioError(_body_key(scenario, error.body), str(error)) from error
+
+
+def scene_of_arms(
+    scenarios: Mapping[str, Scenario], kept: KeptParts
+) -> tuple[dict[str, DescribedArm], SceneOfArms]:
+    """Return several arms as described, and the one scene that they are in.
+
+    Args:
+        scenarios: of each arm, by its name.
+        kept: parts that may be used again; it gets those that are made here.
+
+    Raises:
+        ScenarioError: drives move joints of the cell.
+        InputError: as of `DescribedArm` and `compiled_scene`.
+    """
+    described = {name: DescribedArm.of(scenario, kept, f"{name}/") for name, scenario in scenarios.items()}
+    if any(each.driven is not None for each in described.values()):
+        raise ScenarioError(
+            "scene.mjcf", "has joints, which drives move for one arm alone; let all stand still"
+        )
+    first, *others = described.values()
+    compiled = compiled_scene(next(iter(scenarios.values())), kept, first, others)
+    return described, SceneOfArms(tuple(each.description for each in described.values()), compiled)
+
+
+def check_starts(shared: SceneOfArms, joints: Mapping[str, Array]) -> None:
+    """Check that several arms can stand where they start, with the others where these start.
+
+    Args:
+        shared: the scene, in which they are put there.
+        joints: (joints,) [rad], of each arm by its name.
+
+    Raises:
+        ScenarioError: a link is in something; the first arm of which that is so is named.
+    """
+    for scene, start in zip(shared.arms, joints.values(), strict=True):
+        scene.set_joint_state(start)
+    for (name, start), scene in zip(joints.items(), shared.arms, strict=True):
+        with of_arm(name):
+            check_stands(scene.links.at(start), "start.flange")
 
 
 @final

@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 from cosim.base.arm_file import ArmFile
+from cosim.base.frames import Array
 from cosim.base.kept_parts import KeptParts
-from cosim.build.arm_parts import ArmParts, check_engines_agree
+from cosim.build.arm_parts import ArmParts, check_engines_agree, check_starts, scene_of_arms
 from cosim.build.arms import find_arm
 from cosim.build.options import described_body, fidelity_body
 from cosim.build.soft_model import body_name
@@ -75,7 +76,12 @@ def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
         ScenarioError: what is wrong, by key; see `build_soft_body`, `ArmParts`, `check_start` and
             `check_given_ways`.
     """
-    kept, faults = KeptParts() if kept is None else kept, Faults()
+    _start_of(scenario, KeptParts() if kept is None else kept)
+
+
+def _start_of(scenario: Scenario, kept: KeptParts) -> Array | None:
+    """Return the joint angles (joints,) at which a scenario's arm starts; None without an arm."""
+    faults = Faults()
     with faults:
         body = kept.made("body", body_name(scenario), lambda: fidelity_body(scenario))
     if scenario.robot != NO_ARM:
@@ -83,22 +89,25 @@ def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
             built = ArmParts(scenario, kept)
     faults.tell()
     if scenario.robot == NO_ARM:
-        return
+        return None
     planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
-    check_given_ways(scenario, planner)
+    return check_given_ways(scenario, planner)
 
 
 def check_arms(scenario: ArmsScenario) -> None:
-    """Check each of several arms as `check_built` does.
+    """Check each of several arms as `check_built` does, and that none starts in another one.
 
     Raises:
         ScenarioError: what is wrong, by key.
     """
-    kept, faults = KeptParts(), Faults()
+    kept, faults, starts = KeptParts(), Faults(), dict[str, Array]()
     for name, one in scenario.arms.items():
         with faults, of_arm(name):
-            check_built(one, kept)
+            start = _start_of(one, kept)
+            assert start is not None, "each of several arms needs a robot"
+            starts[name] = start
     faults.tell()
+    check_starts(scene_of_arms(scenario.arms, kept)[1], starts)
 
 
 def left_to_runs(scenario: Scenario) -> tuple[str, ...]:

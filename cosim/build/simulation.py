@@ -31,7 +31,7 @@ from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
-from cosim.plan.arm_plan import check_base, check_stands, checked_start, drawn_payload
+from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
 from cosim.plan.clearance import (
     ArmOnItsWay,
     check_clearances,
@@ -147,26 +147,19 @@ def build_arms(
     Raises:
         InputError: as of `build`, or arms come too near to one another.
     """
-    from cosim.build.arm_parts import ArmParts, DescribedArm, compiled_scene  # see below
-    from cosim.rigid.scene.arms import SceneOfArms
+    from cosim.build.arm_parts import ArmParts, check_starts, scene_of_arms  # see below
     from cosim.stepping.arm_carrier import SharedArm
 
     kept = KeptParts() if kept is None else kept
-    described = {name: DescribedArm.of(scenario, kept, f"{name}/") for name, scenario in scenarios.items()}
-    if any(each.driven is not None for each in described.values()):
-        raise ScenarioError(
-            "scene.mjcf", "has joints, which drives move for one arm alone; let all stand still"
-        )
-    first, *others = described.values()
-    compiled = compiled_scene(next(iter(scenarios.values())), kept, first, others)
-    shared = SceneOfArms(tuple(each.description for each in described.values()), compiled)
+    described, shared = scene_of_arms(scenarios, kept)
     all_planned = {}
     for (name, scenario), scene in zip(scenarios.items(), shared.arms, strict=True):
         note_kinds(scenario)
-        model = SoftModel(scenario, kept, None, tell)
-        parts = ArmParts(scenario, kept, described[name], scene)
         with of_arm(name):
+            model = SoftModel(scenario, kept, None, tell)
+            parts = ArmParts(scenario, kept, described[name], scene)
             all_planned[name] = _planned(scenario, model, model.side(), parts)
+    check_starts(shared, {name: one.plan.joints for name, one in all_planned.items()})
     runs = {}
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
@@ -176,9 +169,6 @@ def build_arms(
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     for run in runs.values():  # each begins, and is shown, with the others where they begin
         run.carrier.set_configuration(run.plan.joints)
-    for (name, run), scene in zip(runs.items(), shared.arms, strict=True):
-        with of_arm(name):
-            check_stands(scene.links.at(run.plan.joints), "start.flange")
     return ArmsRun(runs, shared.step)
 
 

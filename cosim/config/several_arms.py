@@ -9,13 +9,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, final
 
 from cosim.base.resources import scenario_path
 from cosim.config.loading import by_key, loaded_scenario
 from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.toml.keys import key_of, unknown_key_message
 from cosim.config.toml.reading import Faults, copy_with, merge, read_table
 from cosim.config.writing import table_text, to_table
 from cosim.errors import ScenarioError
@@ -94,7 +95,7 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
         own = {key: value for key, value in entry.items() if key != "name"}
         changed = _changes_of(name, changes)
         with faults, of_arm(name):
-            _check_keys([*own, *changed])
+            _check_keys(name, [*own, *changed])
             merged = merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
             if isinstance(table.get("title"), str):
                 merged["title"] = f"{table['title']}: {name}"
@@ -113,29 +114,39 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
     """Return the tables of arms by their names.
 
     Raises:
-        ScenarioError: they are not two or more with different names.
+        ScenarioError: they are not two or more, each with a name that no other has.
     """
     entries = given if isinstance(given, list) and all(isinstance(each, dict) for each in given) else []
-    names = [each.get("name") for each in entries]
-    if len(entries) < 2 or len({*map(str, names)}) < len(names):
-        raise ScenarioError(
-            ARMS,
-            "must be two or more tables [[arm]] with different names; the keys of one arm need no [[arm]]",
-        )
-    for place, name in enumerate(names, 1):
-        if not (isinstance(name, str) and re.fullmatch(_NAME, name)):
-            raise ScenarioError(
-                f"{ARMS}.{place}.name", f"{name!r} must be a letter followed by letters, digits, '_' or '-'"
+    if len(entries) < 2:
+        raise ScenarioError(ARMS, "must be two or more tables [[arm]]; the keys of one arm need no [[arm]]")
+    found, faults = dict[str, dict[str, Any]](), Faults()
+    for place, entry in enumerate(entries, 1):
+        name, key = entry.get("name"), f"{ARMS}.{place}.name"
+        if name is None:
+            faults.add(key, "is missing; it has no default")
+        elif not (isinstance(name, str) and re.fullmatch(_NAME, name)):
+            faults.add(key, f"{name!r} must be a letter followed by letters, digits, '_' or '-'")
+        elif name in found:
+            faults.add(key, f"{name!r} is the name of another arm; give each arm its own")
+        else:
+            found[name] = entry
+    faults.tell()
+    return found
+
+
+def _check_keys(name: str, own: Sequence[str]) -> None:
+    """Check that an arm gives no key that all arms share, and none that does not exist."""
+    known, faults = {key_of(entry) for entry in fields(Scenario)}, Faults()
+    for key in own:
+        head = key.partition(".")[0]
+        if head in known.difference(OF_AN_ARM):
+            text = (
+                f"is shared by all arms: give it above the first [[arm]]; an arm has {', '.join(OF_AN_ARM)}"
             )
-    return dict(zip(map(str, names), entries, strict=True))
-
-
-def _check_keys(own: Sequence[str]) -> None:
-    shared = [key for key in own if key.partition(".")[0] not in OF_AN_ARM]
-    if shared:
-        text = f"is shared by all arms: give it above the first [[arm]]; an arm has {', '.join(OF_AN_ARM)}"
-        first, *more = [(key, text) for key in shared]
-        raise ScenarioError(*first, further=tuple(more))
+            faults.add(f"{ARMS}.{name}.{key}", text)
+        elif head not in OF_AN_ARM:
+            faults.add(f"{ARMS}.{name}.{head}", unknown_key_message(head, OF_AN_ARM))
+    faults.tell()
 
 
 def _changes_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -194,7 +194,9 @@ def check_stands(contacts: Sequence[LinkContact], key: str) -> None:
     deep = [contact for contact in contacts if contact.depth_m > _STANDS_IN_M]
     if deep:
         where = ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
-        raise ScenarioError(key, f"the arm stands in something: {where}; move the flange or the objects")
+        raise ScenarioError(
+            key, f"the arm stands in something: {where}; move the flange, the base of an arm or the objects"
+        )
 
 
 def check_base(scene: RigidScene, body: SoftBody, flange: Pose, depth_m: float) -> None:

@@ -342,15 +342,17 @@ def make_plan(
     return Plan(start, joints[0].first, command, scenario.gravity_m_s2, plans)
 
 
-def check_given_ways(scenario: Scenario, plan_joints: JointPlanner) -> None:
+def check_given_ways(scenario: Scenario, plan_joints: JointPlanner) -> Array:
     """Check the arm's start, and the phases before the first whose end depends on the soft body, if any.
+
+    Returns the joint angles (joints,) at the start [rad].
 
     Raises:
         ScenarioError: a pose cannot be reached; `path` names the key.
     """
     start = pose_of(scenario.start.flange)
     ways = _given_ways(scenario, start) or [given_way(start, scenario.phases[0])]
-    _joints_along(scenario, plan_joints, start, ways)
+    return _joints_along(scenario, plan_joints, start, ways)[0].first
 
 
 def _joints_along(

@@ -379,3 +379,32 @@ def test_the_film_touches_what_is_in_the_scene() -> None:
     assert touched > 10
     assert force[2] < -0.1
     assert abs(data.qpos[3] - 0.05) < 5e-3
+
+
+def test_a_mocap_body_presses_on_the_film_as_a_driven_one_does() -> None:
+    """It gives way to no load; a slide that a stiff servo leads the same way gives by little."""
+    text = """
+    <mujoco><option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/><worldbody>
+      <body name="carriage" pos="0 0 0.5">
+        <joint type="slide" axis="0 0 1" stiffness="5000" damping="300"/>
+        <geom type="box" size="0.05 0.05 0.01" mass="3" contype="0" conaffinity="0"/>
+        <site name="tool" pos="0 0 -0.01" euler="180 0 0"/></body>
+      <body name="plate" {led}pos="0 0 0.456">{joint}<geom type="box" size="0.05 0.05 0.01" mass="9"/></body>
+    </worldbody>{servo}</mujoco>"""
+    slide = {"joint": '<joint name="up" type="slide" axis="0 0 1"/>', "led": ""}
+    slide["servo"] = '<actuator><position joint="up" kp="1e6" kv="1e4"/></actuator>'
+    forces = []
+    for given in ({"joint": "", "led": 'mocap="true" ', "servo": ""}, slide):
+        calm = {"solver.damping_per_s": 20.0, "start.pressure_Pa": 3e3}
+        soft, model, data = hung(text.format(**given), "tool", overrides=calm)
+        for tick in range(150):
+            up = 8e-5 * min(tick, 120)
+            if model.nmocap:
+                data.mocap_pos[0, 2] = 0.456 + up
+            else:
+                data.ctrl[0] = up
+            soft.step(model, data)
+            assert soft.ledger.momentum_error < 1e-10
+        forces.append(soft.measure().contact_force_N["plate"][2])
+    assert forces[0] < -0.3
+    assert forces[0] == pytest.approx(forces[1], rel=0.02)

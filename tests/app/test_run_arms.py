@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.app.ended_run import found_recordings
 from cosim.build.arm_parts import rigid_substeps
 from cosim.build.simulation import build_arms
 from cosim.cli.main import main
@@ -129,7 +130,11 @@ def test_what_ran_loads_to_the_same(tmp_path: Path) -> None:
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "key of an arm": ({"arm.left.phase.1.duration_s": -1.0}, "arm.left.phase.move.duration_s: -1"),
-    "shared key": ({"arm.left.clock": {"tick_s": 0.001}}, "clock: is shared by all arms: give it above"),
+    "shared key": (
+        {"arm.left.clock": {"tick_s": 0.001}},
+        "arm.left.clock: is shared by all arms: give it above",
+    ),
+    "unknown key": ({"arm.left.robott": "ur3"}, "arm.left.robott: unknown key; did you mean robot or"),
     "shared value": ({"clock.tick_s": 1.0}, "clock.tick_s: 1"),
     "no such arm": ({"arm.middle.robot": "ur3"}, "arm.middle: no such arm; there are: left, right"),
     "statics": ({"mode": "quasistatic"}, "mode: several arms need 'dynamic'"),
@@ -151,6 +156,20 @@ def test_what_several_arms_cannot_do_is_refused_by_key(
 ) -> None:
     with pytest.raises(ScenarioError) as raised:
         load_arms(written(tmp_path, "both", of_both()), changes)
+    assert text in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("", "arm.2.name: is missing"),
+        ('name = "left"', "arm.2.name: 'left' is the name of another arm"),
+        ('name = "to the right"', "arm.2.name: 'to the right' must be a letter followed by"),
+    ],
+)
+def test_each_arm_has_a_name_of_its_own(given: str, text: str, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError) as raised:
+        load_arms(written(tmp_path, "both", of_both().replace('name = "right"', given)))
     assert text in str(raised.value)
 
 
@@ -176,7 +195,9 @@ def test_the_command_line_leaves_the_files_of_each_arm(
         assert run.summary["error"]["reason"] == "it is not known of several arms"
         pressures[name] = run.chamber_pressure_Pa[0, 0]
     assert pressures == {"left": 3e3, "right": 2e3}
-    assert (out / "recording.rrd").is_file()
+    assert found_recordings(out / "left") == found_recordings(out) == [out / "recording.rrd"]
+    with pytest.raises(InputError, match=rf"several arms, left, right: .* such as {out / 'left'}"):
+        cosim.load_run(out)
     assert load_arms(out / "scenario.toml").arms["left"].start.pressure_Pa == 3e3
     assert main(["run", "--resume", str(out)]) == 2
     assert "start it again" in capsys.readouterr().err
@@ -213,10 +234,26 @@ def test_what_cannot_be_reached_is_named_with_its_arm() -> None:
         build_arms(far.arms, lambda _text: None)
 
 
-def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(tmp_path: Path) -> None:
+def test_a_film_that_cannot_be_made_is_named_with_its_arm() -> None:
+    changes: dict[str, Any] = {"arm.right.soft_robot": {"file": "diamond_finger"}}
+    changes |= {"arm.right.soft_robot.body.port_m": [0.5, 0.5]}
+    fault = r"^arm\.right\.soft_robot\.body: port_m at .* is outside the sheet"
+    with pytest.raises(ScenarioError, match=fault):
+        cosim.run_arms(HOLD, overrides=changes)
+    with pytest.raises(ScenarioError, match=fault):
+        build_arms(load_arms(HOLD, changes).arms, lambda _text: None)
+
+
+def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = of_both().replace("position_m = [3.0, 0.0, 0.0]", "position_m = [0.6, 0.0, 0.0]")
     near = written(tmp_path, "near", text.replace("[3.3, 0.0, 0.6]", "[0.35, 0.0, 0.6]"))
-    with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
-        build_arms(load_arms(near).arms, lambda _text: None)
+    for changes in ({}, {"plan.collision": "refuse"}):  # to lead the flange around it would not help
+        with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
+            build_arms(load_arms(near, changes).arms, lambda _text: None)
+    assert main(["check", str(near)]) == 2
+    assert f"{near}: arm.left.start.flange: the arm stands in something" in capsys.readouterr().out
     apart = written(tmp_path, "apart", text.replace("[3.3, 0.0, 0.6]", "[0.6, -0.5, 0.6]"))
     build_arms(load_arms(apart).arms, lambda _text: None)
+    assert main(["check", str(apart)]) == 0

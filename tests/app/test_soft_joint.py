@@ -126,7 +126,8 @@ def test_a_saved_soft_joint_repeats_its_ticks_to_the_bit(tmp_path: Path) -> None
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no such body": (("wrist", "hand"), {}, "at is 'hand'.*bodies: arm, tool"),
     "goes with the mount": (("wrist", "arm"), {}, "'arm' goes rigidly with what carries the soft robot"),
-    "three": (("wrist", "tool", "arm"), {}, "at is .* which is no site or body"),
+    "three": (("wrist", "tool", "arm"), {}, "at is .*; give the name of a site or body, or two names"),
+    "number": (3, {}, "at is 3; give the name of a site or body, or two names"),
     "rigid": (("wrist", "tool"), {"fidelity": "rigid"}, "fidelity is 'rigid'; a soft joint"),
     "section": (("wrist", "tool"), {"fidelity": "section"}, "fidelity is 'section'; a soft joint"),
 }
@@ -173,8 +174,10 @@ def test_film_between_two_links_of_one_arm_holds_their_hinge_back() -> None:
     assert soft.ledger.momentum_error < 1e-10
 
 
-def test_a_second_body_that_cannot_move_bears_the_film() -> None:
-    soft, model, data = joined(HUNG.format(mass=0.2, joint=""), ("wrist", "tool"), overrides=CALM)
+@pytest.mark.parametrize("led", ["", 'mocap="true" '])
+def test_a_second_body_that_cannot_move_bears_the_film(led: str) -> None:
+    text = HUNG.format(mass=0.2, joint="").replace('<body name="tool" ', f'<body name="tool" {led}')
+    soft, model, data = joined(text, ("wrist", "tool"), overrides=CALM)
     data.ctrl[0] = 5e-3  # the arm pulls up
     soft.step(model, data, 100)
     assert soft.far_wrench.force[2] > 1.0

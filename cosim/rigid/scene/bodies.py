@@ -128,7 +128,7 @@ class Bodies:
         self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, driven: Mask, pace: IntArray
     ) -> None:
         self._model, self._data, self.flange = model, data, mounting.body
-        self._movable: Mask = (model.body_weldid != 0) & ~driven
+        self._movable: Mask = moved_by_loads(model) & ~driven
         self.applied: Array = data.xfrc_applied
         self.mass_centers: Array = data.xipos
         self.positions: Array = data.xpos
@@ -241,6 +241,12 @@ def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     acts |= slides & first  # a contact's rows follow its normal one
     rows = jacobian[acts]
     return np.asarray((rows.T * data.efc_D[acts]) @ rows)
+
+
+def moved_by_loads(model: mujoco.MjModel) -> Mask:
+    """Return which bodies (bodies,) loads can move: not what goes rigidly with the world or a mocap body."""
+    weld = model.body_weldid
+    return np.asarray((weld != 0) & (model.body_mocapid[weld] < 0))
 
 
 def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = False) -> IntArray:

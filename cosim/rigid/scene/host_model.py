@@ -62,7 +62,9 @@ class HostModel:
             InputError: MuJoCo refuses it, it has no such site or body, or its steps will not do.
         """
         spec, model = _read(source)
-        at, far = (at, None) if isinstance(at, str) or len(at) != 2 else at
+        if not (isinstance(at, str) or (isinstance(at, tuple | list) and len(at) == 2)):
+            raise InputError(f"at is {at!r}; give the name of a site or body, or two names for a soft joint")
+        at, far = (at, None) if isinstance(at, str) else at
         mounting = find_mounting(model, at)
         _find_far(model, mounting, far)
         _check_steps(model)

@@ -21,6 +21,7 @@ from cosim.base.solid import FilmInLink, LinkContact, Solid, SolidShape
 from cosim.rigid.build.object_bodies import mesh_of
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import ArmLayout
+from cosim.rigid.scene.bodies import moved_by_loads
 
 _SHAPES: Final[dict[int, SolidShape]] = {
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")): shape
@@ -110,7 +111,7 @@ class LinkContacts:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask) -> None:
         self._scene, self._live, self._layout = model, data, layout
-        self._movable = (model.body_weldid != 0) & ~driven
+        self._movable = moved_by_loads(model) & ~driven
         self._model = own = copy.copy(model)
         on_arm = own.body_rootid == own.body_rootid[layout.mount]
         links = on_arm & ~_below(own, layout.mount)
