@@ -12,7 +12,7 @@ from cosim.results.result import RunResult
 
 
 def few(*names: str) -> dict[str, Any]:
-    return {"mode": "quasistatic", **{f"phase.{name}.increments": 12 for name in names}}
+    return {"mode": "quasistatic", **{f"phase.{name}.increments": 5 for name in names}}
 
 
 def tip(result: RunResult, phase: str) -> np.ndarray[Any, Any]:
@@ -22,7 +22,7 @@ def tip(result: RunResult, phase: str) -> np.ndarray[Any, Any]:
 
 
 def test_the_reference_scenario_ends_where_140_increments_lead_it() -> None:
-    result = cosim.run("ur5e_hexagon_arm", overrides=few("inflate", "turn", "lift", "reach"))
+    result = cosim.run("ur5e_hexagon_arm", overrides=few("inflate", "turn", "lift", "reach"), error=False)
     assert result.status == "completed"
     # with more increments, and in the dynamic mode: the same to the last digit
     assert tip(result, "inflate") == pytest.approx([0.3, 0.0, 0.5635], abs=2e-4)
@@ -35,7 +35,7 @@ def test_the_reference_scenario_ends_where_140_increments_lead_it() -> None:
 
 
 def test_a_load_on_the_light_arm_is_lifted_back() -> None:
-    result = cosim.run("light_hexagon_arm", overrides=few("inflate", "turn", "load", "lift"))
+    result = cosim.run("light_hexagon_arm", overrides=few("inflate", "turn", "load", "lift"), error=False)
     assert result.status == "completed"
     assert 0.035 < result.summary["soft_weight_N"] / 9.81 < 0.06
     turned, loaded, lifted = (tip(result, phase)[2] for phase in ("turn", "load", "lift"))

@@ -122,7 +122,7 @@ def test_a_conveyor_brings_the_spool_below_the_gripper() -> None:
 
 
 def test_an_arm_in_a_bin_presses_on_its_wall() -> None:
-    result = shortened("arm_reaches_into_bin", {"bend": 0.4, "stroke": 0.5})
+    result = shortened("arm_reaches_into_bin", {"bend": 0.3, "stroke": 0.3})
     wall = result.body_contact_force[:, result.stage.body_names.index("cell/near_bin")]
     assert result.contact_force_N[0] == 0.0
     assert 1.0 < wall[-1, 0] < 10.0  # towards +x, as the flange goes

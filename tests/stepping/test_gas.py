@@ -123,7 +123,10 @@ def test_targets_are_planned_with_the_gas_that_is_sealed() -> None:
     assert pressure["again"] < 17.5e3
 
 
-FEWER = {"phase.inflate.increments": 40, "phase.turn.increments": 40, "phase.leak.increments": 20}
+FEWER = {
+    f"phase.{name}.increments": count
+    for name, count in {"inflate": 12, "turn": 12, "pull": 24, "leak": 12}.items()
+}
 
 
 def test_the_sealed_arm_answers_its_question() -> None:
