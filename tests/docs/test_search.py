@@ -52,21 +52,21 @@ WANTED = {
 """What is typed, and the page that answers it."""
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """Return the pages that each query finds, best first."""
+def found(html: Path) -> dict[str, list[str]]:
+    """Return the pages that each query finds, best first; the documentation is made in a folder."""
     if importlib.util.find_spec("sphinx") is None:
         pytest.skip("needs what makes the documentation: cosim[docs]")
     node = shutil.which("node")
     if node is None:
         pytest.skip("needs node, to run the search as a browser does")
-    html = tmp_path_factory.mktemp("html")
     build = [
         "-m",
         "sphinx",
         "--quiet",
         "-D",
         "nb_execution_mode=off",
+        "-D",
+        "html_theme=basic",
         "--builder",
         "html",
         str(DOCS),
@@ -78,9 +78,10 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     return {query: [page for page, _, _ in line] for query, line in zip(WANTED, lines, strict=True)}
 
 
-@pytest.mark.parametrize("query", WANTED)
-def test_the_right_page_is_first(query: str, found: dict[str, list[str]]) -> None:
-    assert found[query][:1] == [WANTED[query]], list(dict.fromkeys(found[query]))[:4]
+def test_the_right_page_is_first(tmp_path: Path) -> None:
+    # one test, so that one worker makes the documentation
+    pages = {query: list(dict.fromkeys(pages))[:4] for query, pages in found(tmp_path).items()}
+    assert {query: best for query, best in pages.items() if best[:1] != [WANTED[query]]} == {}
 
 
 def test_the_order_names_pages_that_are_there() -> None:

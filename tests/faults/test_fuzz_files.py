@@ -29,7 +29,9 @@ def test_mutated_files_load_or_are_refused_with_a_path(tmp_path: Path) -> None:
 
 
 def test_mutated_files_that_load_run_or_are_refused_with_a_path(tmp_path: Path) -> None:
-    loading = (seed for seed in count() if try_case(case_of(seed), "load", tmp_path).kind == "completed")
+    # without targets: to plan them for a robot that lost its frames took 79 s of processor time
+    quick = (seed for seed in count() if "tip_" not in case_of(seed).text)
+    loading = (seed for seed in quick if try_case(case_of(seed), "load", tmp_path).kind == "completed")
     verdicts = {seed: try_case(case_of(seed), "build", tmp_path) for seed in islice(loading, BUILT)}
     assert {seed: verdict.what for seed, verdict in verdicts.items() if verdict.kind == "finding"} == {}
     assert "completed" in [verdict.kind for verdict in verdicts.values()]
