@@ -55,8 +55,10 @@ NOT_HERE = re.compile(
     r"cosim (view|video|verify|trade) |cosim run .*(--resume|--live|--web)|cosim verify$|"
     r"cosim sweep (.*--engine|grip)|cosim run path.toml --set mode=quasistatic"
 )
-"""Commands with tests of their own, which take long, need something to draw with, or an interrupted run; and the
-one that `LONG` makes the same as the next."""
+"""Commands with tests of their own, which take long, need something to draw with, or an interrupted run.
+
+And one that `LONG` makes the same as the next.
+"""
 TESTED_ELSEWHERE = {
     "extending": "tests/app/test_extending.py and the tests of each kind of extension",
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
