@@ -21,7 +21,7 @@ from cosim.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
-LONG = {
+LONG: dict[str, dict[str, Any]] = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},
     "path.toml": {"mode": "quasistatic"},
