@@ -80,7 +80,10 @@ def main() -> None:
     model = compile_model(SceneDescription(ARM, floor_height_m=None))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    print(drawing_of(ARM, model).note)
+    drawing = drawing_of(ARM, model)
+    if not drawing.shapes:
+        raise SystemExit(drawing.note)
+    print(drawing.note)
     print("mesh out of our shapes: median, 95 %, most; our surface to the mesh: median, 95 %, most [mm]")
     meshes = {name: mesh_points(model, data, model.body(name).id) for name in LINKS}
     near = cKDTree(np.concatenate(list(meshes.values())))
