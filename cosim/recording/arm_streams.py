@@ -1,4 +1,7 @@
-"""One recording of several arms: each writes as if it were alone, below its own name."""
+"""One recording of several arms: each writes as if it were alone, below its own name.
+
+It stands alone so that the recorder of a run need not know of other arms.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A run of several arms in one scene: each is stepped as a run by itself, all by one clock."""
+"""A run of several arms in one scene: each is stepped as a run by itself, all by one clock.
+
+It stands alone as `DynamicSimulation` knows of no other arm, but for `begin_tick`.
+"""
 
 from __future__ import annotations
 

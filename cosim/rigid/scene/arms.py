@@ -1,6 +1,7 @@
 """Several arms in one scene: each sees the scene as its own, one call steps it for all.
 
 What one arm's soft robot applies is kept apart from what the others apply, as they may touch the same body.
+It stands alone as it joins both kinds of scenes: one that cosim steps, and one that somebody else steps.
 """
 
 from __future__ import annotations
