@@ -68,6 +68,7 @@ def controller(rows: list[list[float]]) -> Iterator[str]:
             with connection:
                 connection.sendall(played.package(ord("M"), b"a text in between"))
                 played.answer(connection)
+                connection.sendall(played.package(ord("M"), b""))  # of three bytes, the fewest
                 played.play(connection, rows, paced=False)
 
         thread = threading.Thread(target=serve, daemon=True)

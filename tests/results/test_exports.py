@@ -112,7 +112,11 @@ def test_the_usual_curves_are_drawn_with_units_and_phases(result: cosim.RunResul
     tip = figure.axes[0].lines[:3]
     assert np.allclose(np.array([line.get_ydata() for line in tip]).T, 1e3 * result.tip_position, rtol=1e-15)
     assert [line.get_label() for line in tip] == ["x", "y", "z"]
-    assert len(figure.axes[0].lines) == 3 + 4  # phases after the first
+    changes = result.time_s[np.flatnonzero(np.diff(result.phase))]
+    for axes in figure.axes:
+        marks = [line.get_xdata()[0] for line in axes.lines if line.get_xdata()[0] == line.get_xdata()[-1]]
+        assert marks == changes.tolist()
+    assert len(changes) == 4  # phases after the first
 
 
 def test_chosen_curves_are_drawn_even_if_they_are_zero(result: cosim.RunResult) -> None:

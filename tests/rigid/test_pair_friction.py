@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from cosim.base.kept_parts import KeptParts
 from cosim.build.arm_parts import ArmParts
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
+from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.build.pair_friction import PairFriction
 from cosim.rigid.scene.scene import RigidScene
@@ -111,6 +113,19 @@ def test_of_a_pair_but_the_friction_all_stays_as_mujoco_has_it() -> None:
     assert slid(largest, 1, 100) == slid(named, 1, 100) == pytest.approx(0.0, abs=1e-9)
     depth = [scene.body_poses()[0][scene.body_names.index("cube"), 2] for scene in (largest, named)]
     assert depth[0] == pytest.approx(depth[1], abs=1e-12)
+
+
+@pytest.mark.parametrize(("friction", "mu"), [(PairFriction(), 0.8), (NAMED, OF_CUBE)])
+def test_every_corner_of_an_object_may_touch_the_palm(friction: PairFriction, mu: float) -> None:
+    model = CompiledScene(scene_on_slope(friction, 0.0, 0.0, palm=True).description).model()
+    names = [model.geom(k).name for k in range(model.ngeom)]
+    corners = [k for k, name in enumerate(names) if name.startswith("cube") and "corner" in name]
+    places = sorted(tuple(np.round(model.geom_pos[k], 12)) for k in corners)
+    assert places == sorted(itertools.product((-0.01, 0.01), repeat=3))
+    palm = [k for k in range(model.ngeom) if model.body(model.geom_bodyid[k]).name == "palm"]
+    met = {frozenset(map(int, pair)): k for k, pair in enumerate(np.c_[model.pair_geom1, model.pair_geom2])}
+    for pair in itertools.product(corners, palm):
+        assert model.pair_friction[met[frozenset(pair)], :2] == pytest.approx([mu, mu])
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,19 @@ def test_the_markdown_has_a_row_per_phase(summary: dict[str, Any]) -> None:
         assert f"| {phase['name']} |" in text
 
 
+def test_the_markdown_has_a_row_for_each_bound_of_the_arm(summary: dict[str, Any]) -> None:
+    torque = {
+        "unit": "N m",
+        "joint": "elbow",
+        "value": -31.25,
+        "bound": 150.0,
+        "time_s": 1.5,
+        "phase": "lift",
+    }
+    text = summary_markdown(summary | {"arm": {"planned": {}, "run": {"torque": torque}}})
+    assert "| torque [N m] | run | elbow | -31.25 | 150 | 1.50 | lift |" in text
+
+
 def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callable[..., Any]) -> None:
     def warnings(frequency_Hz: float, numerical: float) -> list[str]:
         simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
