@@ -173,6 +173,12 @@ def test_each_arm_has_a_name_of_its_own(given: str, text: str, tmp_path: Path) -
     assert text in str(raised.value)
 
 
+def test_one_arm_alone_needs_no_table_of_arms(tmp_path: Path) -> None:
+    alone = of_both().rpartition("[[arm]]")[0]
+    with pytest.raises(ScenarioError, match=r"^arm: must be two or more tables \[\[arm\]\]"):
+        load_arms(written(tmp_path, "one", alone))
+
+
 def test_what_knows_one_arm_names_what_runs_several() -> None:
     for use in (cosim.Simulation, cosim.run, cosim.load_scenario, cosim.plan_path):
         with pytest.raises(InputError, match=r"arm: .*cosim run.*run_arms.*without \[\[arm\]\]"):
