@@ -172,8 +172,8 @@ def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
 
 
 _THROWN_M: Final = 2.5e-5
-"""How far a film may bring a free object within a step: less than a contact needs, see `_PRESS_N`. In 0.5 ms
-100 g take along some 50 g of film as they hit it, in 1 ms all of it, and lose that much more as they bounce."""
+"""How far a film may bring a free object within a step. A film that is hit answers as a wave, within some
+tenths of a millisecond: 100 g that take steps of 1 ms lose too much as they bounce, and 0.5 ms suffice."""
 _PRESS_N: Final = 8.0  # what the fingers of a gripper press with
 _MOST_SUBSTEPS: Final = 4
 """With 8, rolls of 50 g end alike; one of 20 g came loose as a unit snapped."""
