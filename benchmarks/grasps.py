@@ -2,6 +2,8 @@
 
     python benchmarks/grasps.py [--json FILE] [--markdown FILE] [--seeds N] [--masses G ..] [--shapes NAME ..]
                               [--published] [--fidelity NAME]
+    python benchmarks/grasps.py --ticks S .. [--integrators NAME ..] [--until close]
+                              [--seeds N] [--masses G ..] [--shapes NAME ..]
 
 Each case is one of the scenarios gripper_lifts_roll, _plant, _spool with another mass and another place:
 object and stand are shifted by up to 5 mm along x and y, the object is turned about the vertical, by seed.
@@ -10,6 +12,10 @@ moves in the flange's frame: "lift", from the end of the closing to the end of t
 settles between the fingers; "shake", the furthest from there; "hold", over the whole hold; creep is what
 moves in the last 8 s of the hold per minute. Held: lifted by at least 0.19 m, and in the end within 30 mm of
 where it was at the end of the lift. Cases in FILE are not run again, so an interrupted benchmark goes on.
+
+`--ticks`: the same with several ticks and integrators, up to the end of a phase ("shake" unless told
+otherwise), of 100 g unless masses are given and of seed 0 alone unless seeds are: where the closing ends in
+the flange's frame, and slips.
 """
 
 from __future__ import annotations
@@ -17,6 +23,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +78,47 @@ def grasp(shape: str, mass_g: int, seed: int, *, published: bool, fidelity: str 
     return found | figures(paths, heights, stage.tick_s) | {"cpu_s": time.thread_time() - began}
 
 
+def traced(shape: str, seed: int, changes: dict[str, Any], until: str) -> dict[str, Array]:
+    """Return the path (n, 3) [m] of the object's origin in the flange's frame, phase by phase up to one."""
+    simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", place(shape, seed) | changes))
+    stage = simulation.stage
+    body, last = stage.body_names.index(shape), stage.phase_names.index(until)
+    paths: dict[str, list[Array]] = {name: [] for name in stage.phase_names[: last + 1]}
+    for snapshot in simulation.steps():
+        if snapshot.phase > last:
+            break
+        world = Pose(np.eye(3), snapshot.body_position[body])
+        paths[stage.phase_names[snapshot.phase]].append(
+            (snapshot.world_from_flange.inverse() @ world).translation
+        )
+    return {name: np.array(path) for name, path in paths.items()}
+
+
+def compare(options: argparse.Namespace) -> None:
+    """Print what ticks and integrators differ in."""
+    print("| shape | mass [g] | seed | integrator | tick [ms] | x, y, z after closing [mm] ", end="")
+    print("| slip: lift [mm] | shake [mm] | CPU [s] |\n|---|---:|---:|---|---:|---|---:|---:|---:|")
+    seeds, masses = range(options.seeds or 1), options.masses or (100,)
+    for shape, mass, seed, integrator, tick_s in product(
+        options.shapes, masses, seeds, options.integrators, options.ticks
+    ):
+        began = time.thread_time()
+        changes = {
+            f"object.{shape}.mass_kg": 1e-3 * mass,
+            "clock.tick_s": tick_s,
+            "solver.integrator": integrator,
+        }
+        paths = traced(shape, seed, changes, options.until)
+        begin = paths["close"][-1]
+        cells = [shape, mass, seed, integrator, f"{1e3 * tick_s:g}"]
+        cells.append(", ".join(f"{1e3 * value:.2f}" for value in begin))
+        lifted = paths["lift"][-1] if "lift" in paths else begin
+        cells.append(f"{1e3 * np.linalg.norm(lifted - begin):.2f}" if "lift" in paths else "")
+        shaken = np.linalg.norm(paths["shake"] - lifted, axis=1).max() if "shake" in paths else np.nan
+        cells += [f"{1e3 * shaken:.2f}" if "shake" in paths else "", f"{time.thread_time() - began:.0f}"]
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
 def figures(paths: dict[str, list[Array]], heights: list[float], tick_s: float) -> dict[str, Any]:
     """Return lifted, held, slips and creep of a path in the flange's frame, phase by phase."""
     if not paths["hold"]:
@@ -114,18 +162,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path)
     parser.add_argument("--markdown", type=Path)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--masses", type=int, nargs="+", default=MASSES_G)
+    parser.add_argument("--seeds", type=int, help="5 unless given")
+    parser.add_argument("--masses", type=int, nargs="+", metavar="G")
     parser.add_argument("--shapes", nargs="+", default=SHAPES, choices=SHAPES)
     parser.add_argument("--fidelity", default="lumped", choices=("section", "lumped", "refined"))
     parser.add_argument("--published", action="store_true", help="fingers of the paper's lumped model")
+    parser.add_argument("--ticks", type=float, nargs="+", metavar="S")
+    parser.add_argument("--integrators", nargs="+", default=("bdf2",), choices=("bdf2", "implicit_euler"))
+    parser.add_argument("--until", default="shake", choices=("close", "lift", "shake"))
     options = parser.parse_args()
+    if options.ticks:
+        compare(options)
+        return
     cases: list[dict[str, Any]] = []
     if options.json and options.json.is_file():
         cases = json.loads(options.json.read_text())
     done = {(case["shape"], case["mass_g"], case["seed"]) for case in cases}
     # the seed in the outer loop: a benchmark that is cut short still covers every mass and shape
-    for case in ((s, m, k) for k in range(options.seeds) for m in options.masses for s in options.shapes):
+    for seed, mass, shape in product(range(options.seeds or 5), options.masses or MASSES_G, options.shapes):
+        case = (shape, mass, seed)
         if case in done:
             continue
         cases.append(grasp(*case, published=options.published, fidelity=options.fidelity))

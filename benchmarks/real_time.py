@@ -2,6 +2,7 @@
 
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] [--repeats 7] [--json FILE]
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --accuracy [--json FILE]
+    python benchmarks/real_time.py [NAME ...] --against KEY=VALUE [--repeats 3]
     python benchmarks/real_time.py --json FILE --before FILE --page docs/performance.md
 
 Without names: all that come with cosim; `--set` changes them all. The factor is simulated time over CPU time
@@ -13,6 +14,10 @@ at rest have taken before the first tick apart from them.
 
 `--accuracy`: instead, the largest distance of the tip, and of what can move, from the same scenario with a
 tick a quarter as long, for dynamic scenarios in which the soft robot touches something.
+
+`--against`: instead, CPU time of the loop over that with another value, such as
+`solver.integrator=implicit_euler`, without recording. Both are run in turn; median and range of the pairs.
+Without names: arms in motion that grasp nothing, and run in real time.
 
 `--json` keeps what was measured; a further call adds to it. `--page` writes the table of what a file holds
 into a page and measures nothing more than names ask for; `--before` puts the factors of an earlier file
@@ -41,6 +46,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.measure.page_tables import put_table
 from benchmarks.measure.tally import Counts, Tally
 
+_IN_MOTION = (
+    "arm_around_bar", "bending_angle_control", "hexagon_arm_curls", "light_hexagon_arm", "pumped_arm",
+    "tip_path", "ur5e_hexagon_arm",
+)  # fmt: skip
 _COUNTED_ONE_IN = 10  # batches
 _HEAD = (
     "| scenario | model | tick, ms | before | times real time | 99 of 100 ticks within | tangents | shifted "
@@ -172,6 +181,30 @@ def accuracy_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key in names if (value := getattr(result, key)) == value}
 
 
+def spent_s(name: str, changes: Mapping[str, Any]) -> float:
+    """Return the CPU time of a run's loop [s]."""
+    from cosim.app.driver import build_simulation, prepared
+    from cosim.config.loading import load_scenario
+
+    scenario = prepared(load_scenario(name, changes or None), lambda _: None, recording=False)
+    batches = iter(build_simulation(scenario).batches())
+    next(batches)  # begins with finding the state at rest
+    began = time.process_time()
+    for _ in batches:
+        pass
+    return time.process_time() - began
+
+
+def compare(name: str, changes: Mapping[str, Any], others: Mapping[str, Any], pairs: int) -> None:
+    """Print what a scenario costs over what it costs with other values."""
+    found = []
+    for _ in range(pairs):
+        here, there = spent_s(name, changes), spent_s(name, {**changes, **others})
+        found.append(here / there)
+    middle, cost = statistics.median(found), f"{here:.1f} and {there:.1f} s in the last pair"
+    print(f"| {name} | {middle:.2f} | {min(found):.2f} to {max(found):.2f} | {cost} |", flush=True)
+
+
 def row(name: str, found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     """Return a line of the table."""
 
@@ -202,6 +235,7 @@ def options_of() -> argparse.Namespace:
     parser.add_argument("--set", dest="changes", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--accuracy", action="store_true")
+    parser.add_argument("--against", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--before", type=Path)
     parser.add_argument("--page", type=Path)
@@ -219,6 +253,10 @@ def main() -> None:
     from cosim.config.toml.reading import parse_assignment
 
     changes = dict(parse_assignment(each) for each in options.changes)
+    if options.against:
+        for name in options.names or _IN_MOTION:
+            compare(name, changes, dict(map(parse_assignment, options.against)), options.repeats)
+        return
     before = json.loads(options.before.read_text()) if options.before else {}
     kept = options.json is not None and options.json.exists()
     found: dict[str, dict[str, Any]] = json.loads(options.json.read_text()) if kept else {}

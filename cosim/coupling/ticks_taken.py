@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -14,6 +14,20 @@ from cosim.coupling.schemes.ledger import LedgerEntry, Scheme
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.coupling.ticks import Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
+
+
+class TickPieces(NamedTuple):
+    """Where the soft robot was at the ends of the pieces of one tick.
+
+    Args:
+        positions: (k, nodes, 3) [m], world.
+        twist: (k, 6), of the flange, linear and angular, world axes.
+        origin: (k, 3) [m], of the flange.
+    """
+
+    positions: Array
+    twist: Array
+    origin: Array
 
 
 @final
@@ -30,6 +44,7 @@ class TicksTaken:
         interface_residual: (n,).
         scheme: of the exchange.
         parts: shapes of the film, each as `SoftSide.shape_now` returns it, some ticks together.
+        pieces: of ticks that were taken in pieces, by their rows.
         done: how many ticks have been taken.
         error: what the next one has failed with, half done; None for nothing.
     """
@@ -42,6 +57,7 @@ class TicksTaken:
     interface_residual: Array
     scheme: Scheme = "staggered"
     parts: list[Sequence[Any]] = field(default_factory=list)
+    pieces: dict[int, TickPieces] = field(default_factory=dict)
     done: int = 0
     error: BaseException | None = None
 

@@ -12,7 +12,7 @@ such loss: it is the error of the balance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Final, NamedTuple, Protocol, final
@@ -21,6 +21,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
+from cosim.coupling.ticks_taken import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS, WORKS
@@ -193,6 +194,10 @@ class SeenTicks(Protocol):
     def eyelets_J(self) -> Array:
         """See `TickBatch`."""
 
+    @property
+    def pieces(self) -> Mapping[int, TickPieces]:
+        """See `TickBatch`."""
+
 
 @final
 @dataclass(frozen=True)
@@ -281,12 +286,14 @@ class EnergyRow:
         sums: (COLUMNS,).
         length: (s,) [m].
         seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, place and axes of the flange.
+        begun: positions [m] and velocities [m/s] before the last tick, if that was taken in pieces.
     """
 
     motion: Annotated[Array, (6, "nodes", 3)]
     sums: Annotated[Array, (6,)]
     length: Annotated[Array, ("*",)]
     seen: Annotated[Array, ("*",)]
+    begun: Annotated[Array, (2, "nodes", 3)] | None = None
 
 
 @final
@@ -333,15 +340,12 @@ class EnergyFigures:
             return replace(self, elastic=parts.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
         motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
         sums[0], options = self.last.sums, parts.options
-        twist = np.require(batch.flange_twist, None, ["C", "W"])  # kernels take what can be written to
-        pace = _Pace(options.integrator == "bdf2", parts.tick_s, self.ticks, parts.gravity.copy())
-        origin = np.require(batch.flange_position, None, ["C", "W"])
         if parts.resisted is not None:
             known = np.concatenate([motion[1::-1], x])
             both = options.integrator == "bdf2"
             for t in range(len(x)):
                 sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and self.ticks + t > 0)
-        fill_motion(x, parts.mass.copy(), twist, origin, pace, motion, sums[1:])
+        begun = self._moved(batch, parts, motion, sums[1:])
         each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
         each[:, WORKS.index("gravity_J") :] = np.stack(
             [
@@ -354,13 +358,40 @@ class EnergyFigures:
             ],
             axis=1,
         )
-        row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy())
+        row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy(), begun)
         works = np.cumsum(np.vstack([self.works, each]), axis=0)[1:]
         done = np.cumsum([self.done, *sums[1:, DONE]])[1:]
         after = EnergyFigures(
             tuple(works[-1].tolist()), float(done[-1]), self.elastic, self.ticks + len(x), row
         )
         return after, _balance(works, self._elastic(x, parts), sums[1:, KINETIC], done)
+
+    def _moved(self, batch: SeenTicks, parts: EnergyParts, motion: Array, sums: Array) -> Array | None:
+        """Fill the sums of ticks, and bring the motion to their end, as `fill_motion` does; return `begun`.
+
+        The first piece after a whole tick looks back over no step, the first whole tick over the last one.
+        """
+        begun = None if self.last is None else self.last.begun
+        both, at = parts.options.integrator == "bdf2", 0
+        # kernels take what can be written to
+        shown = batch.node_position, batch.flange_twist, batch.flange_position
+        x, twist, origin = (np.require(each, None, ["C", "W"]) for each in shown)
+        mass, gravity = parts.mass.copy(), parts.gravity.copy()
+        for end in [*sorted(batch.pieces), len(x)]:
+            if at < end:
+                if begun is not None:
+                    motion[1], motion[3] = begun
+                begun, pace = None, _Pace(both, parts.tick_s, self.ticks + at, gravity)
+                fill_motion(x[at:end], mass, twist[at:end], origin[at:end], pace, motion, sums[at:end])
+            if end < len(x):
+                places, twists, origins = (np.require(each, None, ["C", "W"]) for each in batch.pieces[end])
+                pace = _Pace(both, parts.tick_s / len(places), int(begun is not None), gravity)
+                begun, found = motion[[0, 2]], np.zeros((len(places), COLUMNS))
+                fill_motion(places, mass, twists, origins, pace, motion, found)
+                sums[end, :RESISTED] = found[:, :RESISTED].sum(axis=0)
+                sums[end, KINETIC] = found[-1, KINETIC]
+            at = end + 1
+        return begun
 
     def figures(self, parts: EnergyParts) -> dict[str, float]:
         """Return the balance since the start for the summary."""

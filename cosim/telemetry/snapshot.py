@@ -26,6 +26,7 @@ from cosim.plan.decision import Decision
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.soft_side import ShapeReader
+    from cosim.coupling.ticks_taken import TickPieces
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
@@ -397,6 +398,7 @@ class Snapshot(Shown):
         sensor_reading: (readings,), of `RunInfo.sensors` one after the other.
         sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
         images: of the cameras whose next picture is due at this tick.
+        pieces: of the tick, where it was taken in pieces.
     """
 
     tick: int
@@ -428,6 +430,7 @@ class Snapshot(Shown):
     sensor_reading: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
     sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
     images: tuple[CameraImage, ...] = ()
+    pieces: TickPieces | None = None
 
     @property
     def node_position(self) -> Array:

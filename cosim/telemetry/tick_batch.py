@@ -27,7 +27,7 @@ from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-    from cosim.coupling.ticks_taken import TicksTaken
+    from cosim.coupling.ticks_taken import TickPieces, TicksTaken
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
 _NONE: Final = np.zeros(0)
@@ -38,7 +38,7 @@ _STACKED: Final = (
     "sensor_reading", "sensor_truth",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
-_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images")
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images", "pieces")
 """What few ticks have: by the rows of those."""
 _KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
 _OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
@@ -101,6 +101,7 @@ class TickBatch(RigidColumns):
         footing: of the soft robot, by row, at ends of phases.
         handovers: changes of its model before a tick, and ends of bridges, by row.
         images: of cameras, by row; rows left out have none.
+        pieces: of ticks that were taken in pieces, by row.
     """
 
     film: FilmShapes
@@ -147,6 +148,7 @@ class TickBatch(RigidColumns):
     footing: Mapping[int, Footing]
     handovers: Mapping[int, tuple[Handover | BridgeEnd, ...]]
     images: Mapping[int, tuple[CameraImage, ...]]
+    pieces: Mapping[int, TickPieces]
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -210,6 +212,7 @@ class TickBatch(RigidColumns):
             chamber_pressure_Pa=taken.pressure_Pa[:n],
             wrench=taken.wrench,
             energy_J=np.zeros((n, 0)),
+            pieces=taken.pieces,
             **taken.ledger(),
             **rest,
         )

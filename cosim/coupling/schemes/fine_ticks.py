@@ -23,7 +23,7 @@ from cosim.coupling.half_ticks import RigidSide, take_rigid_half
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.ticks import Servos
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks_taken import TickPieces, TicksTaken
 from cosim.soft.body.loads import Loads
 
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
@@ -78,7 +78,7 @@ class FineTicks:
         scene, soft = interface.scene, interface.soft
         assert isinstance(soft, SoftArm), "no other soft side takes fine ticks"
         count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
-        fine = interface.begin(count)
+        fine, shapes = interface.begin(count), []
         for k in range(count):
             scene.go_finely(count - k)
             asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
@@ -87,6 +87,8 @@ class FineTicks:
             scene.stepped(fine.ticks.flange(k))
             reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
             interface.take_reply(fine, reply)
+            shapes.append(soft.state.positions)
+        taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin[1:])
         self._condense(fine, taken)
         interface.ticks = ticks + 1
         self.look(taken)
