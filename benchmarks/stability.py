@@ -2,7 +2,7 @@
 
     python benchmarks/stability.py [--json FILE] [--png FILE] [--maps NAME ...]
     python benchmarks/stability.py --symmetric
-    python benchmarks/stability.py --statics
+    python benchmarks/stability.py --statics [NAME ...]
     python benchmarks/stability.py --saddle
 
 Each point is a short run of a small soft arm, or of the UR5e with the reference scenario's, at the ends of
@@ -157,15 +157,20 @@ def main() -> int:
     parser.add_argument("--png", type=Path)
     parser.add_argument("--maps", nargs="*", help="titles that contain any of these words only")
     parser.add_argument("--symmetric", action="store_true", help="load symmetric bodies instead")
-    parser.add_argument("--statics", action="store_true", help="count stable static solutions instead")
+    parser.add_argument(
+        "--statics",
+        nargs="*",
+        metavar="NAME",
+        help="count stable static solutions of scenarios (all) instead",
+    )
     parser.add_argument("--saddle", action="store_true", help="follow the symmetric pouch instead")
     options = parser.parse_args()
     if options.saddle:
         return 1 if saddle_table() else 0
     if options.symmetric:
         return 1 if symmetric_table() else 0
-    if options.statics:
-        return 1 if static_table() else 0
+    if options.statics is not None:
+        return 1 if static_table(options.statics) else 0
     from cosim.soft.solve.compilation import compile_kernels
 
     compile_kernels(print)

@@ -99,7 +99,8 @@ def resting_row(name: str, run: Scenario) -> tuple[str, Equilibrium]:
     side, rest, in_run_mm = at_rest_in(run)
     y_mm, pivots = aside_mm(side, rest), rest.negative_pivots
     left = [bears_mN(side, rest, way) for way in (np.sign(y_mm), -np.sign(y_mm))]
-    pushed = " | ".join(f"{force:g} mN, then {at:.1f}" for force, at in left)
+    most = f"not up to {FORCES_mN[-1]:g} mN"
+    pushed = " | ".join(most if np.isinf(force) else f"{force:g} mN, then {at:.1f}" for force, at in left)
     mesh = FinerMesh(side.body, SoftModel(run, KeptParts()).refined(1))
     try:
         finer = mesh.at_rest(mesh.clamp(side.clamp), rest)
