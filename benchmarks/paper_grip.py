@@ -64,7 +64,8 @@ def grip(changes: Mapping[str, Any], mass_g: float, seed: int) -> str:
     """Return how far a roll was lifted, and how strongly it was pressed, as cells of a table."""
     scenario = load_scenario("gripper_lifts_roll", {
         "phase.inflate.pressure_Pa": 1e3 * PAPER_kPa, **_pull(PAPER_N), "object.roll.mass_kg": 1e-3 * mass_g,
-        "phase.hold.duration_s": 2.0, **place("roll", seed), **changes,
+        "phase.hold.duration_s": 2.0, "phase.lower.flange_shift_m": [0.0, 0.0, -0.142], **place("roll", seed),
+        **changes,
     })  # fmt: skip
     phases = tuple(phase for phase in scenario.phases if phase.name != "shake")
     try:

@@ -7,8 +7,9 @@ is the difference to the state at rest on the mesh refined twice, the tick's par
 a quarter of its tick; from where that branches on, nothing is compared. The table says how often the truth
 lies within the bar, and the median of bar over truth.
 
-python benchmarks/run_error.py shipped wide wide_too wide_three held_out  # what has not been run yet, and:
-python benchmarks/run_error.py  # only factors and table, of what has been run
+python benchmarks/run_error.py  # factors and table of the rows that are stored in benchmarks/rows
+python benchmarks/run_error.py shipped wide wide_too wide_three held_out --rows FOLDER  # what FOLDER lacks
+python benchmarks/run_error.py held_out --cases 4 9 --rows FOLDER  # these cases alone
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,6 +57,7 @@ DRAWS = {
     "held_out": (20261126, 20),
 }  # fmt: skip
 """Seed and number of runs. All but the last are the calibration: they were held out before, and looked at."""
+ROWS = Path(__file__).parent / "rows"
 IN_TIME = 3  # every so many runs
 FIRST_ORDER = 1.5  # of the rule of `fitted`
 RISE_M = (0.005, 0.03)  # of the tip, by its cables; where these cannot lift it, they shall lower it
@@ -355,12 +357,12 @@ def _within(pairs: list[tuple[float, float]]) -> str:
     return f"{len(pairs)} | {100.0 * (bars >= errors).mean():.0f} % | {np.median(bars / errors):.1f}"
 
 
-def run(draw: str, path: Path) -> None:
-    """Run what has not been run yet of a draw; rows are added to a file."""
+def run(draw: str, path: Path, cases: Sequence[int] = ()) -> None:
+    """Run what has not been run yet of a draw, or of these of its cases; rows are added to a file."""
     known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     done = {json.loads(line)["case"] for line in known}
     for case in drawn_cases(draw):
-        if case.number in done:
+        if case.number in done or (cases and case.number not in cases):
             continue
         began = time.process_time()
         try:
@@ -377,11 +379,12 @@ def main() -> None:
     """Run the draws that are named, and show factors and table of all that has been run."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("draws", nargs="*", choices=[*DRAWS, []], help="what is run")
-    options.add_argument("--rows", type=Path, default=Path("."), help="folder of their rows")
+    options.add_argument("--rows", type=Path, default=ROWS, help="folder of their rows")
+    options.add_argument("--cases", type=int, nargs="+", default=[], help="these numbers of a draw alone")
     given = options.parse_args()
     paths = {draw: given.rows / f"run_error_{draw}.jsonl" for draw in DRAWS}
     for draw in given.draws:
-        run(draw, paths[draw])
+        run(draw, paths[draw], given.cases)
     rows = {
         draw: [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         for draw, path in paths.items()

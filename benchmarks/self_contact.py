@@ -1,12 +1,16 @@
 """Ways to solve with contacts between films, and what they cost: ten units that cables curl with 20 N.
 
     python benchmarks/self_contact.py [--json FILE]
+    python benchmarks/self_contact.py --runs [PAIRS]
 
 Costs of one Newton iteration's parts, the least thread CPU time of many calls, relative to a factorisation in
 the body's own pattern: the wider pattern (factor, solve, and making its solver when the pairs change) against
 the own pattern with a dense term per contact (its normal stiffness alone). Then the iterations from a load
 step to balance with the exact tangent, and with one that fits the own pattern: blocks between the two films
-dropped, those within doubled. Last, depth and cost over the stiffness of the law.
+dropped, those within doubled. Last, depth and cost over the stiffness of the law. With --runs instead: what
+`contact.self_contact = "auto"` costs in scenarios whose films never press, and in `ur5e_hexagon_arm`, whose
+films do: processor time of the loop over that with false, median and range of pairs that are run in turn;
+and how far the tip of the latter is from that with true.
 """
 
 from __future__ import annotations
@@ -14,30 +18,35 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
 from benchmarks.measure.calls import least_ms
+from cosim.app.driver import build_simulation
 from cosim.base.frames import Array
+from cosim.config.loading import load_scenario
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import CoupledPattern
+from cosim.soft.solve.compilation import compile_kernels
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Equilibrium, SoftState
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, no_load
 from tests.soft.interpenetration import deepest_m
 
 TENSION_N = 20.0
+NEVER_PRESS, FLAGSHIP = ("light_hexagon_arm", "tip_path"), "ur5e_hexagon_arm"
 
 
 def curl(arm: Held, films: SelfContact | None) -> tuple[Equilibrium, int]:
@@ -143,11 +152,38 @@ def measured() -> dict[str, Any]:
     }
 
 
+def taken(name: str, asked: str | bool) -> tuple[float, Array]:
+    """Return the processor time of a scenario's loop [s], and its tip (ticks, 3) [m]."""
+    simulation = build_simulation(load_scenario(name, {"contact.self_contact": asked}))
+    batches, spent, tips = simulation.batches(), 0.0, list[Array]()
+    while True:
+        began = time.process_time()
+        batch = next(batches, None)
+        spent += time.process_time() - began
+        if batch is None:
+            return spent, np.concatenate(tips)
+        tips.append(batch.tip_position)
+
+
+def compared_runs(pairs: int) -> None:
+    """Print what contact with itself costs in runs, and how far "auto" is from true."""
+    compile_kernels(print)
+    for name in (*NEVER_PRESS, FLAGSHIP):
+        ratios = [taken(name, "auto")[0] / taken(name, False)[0] for _ in range(pairs)]
+        ends = f"{min(ratios):.3f} to {max(ratios):.3f}"
+        print(f"{name}: {np.median(ratios):.3f} of the time with false ({ends}, {pairs} pairs)", flush=True)
+    apart = taken(FLAGSHIP, "auto")[1] - taken(FLAGSHIP, True)[1]
+    print(f"{FLAGSHIP}: its tip is at most {1e3 * np.abs(apart).max():.6f} mm from that with true")
+
+
 def main() -> None:
     """Print the table; write JSON where asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--runs", type=int, nargs="?", const=3, help="pairs of runs, instead of the table")
     given = parser.parse_args()
+    if given.runs:
+        return compared_runs(given.runs)
     found = measured()
     costs = found["solver"]
     unit = costs["own_factor_ms"]

@@ -2,13 +2,15 @@
 
     python benchmarks/stability.py [--json FILE] [--png FILE] [--maps NAME ...]
     python benchmarks/stability.py --symmetric
-    python benchmarks/stability.py --statics
+    python benchmarks/stability.py --statics [NAME ...]
+    python benchmarks/stability.py --saddle
 
 Each point is a short run of a small soft arm, or of the UR5e with the reference scenario's, at the ends of
 what may be asked for. Exit code 1 if any failure has no name, or the reference scenario is not stable from
 0.1 to 20 ms at every pressure from 0 to 100 kPa. With --symmetric: twenty symmetric bodies are loaded beyond
 their branchings; 1 if one is silent, or does not end on a stable branch. With --statics: all static solutions
-of the shipped scenarios are counted; 1 if one is unstable.
+of the shipped scenarios are counted; 1 if one is unstable. With --saddle: the pouch of tests/cases/saddle in
+statics and in time, and how firmly it stays where it comes to rest; 1 if statics branch or end elsewhere.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.atlas.extremes import Extreme, Verdict, probe
 from benchmarks.atlas.on_arm import POSES, ArmExtreme, probe_arm
+from benchmarks.atlas.saddle import saddle_table
 from benchmarks.atlas.symmetric import symmetric_table
 from benchmarks.measure.stability import static_table
 
@@ -154,12 +157,20 @@ def main() -> int:
     parser.add_argument("--png", type=Path)
     parser.add_argument("--maps", nargs="*", help="titles that contain any of these words only")
     parser.add_argument("--symmetric", action="store_true", help="load symmetric bodies instead")
-    parser.add_argument("--statics", action="store_true", help="count stable static solutions instead")
+    parser.add_argument(
+        "--statics",
+        nargs="*",
+        metavar="NAME",
+        help="count stable static solutions of scenarios (all) instead",
+    )
+    parser.add_argument("--saddle", action="store_true", help="follow the symmetric pouch instead")
     options = parser.parse_args()
+    if options.saddle:
+        return 1 if saddle_table() else 0
     if options.symmetric:
         return 1 if symmetric_table() else 0
-    if options.statics:
-        return 1 if static_table() else 0
+    if options.statics is not None:
+        return 1 if static_table(options.statics) else 0
     from cosim.soft.solve.compilation import compile_kernels
 
     compile_kernels(print)

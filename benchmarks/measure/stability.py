@@ -7,7 +7,7 @@ number of directions in which the potential falls (Sylvester's law of inertia); 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, final
@@ -107,14 +107,16 @@ def tallied() -> Iterator[Counter[str]]:
         yield found
 
 
-def static_table() -> int:
-    """Take all static solutions of the shipped scenarios, print a line on each; return how many are unstable.
+def static_table(names: Sequence[str] = ()) -> int:
+    """Take all static solutions of scenarios, print a line on each; return how many are unstable.
+
+    Without names they are those of all shipped ones.
 
     A quasi-static scenario is run to its end; of one in time, its plan and its start are solved.
     """
     total = Counter[str]()
     print("| scenario | mode | stable | unstable | not known |\n|---|---|---:|---:|---:|")
-    for name in cosim.list_scenarios():
+    for name in names or cosim.list_scenarios():
         with tallied() as found:
             try:
                 simulation = cosim.Simulation(name)

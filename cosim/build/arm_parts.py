@@ -29,7 +29,7 @@ from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.plan.arm_limits import PathClearances, PlannedArm
-from cosim.plan.arm_plan import check_stands, planned_arm
+from cosim.plan.arm_plan import check_stands, planned_arm, stands_clear
 from cosim.plan.clearance import keeps_clear, path_clearances
 from cosim.plan.joint_planner import led_joints, plan_joints
 from cosim.plan.motion import CellMotion, JointPath
@@ -381,16 +381,24 @@ class ArmParts:
     ) -> tuple[JointPath, ...]:
         """Return the joint paths of all phases, see `cosim.plan.joint_planner.plan_joints`.
 
-        Where the plan refuses what comes too near, an arm with spare joints begins in another configuration.
+        An arm that would stand in something begins in another configuration. So does one with spare joints
+        whose links come too near to something on the way, where the plan refuses that.
         """
-        settings, around, clear = self._scenario.plan, None, None
+
+        def planned(
+            around: object = None, clear: Callable[[tuple[JointPath, ...]], bool] | None = None
+        ) -> tuple[JointPath, ...]:
+            return self._kept.made(
+                "joint paths", name_of(self._arm_name, start, ways, self._led, around),
+                lambda: plan_joints(self.arm, start, ways, blame, self._led, clear),
+            )  # fmt: skip
+
+        settings = self._scenario.plan
         if settings.collision == "refuse" and self.arm.has_spare_joints:
-            around = self._geometry_name, settings.clearance_m
             clear = partial(keeps_clear, self.scene, settings.clearance_m)
-        return self._kept.made(
-            "joint paths", name_of(self._arm_name, start, ways, self._led, around),
-            lambda: plan_joints(self.arm, start, ways, blame, self._led, clear),
-        )  # fmt: skip
+            return planned((self._geometry_name, settings.clearance_m), clear)
+        paths, stands = planned(), partial(stands_clear, self.scene)
+        return paths if stands(paths) else planned(self._geometry_name, stands)
 
     def motion_name(self, plan: Plan) -> str:
         """Return a name of the arm, and of all that its motion along a plan consists of."""

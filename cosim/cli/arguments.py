@@ -228,7 +228,6 @@ def _add_run(commands: Any) -> None:
         "--checkpoint-every",
         metavar="SECONDS",
         type=float,
-        default=30.0,
         help="wall time between two checkpoints that a run can be resumed from (default: 30)",
     )
     run.add_argument("--live", action="store_true", help="show the run in a viewer while it lasts")

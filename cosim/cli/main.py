@@ -147,7 +147,7 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
     from cosim.cli.running import RunOptions, resume_command, run_command  # --help and list need no engine
 
     every_s = options.checkpoint_every
-    if not every_s > 0.0:
+    if every_s is not None and not every_s > 0.0:
         raise InputError(
             f"--checkpoint-every {every_s}: must be above 0; inf writes none but at an early end"
         )

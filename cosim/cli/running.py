@@ -93,7 +93,7 @@ class RunOptions:
     Args:
         recording: whether to write one.
         quiet: show errors, and one line at the end.
-        checkpoint_every_s: wall time between two checkpoints.
+        checkpoint_every_s: wall time between two checkpoints; None: the usual.
         live: shows the run while it lasts; None: nothing does.
         watchers: shown every tick, besides those on the screen.
         error: whether to work out how far the figures may be off; None: where it costs little.
@@ -102,7 +102,7 @@ class RunOptions:
 
     recording: bool
     quiet: bool
-    checkpoint_every_s: float
+    checkpoint_every_s: float | None
     started: float
     live: LiveView | None = None
     watchers: tuple[Observer, ...] = ()
@@ -138,6 +138,8 @@ def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
     """Run several arms and return the exit code; the progress line is that of the first."""
     if how.error:
         raise InputError("--error: several arms have no error bars; leave it out, or run each arm alone")
+    if how.checkpoint_every_s is not None:
+        raise InputError("--checkpoint-every: several arms write no checkpoints; leave it out")
     directory = out if out is not None else default_directory(scenario.name)
     check_directory(directory)
     line, kept = TerminalLine(sys.stderr), KeptParts(cache_directory())
@@ -210,10 +212,10 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         watchers: list[Observer] = [interruption, *how.watchers, *shown]
         recorder = rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None
+        every_s = how.checkpoint_every_s or Options.checkpoint_every_s
         options = Options(
-            directory, make_recorder, watchers, interruption.reason, how.checkpoint_every_s, resume,
-            how.error, told,
-        )  # fmt: skip
+            directory, make_recorder, watchers, interruption.reason, every_s, resume, how.error, told
+        )
         try:
             outcome = execute(scenario, partial(build_simulation, tell=told, kept=kept), options, how.started)
         except KeyboardInterrupt:  # before the loop: nothing is lost

@@ -167,9 +167,7 @@ def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, ke
     Raises:
         ScenarioError: a link is in something, or a joint takes more torque than it can give.
     """
-    # where other arms begin is known once all have been planned
-    found = scene.links.at(joints)
-    check_stands([contact for contact in found if not contact.other.startswith(scene.other_arms)], key)
+    check_stands(touched_by_links(scene, joints), key)
     torque, limit = arm.gravity_torque(joints, payload), arm.effort_limit
     beyond = [k for k in range(len(torque)) if abs(torque[k]) > limit[k] > 0.0]
     if beyond:
@@ -179,6 +177,19 @@ def check_start(arm: Arm, scene: RigidScene, payload: Payload, joints: Array, ke
             f"the arm cannot hold itself and a payload of {payload.mass_kg:.3g} kg: {needs}; bring the "
             "flange closer in, or make the load lighter",
         )
+
+
+def touched_by_links(scene: RigidScene, joints: Array) -> list[LinkContact]:
+    """Return the contacts of an arm's links at joint angles (joints,), but those with other arms.
+
+    Where other arms begin is known once all have been planned.
+    """
+    return [one for one in scene.links.at(joints) if not one.other.startswith(scene.other_arms)]
+
+
+def stands_clear(scene: RigidScene, paths: Sequence[JointPath]) -> bool:
+    """Return whether the links of an arm are in nothing where its joint paths begin; see `check_stands`."""
+    return all(one.depth_m <= _STANDS_IN_M for one in touched_by_links(scene, paths[0].first))
 
 
 def check_stands(contacts: Sequence[LinkContact], key: str) -> None:

@@ -207,7 +207,9 @@ def test_the_command_line_leaves_the_files_of_each_arm(
     assert load_arms(out / "scenario.toml").arms["left"].start.pressure_Pa == 3e3
     assert main(["run", "--resume", str(out)]) == 2
     assert "start it again" in capsys.readouterr().err
-    assert main(["run", str(scenario), "--error"]) == 2
+    for option in (["--error"], ["--checkpoint-every", "5"]):
+        assert main(["run", str(scenario), *option]) == 2
+        assert capsys.readouterr().err.startswith(f"cosim: error: {option[0]}: several arms")
 
 
 def test_arms_that_come_too_near_to_one_another_are_named_before_the_run() -> None:

@@ -106,3 +106,18 @@ def test_what_is_wrong_is_named_by_key(
     told = said_of(changes, tmp_path, capsys)
     assert len(told) == len(starts), told
     assert all(line.startswith(start) for line, start in zip(told, starts, strict=True)), told
+
+
+def test_an_arm_that_would_stand_in_the_floor_begins_otherwise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The configuration nearest to home has the upper arm 9 mm deep in the floor; others stand clear."""
+    file = tmp_path / "low.toml"
+    file.write_text(
+        'schema = 2\ntitle = "x"\nrobot = "ur10"\nsoft_robot = "square_core"\n'
+        "start.flange = { position_m = [0.0, -0.7, 0.5], direction = [0.0, 0.0, -1.0] }\n"
+        '[[phase]]\nname = "wait"\nduration_s = 0.1\n',
+        encoding="utf-8",
+    )
+    code = main(["check", str(file)])
+    assert (code, capsys.readouterr().out) == (0, f"{file}: fine\n")
