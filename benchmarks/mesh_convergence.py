@@ -1,11 +1,12 @@
 """Three meshes of each robot from a pattern or a mesh file: how far its tip moves between them.
 
-    python benchmarks/mesh_convergence.py [pouch_finger diamond_finger bellows_gripper fabric_boom]
+    python benchmarks/mesh_convergence.py [pouch_finger inflated_pad bellows_gripper ring_gripper ...]
 
 Patterns are meshed at other edge lengths; of `bellows_gripper` one finger is drawn with more segments around
-the back, across the strip and along a flank; `fabric_boom` with more sides and rows.
-Printed: nodes, the tip in the world from the flange [mm], and its change over the robot's length.
-"""
+the back, across the strip and along a flank; `fabric_boom` and `ring_gripper` with more sides and rows.
+Printed: nodes, the tip in the world from the flange [mm], and its change over the robot's length. Of
+`ring_gripper` it is the radius of the wall at half its height, and its change over the way that it moves; of
+`bellows_gripper`"""
 
 from __future__ import annotations
 
@@ -26,27 +27,40 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 import cosim
+from cosim.base.frames import Array
 from cosim.base.resources import soft_robot_path
 
 Triangles = list[tuple[int, int, int]]
 Runs = Iterator[cosim.RunResult]
 PATTERN_EDGES_m: Final = {"pouch_finger": (3.5e-3, 2.5e-3, 1.75e-3), "diamond_finger": (5e-3, 3.5e-3, 2.5e-3)}
+PAD_EDGES_m: Final = (7e-3, 5e-3, 3.5e-3)
 PATTERN_SCENARIOS: Final = {"pouch_finger": "pouch_finger_bends", "diamond_finger": "diamond_finger_folds"}
 BELLOWS: Final = ((8, 4, 2), (12, 6, 3), (24, 12, 6))
 BOOMS: Final = ((16, 24), (24, 36), (32, 48))
-LENGTH_m: Final = {"pouch_finger": 0.12, "diamond_finger": 0.11, "bellows_gripper": 0.108, "fabric_boom": 1.0}
-FINGER: Final = """schema = 2
-title = "one finger of the bellows' gripper, inflated"
+RINGS: Final = ((32, 8), (48, 12), (64, 16))
+LENGTH_m: Final = {
+    "pouch_finger": 0.12, "diamond_finger": 0.11, "inflated_pad": 0.1, "bellows_gripper": 0.108,
+    "ring_gripper": 0.04, "fabric_boom": 1.0,
+}  # fmt: skip
+INFLATED: Final = """schema = 2
+title = "inflated"
 robot = "none"
-soft_robot = "finger.toml"
+soft_robot = "{robot}"
 mode = "quasistatic"
 [start]
-flange = { position_m = [0.0, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }
+flange = {{ position_m = [0.0, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
 [[phase]]
 name = "inflate"
 duration_s = 1.0
 increments = 8
-pressure_Pa = 60e3
+pressure_Pa = {pressure_Pa}
+"""
+WALL: Final = """
+[[object]]
+name = "wall"
+shape = "box"
+size_m = [0.02, 0.1, 0.1]
+position_m = [-0.03, 0.0, 0.42]
 """
 
 
@@ -57,16 +71,37 @@ def patterns(name: str) -> Runs:
         yield cosim.run(PATTERN_SCENARIOS[name], overrides=changes, error=False)
 
 
-def bellows(folder: Path) -> Runs:
+def inflated(folder: Path, robot: str | Path, pressure_Pa: float, more: str = "") -> cosim.RunResult:
+    """Run a robot at rest on nothing."""
+    (folder / "inflate.toml").write_text(INFLATED.format(robot=robot, pressure_Pa=pressure_Pa) + more)
+    return cosim.run(folder / "inflate.toml", error=False)
+
+
+def pads(folder: Path) -> Runs:
+    """Inflate the pad, at each edge length."""
+    text = soft_robot_path("inflated_pad").read_text()
+    for edge_m in PAD_EDGES_m:
+        (folder / "pad.toml").write_text(re.sub(r"mesh_m = .*", f"mesh_m = {edge_m}", text))
+        yield inflated(folder, "pad.toml", 10e3)
+
+
+def rings(folder: Path) -> Runs:
+    """Inflate the ring around nothing."""
+    (folder / "ring.toml").write_text(soft_robot_path("ring_gripper").read_text())
+    for around, rows in RINGS:
+        write_ring(folder / "ring_gripper.obj", around, rows)
+        yield inflated(folder, "ring.toml", 30e3)
+
+
+def bellows(folder: Path, more: str = "") -> Runs:
     """Run one finger of the gripper, without its palm."""
     text = re.sub(
         r"\[copies\].*?(?=\[body\])", "", soft_robot_path("bellows_gripper").read_text(), flags=re.S
     )
     (folder / "finger.toml").write_text(text.replace(', "copies", "palm"', ""))
-    (folder / "inflate.toml").write_text(FINGER)
     for back, strip, flank in BELLOWS:
         write_bellows(folder / "bellows_gripper.obj", back, strip, flank)
-        yield cosim.run(folder / "inflate.toml", error=False)
+        yield inflated(folder, "finger.toml", 60e3, more)
 
 
 def booms(folder: Path) -> Runs:
@@ -107,6 +142,17 @@ def write_bellows(path: Path, back: int, strip: int, flank: int) -> None:
     write_obj(path, points, groups)
 
 
+def write_ring(path: Path, around: int, rows: int) -> None:
+    """Write a ring as drawn in `robots/ring_gripper.obj` [mm], with so many segments."""
+    places = [(40.0, 40.0 + 50.0 * k / rows) for k in range(rows + 1)] + [(50.0, 90.0), (50.0, 40.0)]
+    angles = [2.0 * math.pi * k / around for k in range(around)]
+    points = [(r * math.cos(a), r * math.sin(a), z) for r, z in places for a in angles]
+    count = around * (rows + 3)  # the last row is the first
+    faces = [(a % count, c % count, b % count) for a, b, c in wall(rows + 3, around, range(around // 2), 0)]
+    inner = 2 * around * rows
+    write_obj(path, points, {"wall": faces[:inner], "housing": faces[inner:]})
+
+
 def wall(rows: int, around: int, mirrored: Collection[int], first: int, last: int | None = None) -> Triangles:
     """Return triangles of a tube's strips first to last, those that are `mirrored` split the other way."""
     found: Triangles = []
@@ -131,16 +177,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("robots", nargs="*", default=list(LENGTH_m))
     with TemporaryDirectory() as made:
+        folder = Path(made)
         kinds: dict[str, Callable[[], Runs]] = {name: partial(patterns, name) for name in PATTERN_EDGES_m}
-        kinds |= {"bellows_gripper": partial(bellows, Path(made)), "fabric_boom": partial(booms, Path(made))}
+        kinds |= {"inflated_pad": partial(pads, folder), "bellows_gripper": partial(bellows, folder)}
+        kinds |= {"ring_gripper": partial(rings, folder), "fabric_boom": partial(booms, folder)}
         for name in parser.parse_args().robots:
-            last = None
-            for result in kinds[name]():
-                at = np.flatnonzero(result.phase == 2)[-1] if name == "fabric_boom" else -1
-                tip = result.tip_position[at] - result.flange_position[at]
-                change = "" if last is None else f"{100 * np.linalg.norm(tip - last) / LENGTH_m[name]:.2f} %"
-                print(name, result.node_position.shape[1], np.round(1e3 * tip, 2), change, flush=True)
-                last = tip
+            compare(name, kinds[name](), partial(tip, name), LENGTH_m[name])
+            if name == "bellows_gripper":
+                compare(f"{name}, force", bellows(folder, WALL), sideways, None)
+
+
+def tip(name: str, result: cosim.RunResult) -> Array:
+    """Return the tip [m] from the flange; of the ring how far its wall is from the axis."""
+    if name == "ring_gripper":
+        drawn, found = (nodes - result.flange_position[-1] for nodes in result.node_position[[0, -1]])
+        middle = np.abs(drawn[:, 2] + 0.065) < 1e-6
+        return np.hypot(*found[middle, :2].T).mean(keepdims=True)
+    at = np.flatnonzero(result.phase == 2)[-1] if name == "fabric_boom" else -1
+    return np.asarray(result.tip_position[at] - result.flange_position[at])
+
+
+def sideways(result: cosim.RunResult) -> Array:
+    """Return the force [kN] of a finger on the wall."""
+    return np.asarray(1e-3 * result.contact_force_N[-1:])
+
+
+def compare(name: str, runs: Runs, measured: Callable[[cosim.RunResult], Array], size: float | None) -> None:
+    """Print what is measured of each run, and its change over a length, or over itself."""
+    last = None
+    for result in runs:
+        found = measured(result)
+        whole = size or np.linalg.norm(found)
+        change = "" if last is None else f"{100 * np.linalg.norm(found - last) / whole:.2f} %"
+        print(name, result.node_position.shape[1], np.round(1e3 * found, 2), change, flush=True)
+        last = found
 
 
 if __name__ == "__main__":

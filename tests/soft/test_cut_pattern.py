@@ -30,6 +30,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import GasChambers
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
+from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.case import UNLOADED, Specimen
@@ -304,6 +305,27 @@ def test_pairs_of_sheets_are_joined_at_their_hole_and_closed_at_both_ends(tmp_pa
     assert gas.enclosed_volumes(x[None])[0, 0] == pytest.approx(cones, rel=0.01)
     body = SoftBody.from_arrays(x, mesh.triangles, Film(1e9, 0.3, 1e-4), caps=mesh.caps, tip=mesh.ring("tip"))
     assert body.tip_direction(x) == pytest.approx((0.0, 0.0, 1.0))
+
+
+def test_panels_of_a_unit_reach_from_its_seam_to_its_hole_as_those_of_a_stack() -> None:
+    half, hole = 0.03, 0.002
+    square = tuple((half * x, half * y) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    around = tuple((hole * x, hole * y) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    box = ((-hole, -hole), (hole, hole))
+    table = PatternTable(
+        outline_m=square,
+        holes_m=(around,),
+        seams_m=((*square, square[0]),),
+        port_m=(0.01, 0.0),
+        edge="open",
+        mesh_m=0.004,
+        sets=(PatternSetTable("base", box_m=box, sheet="back"), PatternSetTable("tip", box_m=box)),
+    )
+    stack = PolygonalStack(4, 1, math.sqrt(2.0) * half, math.sqrt(2.0) * hole, 0.002).mesh()
+    unit = drawn_pattern(table, "base").face_values["wrinkle_panel_m"]
+    assert unit == pytest.approx(stack.face_values["wrinkle_panel_m"][0])
+    ring = understood(replace(table, edge="sealed"))  # from the outer seam to that of the hole
+    assert ring.panel_m == pytest.approx(2.0 * (half - hole) * (2.0 - math.sqrt(2.0)), rel=0.05)
 
 
 def test_the_direction_of_a_tip_that_is_a_line_is_that_of_the_centre_line(tmp_path: Path) -> None:

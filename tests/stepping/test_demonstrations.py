@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -96,9 +97,13 @@ def test_the_soft_arm_s_gripper_lifts_the_bridge() -> None:
 
 @pytest.mark.parametrize(
     ("name", "body", "force_N"),
-    [("pouch_gripper_lifts_ball", "ball", 2.0), ("bellows_gripper_lifts_box", "box", 3.0)],
+    [
+        ("pouch_gripper_lifts_ball", "ball", 2.0),
+        ("bellows_gripper_lifts_box", "box", 3.0),
+        ("ring_gripper_lifts_bottle", "bottle", 80.0),
+    ],
 )
-def test_a_gripper_from_a_drawing_or_a_mesh_holds_100_g_when_shaken(
+def test_a_gripper_from_a_drawing_or_a_mesh_holds_its_object_when_shaken(
     name: str, body: str, force_N: float
 ) -> None:
     pytest.importorskip("ezdxf", reason="needs the extra pattern")
@@ -111,6 +116,19 @@ def test_a_gripper_from_a_drawing_or_a_mesh_holds_100_g_when_shaken(
     assert held[end, 2] - held[0, 2] > 0.19
     assert np.linalg.norm(place[closed:] - place[end], axis=1).max() < 2e-3  # it does not slip
     assert result.contact_force_N[end] > force_N
+
+
+def test_a_pad_presses_on_a_box_that_stays_level_while_the_pad_is_turned() -> None:
+    pytest.importorskip("shapely", reason="needs the extra pattern")
+    result = shortened("pad_levels_box", {"press": 0.6, "inflate": 0.2, "turn": 0.5})
+    box = result.body("box")
+    q = result.body_quaternion[:, box]
+    assert 2.0 * np.hypot(q[:, 1], q[:, 2]).max() < math.radians(1.0)
+    assert np.linalg.norm(result.body_position[:, box] - result.body_position[0, box], axis=1).max() < 2e-3
+    ends = [result.contact_force_N[at_end_of(result, name)] for name in ("press", "inflate", "turn")]
+    assert ends[0] > 10.0
+    assert ends[1] > 1.5 * ends[0]
+    assert ends[2] == pytest.approx(ends[1], rel=0.2)
 
 
 def test_a_conveyor_brings_the_spool_below_the_gripper() -> None:

@@ -133,7 +133,8 @@ class FlatFilm:
         chamber: (m,) of each triangle, -1 where the sheets are welded flat.
         shared: (n,) whether both sheets of a pair have the node.
         joined: (n,) whether pairs of sheets that lie on one another have the node.
-        depth_m: largest distance from a seam within a chamber: half the distance between seams.
+        panel_m: width of the panels that the film wrinkles in: largest distance within a chamber between
+            seams, or from a seam to the hole in the middle of units.
         sets: nodes of one sheet in each set, in order along the line where it is one.
         frames: nodes of each frame, in order around it.
     """
@@ -142,7 +143,7 @@ class FlatFilm:
     chamber: IntArray
     shared: Mask
     joined: Mask
-    depth_m: float
+    panel_m: float
     sets: Mapping[str, IntArray] = field(default_factory=dict)
     frames: tuple[IntArray, ...] = ()
 
@@ -185,7 +186,8 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
             f"the frames have {', '.join(str(len(frame)) for frame in frames)} nodes; frames of one "
             "pattern have the same number: draw them alike"
         )
-    return FlatFilm(mesh, chamber, shared, joined & ~shared, _depth(mesh, chamber), sets, frames)
+    joined &= ~shared
+    return FlatFilm(mesh, chamber, shared, joined, _panel(mesh, chamber, joined), sets, frames)
 
 
 def _lines(pattern: CutPattern, sheet: Any) -> list[FlatLine]:
@@ -391,12 +393,15 @@ def _shared(mesh: FlatMesh, chamber: IntArray) -> Mask:
     return shared
 
 
-def _depth(mesh: FlatMesh, chamber: IntArray) -> float:
-    """Return the largest distance [m] of a chamber's node from a seam."""
+def _panel(mesh: FlatMesh, chamber: IntArray, joined: Mask) -> float:
+    """Return the width [m] of the panels that wrinkle, see `FlatFilm`."""
     shapely = extra_module("shapely", "pattern")
     seams = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
+    away = np.zeros(len(mesh.positions))
     nodes = np.unique(mesh.triangles[chamber >= 0])
-    return float(shapely.distance(shapely.points(mesh.positions[nodes]), seams).max())
+    away[nodes] = shapely.distance(shapely.points(mesh.positions[nodes]), seams)
+    at_hole = away[mesh.edges_of(LineKind.HOLE)].max(initial=0.0) > away.max() - SAME_PLACE_M
+    return float(away.max()) if at_hole or joined.any() else 2.0 * float(away.max())
 
 
 def _chosen(choice: NodeChoice, mesh: FlatMesh, edge_m: float) -> IntArray:
@@ -454,7 +459,6 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
     welded = place[:, :, film.chamber < 0].ravel()
     bending = np.where(np.isin(place.ravel(), welded), _WELDED_BENDING, 1.0)
-    panel_m = film.depth_m if film.joined.any() else 2.0 * film.depth_m  # to the hole, or to the other seam
     caps = rims(triangles)
     sets = {
         choice.name: _as_cap(_on_sheets(film.sets[choice.name], choice, flat, sheets), caps)
@@ -475,7 +479,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         center_rings=placing.center,
         lines=sets,
         face_groups=groups,
-        face_values={"wrinkle_panel_m": np.full(len(triangles), panel_m), BENDING_FACTOR: bending},
+        face_values={"wrinkle_panel_m": np.full(len(triangles), film.panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
         chambers=pattern.chambers,
         creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
