@@ -16,8 +16,9 @@ Four films of law "tension_field" are fitted to as little of it as they need, th
     woven      the same, and a shear modulus, to the torque at 0.3 bar and 0.05 rad;
     straightening  the moduli of crimped and straight yarns, to these loads at 0.2 and 0.5 bar (least
                squares), and the shear modulus;
-    resisting  woven, with one modulus and a force b up to which it resists compression, in proportion to 1 / r
-               as curved sheets buckle, to the three curves of r = 0.065 m (least squares); the shear modulus.
+    resisting  woven, with one modulus and a force b up to which it resists compression, in proportion to
+               1 / r as curved sheets buckle, to the three curves of r = 0.065 m (least squares); the shear
+               modulus of the second.
 All else is predicted. Warp and weft are alike, Poisson's ratio is 0.3, yarns are straight at a strain of 1 %:
 chosen, not fitted. The ends stay round and plane.
 """
