@@ -355,6 +355,8 @@ def hexagon_arm_torsion(axes: Axes, runs: Runs) -> list[Row]:
         axes.plot(tension, angle, label="default" if refine is None else f"refine = {refine}")
         for row, at in zip(rows, (5, 10, 15, 20), strict=True):
             row.values[words] = _at(tension, angle, at)
+    for row in rows:
+        row.values["default less finer [%]"] = 100.0 * (row.values["default"] / row.values["finer"] - 1.0)
     axes.set(xlabel="tension of each cable [N]", ylabel="twist of the tip [deg]")
     return rows
 
@@ -370,8 +372,12 @@ def hexagon_arm_deploys(axes: Axes, runs: Runs) -> list[Row]:
     }
     rows = [Row(f"{phase}, length [mm]") for phase in ("carry", "deploy", "stow")]
     rows += [Row("deploy, pack ratio"), Row("deploy, largest distance of a node from statics, drawn [mm]")]
+    rows += [Row("simulated over CPU seconds")]
     for words, change in changes.items():
+        before = runs.seconds.get((name, "default"), 0.0)
         result = ends[words] = runs.run(name, "default", change)
+        if words == "in time":
+            rows[5].values[words] = float(result.time_s[-1]) / (runs.seconds[name, "default"] - before)
         phases = {phase["name"]: phase for phase in result.summary["phases"]}
         for row, phase in zip(rows, ("carry", "deploy", "stow"), strict=False):
             row.values[words] = 1e3 * phases[phase]["length_m"]

@@ -67,7 +67,7 @@ from cosim.soft.geometry.surface import (
 from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
-    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule",
+    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "film.buckling_force_N_m", "hinge.rule",
     "stiffener", "cable.losses", "cable.eyelet_loss_N",
 )  # fmt: skip
 """Keys of a robot's file that the paper's model does not look at."""
@@ -95,7 +95,7 @@ def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
 def _published_film(film: FilmTable) -> FilmTable:
     """Return a film with the paper's law: bars along the edges where they are asked for, plain otherwise."""
     law = film.law if film.law == "edge_strain" else "plain"
-    return replace(film, law=law, wrinkle_panel_m=None)
+    return replace(film, law=law, wrinkle_panel_m=None, buckling_force_N_m=0.0)
 
 
 _SAME_PLANE = 1e-5  # of the film's size
@@ -347,7 +347,7 @@ def build_film(table: FilmTable) -> Film:
     assert young_modulus_Pa is not None, "a checked film has one of the two"
     return Film(
         young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
-        f.loss_frequency_Hz, fabric,
+        f.loss_frequency_Hz, fabric, f.buckling_force_N_m,
     )  # fmt: skip
 
 

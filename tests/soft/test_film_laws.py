@@ -21,8 +21,11 @@ STEP_M = 5e-7
 LAWS: dict[str, dict[str, Any]] = {
     "tension field": {"law": "tension_field"},
     "with compression": {"law": "tension_field", "compressive_fraction": 0.05},
+    "with a buckling force": {
+        "law": "tension_field", "compressive_fraction": 0.05, "buckling_force_N_m": 800.0,
+    },
     "edge strain": {"law": "edge_strain"},
-}
+}  # fmt: skip
 STATES = {
     "taut": (0.010, 0.004, 0.003),
     "taut, equal": (0.006, 0.006, 0.0),
@@ -197,6 +200,20 @@ def test_the_compressive_fraction_mixes_two_laws() -> None:
         assert d == pytest.approx(c, abs=1e-13 * size)
 
 
+@pytest.mark.parametrize("state", ["wrinkled", "slack"])
+def test_a_buckling_force_is_all_that_compression_meets(state: str) -> None:
+    # Under 800 N/m the film is the plain one; beyond, what it bears across its wrinkles is 800 N/m.
+    force = 800.0
+    buckling = replace(FILM, law="tension_field", buckling_force_N_m=force)
+    strain, softer = np.array(STATES[state]), 0.9 * force / (FILM.young_modulus_Pa * FILM.thickness_m)
+    least = one_triangle(buckling).principal_stress(strained(tuple(strain)))[0, 1]
+    assert FILM.thickness_m * least == pytest.approx(-force, rel=1e-12)
+    x = strained((0.3 * softer * FILM.poisson_ratio, -softer, 0.0))
+    found, plain = evaluation(one_triangle(buckling), 3)(x), evaluation(one_triangle(FILM), 3)(x)
+    for a, b in zip(found, plain, strict=True):
+        assert a == pytest.approx(b, abs=1e-9 * np.abs(b).max())
+
+
 def test_edge_strains_are_those_of_bars() -> None:
     # A triangle stretched so that each edge has a strain of its own; energy by the definition.
     x = np.array([[0.0, 0.0, 0.0], [0.0124, 0.0005, 0.001], [0.004, 0.0091, -0.002]])
@@ -244,6 +261,9 @@ def test_principal_stress_does_the_work(law: str, state: str) -> None:
         ({"law": "tension_field", "compressive_fraction": 1.5}, "compressive_fraction is 1.5"),
         ({"law": "tension_field", "compressive_fraction": float("nan")}, "compressive_fraction is nan"),
         ({"compressive_fraction": 0.1}, "the law is 'plain'"),
+        ({"law": "tension_field", "buckling_force_N_m": -1.0}, "buckling_force_N_m is -1.0"),
+        ({"law": "tension_field", "buckling_force_N_m": float("nan")}, "buckling_force_N_m is nan"),
+        ({"buckling_force_N_m": 10.0}, "the law is 'plain'"),
     ],
 )
 def test_wrong_laws_are_refused(changes: dict[str, Any], message: str) -> None:

@@ -45,6 +45,7 @@ class Film:
         loss_factor: tan delta of the material; 0 for none.
         loss_frequency_Hz: at which it holds.
         fabric: what woven film has besides; its law is "plain" or "tension_field".
+        buckling_force_N_m: compression across any line that a "tension_field" bears before it wrinkles.
 
     Raises:
         InputError: a constant out of its bounds, an unknown law, or what does not fit the law.
@@ -59,6 +60,7 @@ class Film:
     loss_factor: float = 0.0
     loss_frequency_Hz: float = 1.0
     fabric: Fabric | None = None
+    buckling_force_N_m: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("young_modulus_Pa", "thickness_m", "loss_frequency_Hz"):
@@ -78,6 +80,12 @@ class Film:
             raise InputError(f"compressive_fraction is {self.compressive_fraction}; it must be 0 to 1")
         if self.compressive_fraction and self.law != "tension_field":
             raise InputError(f"compressive_fraction goes with law 'tension_field'; the law is {self.law!r}")
+        if not 0.0 <= self.buckling_force_N_m < math.inf:
+            raise InputError(
+                f"buckling_force_N_m is {self.buckling_force_N_m}; it must be 0 or more, and finite"
+            )
+        if self.buckling_force_N_m and self.law != "tension_field":
+            raise InputError(f"buckling_force_N_m goes with law 'tension_field'; the law is {self.law!r}")
         if self.wrinkle_panel_m is not None:
             if not 0.0 < self.wrinkle_panel_m < math.inf:
                 raise InputError(f"wrinkle_panel_m is {self.wrinkle_panel_m}; it must be positive and finite")
@@ -107,9 +115,13 @@ class Film:
         return STRAIGHTENING if (self.yarns[:, 0] > 0.0).any() else _LAWS[self.law]
 
     @property
-    def kept_fraction(self) -> float:
-        """What a tension field keeps of the plain law's compressive stiffness; a plain film keeps all."""
-        return 1.0 if self.law == "plain" else self.compressive_fraction
+    def compression(self) -> Array:
+        """(2,): what a tension field keeps of the plain law's compressive stiffness, and its force [N/m].
+
+        A plain film keeps all of its stiffness.
+        """
+        kept = 1.0 if self.law == "plain" else self.compressive_fraction
+        return np.array([kept, self.buckling_force_N_m])
 
     @property
     def loss_time_s(self) -> float:

@@ -103,7 +103,7 @@ class MembraneRows(NamedTuple):
         drawn: (groups, 5 LANES), see `in_lanes`.
         stiffness: (3, 3) [N/m].
         law: code of the film's law.
-        fraction: compressive fraction.
+        compression: (2,), see `Film.compression`.
         forces: (m, 2) [N/m], see `wrinkling_forces`; empty for other laws.
         yarns: (2, 2), see `Film.yarns`.
     """
@@ -114,7 +114,7 @@ class MembraneRows(NamedTuple):
     drawn: Matrix
     stiffness: Matrix
     law: int
-    fraction: float
+    compression: Vector
     forces: Matrix
     yarns: Matrix
 
@@ -289,9 +289,9 @@ def film_law(
     if film.law == WRINKLING:
         return wrinkling(strain, stiffness, film.forces[e, 0], film.forces[e, 1], n, tangent)
     if film.law == TENSION_FIELD:
-        return tension_field(strain, stiffness, film.fraction, n, tangent)
+        return tension_field(strain, stiffness, film.compression, n, tangent)
     if film.law == STRAIGHTENING:
-        density = tension_field(strain, stiffness, film.fraction, n, tangent)
+        density = tension_field(strain, stiffness, film.compression, n, tangent)
         return density + _straighten(strain, film.yarns, n, tangent)
     if film.law == NEO_HOOKEAN:
         return neo_hookean(strain, stiffness[2, 2], n, tangent)
@@ -488,12 +488,16 @@ class Membranes(DirectElement):
         """The triangles as kernels know them."""
         return MembraneRows(
             self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
-            self._stiffness, self.film.law_code, self.film.kept_fraction, self._forces, self._yarns,
+            self._stiffness, self.film.law_code, self._compression, self._forces, self._yarns,
         )  # fmt: skip
 
     @cached_property
     def _stiffness(self) -> Array:
         return self.film.membrane_stiffness
+
+    @cached_property
+    def _compression(self) -> Array:
+        return self.film.compression
 
     @cached_property
     def _yarns(self) -> Array:

@@ -18,6 +18,9 @@ psi is convex with a continuous gradient; its second derivative jumps where the 
 A share f of the plain law can stay, f psi_plain + (1 - f) psi: the film's bending resists fine wrinkles.
 With f = 0 a slack triangle resists nothing and may collapse, which a hinge beside it cannot bear: where
 hinges are, f should be 1e-4 or more.
+A film can resist compression up to a force b [N/m] across any line before it wrinkles, as a curved sheet does
+up to its buckling load. Then N + b 1 has no compression: with E0 = C^-1 b 1 the law is
+    psi(E) = psi_without(E + E0) - b tr(E) - psi_without(E0).
 Source: Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc. A 429 (1990) 141-173; of woven
 film: Epstein and Forcinito, Int. J. Solids Struct. 38 (2001) 5253-5272, with the cone derived here.
 
@@ -58,9 +61,38 @@ from cosim.base.numba_insides import same_bits
 
 @device_function
 def tension_field(
-    strain: tuple[float, float, float], stiffness: Matrix, fraction: float, n: Vector, c: Matrix
+    strain: tuple[float, float, float], stiffness: Matrix, compression: Vector, n: Vector, c: Matrix
 ) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
+
+    Args:
+        strain: E11, E22, 2 E12, along warp and weft if the film is woven.
+        stiffness: (3, 3) [N/m], of the plain law.
+        compression: (2,), f and b [N/m].
+        n: filled.
+        c: filled.
+
+    Returns:
+        Energy density [J/m^2].
+    """
+    fraction, force = compression[0], compression[1]
+    if force == 0.0:
+        return _relaxed(strain, stiffness, fraction, n, c)
+    c00, c01, c11 = stiffness[0, 0], stiffness[0, 1], stiffness[1, 1]
+    flat = force / (c00 * c11 - c01 * c01)
+    first, second = flat * (c11 - c01), flat * (c00 - c01)  # E0
+    e11, e22 = strain[0] + first, strain[1] + second
+    density = _relaxed((e11, e22, strain[2]), stiffness, fraction, n, c)
+    n[0] -= force
+    n[1] -= force
+    return density - force * (e11 + e22 - 0.5 * (first + second))
+
+
+@device_function
+def _relaxed(
+    strain: tuple[float, float, float], stiffness: Matrix, fraction: float, n: Vector, c: Matrix
+) -> float:
+    """Do what `tension_field` does, of a film that resists no compression.
 
     In the wrinkled state x = z (1, p1, p2) stays on the cone, whose tangent plane there has the directions
     a = (1, p1, p2) and w = (0, -p2, p1). By e both are turned into those of N:

@@ -101,7 +101,7 @@ class FilmArrays(NamedTuple):
         drawn: (groups, 5 LANES), see `in_lanes`.
         stiffness: (films, 3, 3) [N/m].
         laws: (films,), code of each film's law.
-        fraction: (films,), compressive fraction.
+        compression: (films, 2), see `Film.compression`.
         forces: (w, 2) [N/m], see `wrinkling_forces`; of plain films none.
         yarns: (films, 2, 2), see `Film.yarns`.
         films: (films + 1, 3), where the triangles, groups and forces of each film begin.
@@ -134,7 +134,7 @@ class FilmArrays(NamedTuple):
     drawn: Matrix
     stiffness: Blocks
     laws: Indices
-    fraction: Vector
+    compression: Matrix
     forces: Matrix
     yarns: Blocks
     films: IndexTable

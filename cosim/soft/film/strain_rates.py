@@ -34,8 +34,8 @@ def film_rows(film: Any, k: int) -> MembraneRows:
     a, b = film.films[k], film.films[k + 1]
     return MembraneRows(
         film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
-        film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.fraction[k], film.forces[a[2] : b[2]],
-        film.yarns[k],
+        film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.compression[k],
+        film.forces[a[2] : b[2]], film.yarns[k],
     )  # fmt: skip
 
 

@@ -312,7 +312,7 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
         apart: (k + 1,), where the nodes of its parts begin, see `ranges_apart`; what is not listed part by
             part is one.
     """
-    triangles, shapes, areas, drawn, stiffness, laws, fractions, forces, yarns = zip(
+    triangles, shapes, areas, drawn, stiffness, laws, compression, forces, yarns = zip(
         *(film.arrays for film in body.membranes), strict=True
     )
     hinges, cables, bent = body.hinges, body.cables, len(body.hinges.coupled)
@@ -329,7 +329,7 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
     return FilmArrays(
         np.array(term_calls(beams=len(beams.groups) > 0, frames=len(frames.groups) > 0)),
         np.concatenate(triangles), np.concatenate(shapes), np.concatenate(areas), np.concatenate(drawn),
-        np.array(stiffness), np.array(laws), np.array(fractions), np.concatenate(forces),
+        np.array(stiffness), np.array(laws), np.array(compression), np.concatenate(forces),
         np.array(yarns),
         np.stack([_firsts(triangles), _firsts(drawn), _firsts(forces)], axis=1),
         hinges.coupled, hinges.stiffness[:bent], hinges.rest_angle[:bent],
