@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.bench.parameters import AnyParameter, Sides, StaticModel
+from cosim.bench.parameters import AnyParameter, Moves, StaticModel
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
 from cosim.soft.beams.beam_rings import stiffener_strain
@@ -17,7 +17,7 @@ from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Side
+from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
 from cosim.soft.solve.state import Clamp, Equilibrium
 
 _XYZ: Final = "xyz"
@@ -108,6 +108,8 @@ _READ: Final[dict[str, tuple[str, Read]]] = {
     "flange_torque_Nm": ("xyz", lambda shape: _wrench(shape)[3:]),
 }
 """By name, what the entries are of, and how they are read."""
+_LINEAR: Final = "tip_position_m"
+"""A mean of positions, so that its derivative is its value at dx/dp, as of places."""
 _PLACES: Final = ("ring_position_m", "node_position_m")
 
 
@@ -120,11 +122,13 @@ class Output:
         name: of it.
         read: returns an array that it is in.
         place: in that array.
+        linear: whether it is linear in the positions, and depends on nothing else.
     """
 
     name: str
     read: Read
     place: int
+    linear: bool = False
 
     @property
     def unit(self) -> str:
@@ -171,7 +175,7 @@ def _found(name: str, model: StaticModel) -> Iterator[Output]:
         raise InputError(f"{name}: {unknown_name_message(what or 'entry', of, known)}")
     for place, each in enumerate(known):
         if of in ("", each):
-            yield Output(f"{kind}.{each}" if each else kind, reader, place)
+            yield Output(f"{kind}.{each}" if each else kind, reader, place, kind == _LINEAR)
 
 
 def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
@@ -191,7 +195,27 @@ def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
 
     for k, each in enumerate(_XYZ):
         if axis in ("", each):
-            yield Output(f"{kind}.{place}.{each}", mean, k)
+            yield Output(f"{kind}.{place}.{each}", mean, k, linear=True)
+
+
+def change(
+    outputs: Sequence[Output], slopes: EquilibriumSlope, moved: Moved, slope: Slope, flange: Pose
+) -> Array:
+    """Return the derivatives (outputs,) by a parameter.
+
+    Args:
+        outputs: of them.
+        slopes: of the equilibrium.
+        moved: the parameter.
+        slope: by it.
+        flange: world from flange.
+    """
+    if all(output.linear for output in outputs):
+        return read(outputs, OutputShape(slopes.own, slope.motion, slope.quotient, flange))
+    found = np.zeros(len(outputs))
+    for side in moved.sides:
+        found += side.weight * read(outputs, OutputShape(side, *slopes.moved(side, slope), flange))
+    return found
 
 
 @final
@@ -213,9 +237,8 @@ class Slopes:
         *,
         kinks: bool = False,
     ) -> None:
-        self._kinks = kinks
-        self._names, self._outputs = [each.name for each in parameters], outputs
-        self._sides: list[Sides] = [each.sides(model) for each in parameters]
+        self._kinks, self._outputs = kinks, outputs
+        self._moves: list[Moves] = [each.moves(model) for each in parameters]
 
     def at(
         self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, only: Sequence[int] | None = None
@@ -228,16 +251,13 @@ class Slopes:
             here: the equilibrium.
             only: of some parameters, by their places; of all unless given.
         """
-        slopes, columns = EquilibriumSlope(solver, clamp, here, kinks=self._kinks), []
-        for k in range(len(self._sides)) if only is None else only:
-            sides = self._sides[k](here, clamp)
-            slope = slopes.by(sides, self._names[k])
-            columns.append(
-                sum(side.weight * self._read(side, slopes.moved(side, slope), here) for side in sides)
-            )
-        own = Side(0.0, 0.0, 0.0, solver.system, clamp, here.loads)
-        found = self._read(own, (here.state.positions, slopes.gradient), here)
+        slopes, flange = EquilibriumSlope(solver, clamp, here, kinks=self._kinks), here.world_from_flange
+        moved = [self._moves[k](here, clamp) for k in (range(len(self._moves)) if only is None else only)]
+        found = read(
+            self._outputs, OutputShape(slopes.own, here.state.positions, slopes.gradient, flange)
+        )
+        columns = [
+            change(self._outputs, slopes, each, slope, flange)
+            for each, slope in zip(moved, slopes.by(moved), strict=True)
+        ]
         return found, np.stack(columns, axis=1) if columns else np.zeros((len(found), 0))
-
-    def _read(self, side: Side, moved: tuple[Array, Array], here: Equilibrium) -> Array:
-        return read(self._outputs, OutputShape(side, *moved, here.world_from_flange))

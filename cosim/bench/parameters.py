@@ -24,7 +24,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.sensitivity import Side
+from cosim.soft.solve.sensitivity import Moved, Side
 from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
 from cosim.stepping.parts import film_law
 
@@ -32,7 +32,7 @@ _ROBOT: Final = "soft_robot."
 _SOLVER: Final = ("solver.damping_per_s", "solver.air_drag_per_s")
 """Losses in time, which no body knows of."""
 _STEP: Final = 3e-5  # of a parameter
-_DRAWN_STEP: Final = 1e-4  # the same where the drawn film changes: stiff film then rounds less
+_DRAWN_STEP: Final = 1e-5, 1e-4  # the same where the drawn film changes, at rest and in time: it rounds more
 _LOSSES: Final = {*_SOLVER, "soft_robot.film.loss_factor"}
 _LOSS_STEP: Final = 1e-3  # forces are linear in a loss; with less, a state moves by its rounding only
 _ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass; what is linear in it does not mind
@@ -40,8 +40,11 @@ _STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
 _SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.0, "gas_mass_kg": 0.0}
 """Of a parameter that is 0, or nearly, instead of itself."""
 
-Sides: TypeAlias = Callable[[Equilibrium, Clamp], tuple[Side, ...]]
-"""Equilibrium, and the clamp in force there -> the sides of a difference quotient."""
+_STRAIGHT: Final = ("young_modulus_Pa", "density_kg_m3", "node_mass_kg", "stiffness_factor")
+"""Keys by which forces change linearly."""
+
+Moves: TypeAlias = Callable[[Equilibrium, Clamp], Moved]
+"""Equilibrium, and the clamp in force there -> a parameter that is moved there."""
 
 _CENTRAL: Final = ((-1.0, -0.5, 1.0), (1.0, 0.5, 1.0))
 _FOURTH: Final = (
@@ -50,7 +53,7 @@ _FOURTH: Final = (
     (1.0, 2.0 / 3.0, 1.0),
     (2.0, -1.0 / 12.0, 0.0),
 )
-"""Of fourth order, where the drawn film changes: a film that wrinkles is far from linear in that."""
+"""Of fourth order, for long steps: a film that wrinkles is far from linear in what is drawn."""
 _FORWARD: Final = ((0.0, -1.5, 1.0), (1.0, 2.0, -2.0), (2.0, -0.5, 1.0))
 _BACKWARD: Final = ((0.0, 1.5, 1.0), (-1.0, -2.0, -2.0), (-2.0, 0.5, 1.0))
 """(offset, weight, weight in the second difference), in steps; one-sided at the bound of a value."""
@@ -115,8 +118,8 @@ class ModelParameter:
         changes: dict[str, Any] = {_last(key): self.value + offset for key in self.keys}
         return replace(options, **changes)
 
-    def sides(self, model: StaticModel) -> Sides:
-        """Return what gives the sides of its difference quotient at an equilibrium.
+    def moves(self, model: StaticModel) -> Moves:
+        """Return what moves it at an equilibrium.
 
         Raises:
             InputError: the mesh changes its nodes or triangles with it, or no value near it is allowed.
@@ -134,19 +137,21 @@ class ModelParameter:
             return SoftSystem(body)
 
         drawn = model.system.body
-        made = _sided(built, step, self.name)
+        made, in_time = _sided(built, step, self.name), model.scenario.mode == "dynamic"
         if len(made) == len(_CENTRAL) and not np.array_equal(made[0][3].body.positions, drawn.positions):
+            step *= _DRAWN_STEP[in_time] / _STEP
             with suppress(InputError):  # twice the step may not be allowed
-                made = _scheme(built, _FOURTH, _DRAWN_STEP / _STEP * step)
-        law = film_law(model.scenario)
+                made = _scheme(built, _FOURTH if in_time else _CENTRAL, step)
+        law, straight = film_law(model.scenario), all(_last(key) in _STRAIGHT for key in self.keys)
 
-        def sides(here: Equilibrium, clamp: Clamp) -> tuple[Side, ...]:
-            return tuple(
+        def moves(here: Equilibrium, clamp: Clamp) -> Moved:
+            sides = tuple(
                 Side(offset, weight, bend, system, *_redrawn(clamp, here, (drawn, system.body), law))
                 for offset, weight, bend, system in made
             )
+            return Moved(self.name, sides, straight)
 
-        return sides
+        return moves
 
 
 @final
@@ -182,19 +187,20 @@ class LoadParameter:
             )
         return found
 
-    def sides(self, model: StaticModel) -> Sides:
-        """Return what gives the sides of its difference quotient at an equilibrium."""
+    def moves(self, model: StaticModel) -> Moves:
+        """Return what moves it at an equilibrium."""
 
-        def sides(here: Equilibrium, clamp: Clamp) -> tuple[Side, ...]:
+        def moves(here: Equilibrium, clamp: Clamp) -> Moved:
             loads = here.loads
             value = self.value_in(loads, len(model.chambers))
             step = _STEPS.get(self.kind, _STEP) * max(abs(value), _SCALE[self.kind])
             made = _sided(lambda offset: self.changed(loads, value + offset, model), step, self.name)
-            return tuple(
+            sides = tuple(
                 Side(offset, weight, bend, model.system, clamp, own) for offset, weight, bend, own in made
             )
+            return Moved(self.name, sides, straight=self.kind != "cable_length_m")
 
-        return sides
+        return moves
 
     def step_options(self, options: StepOptions, offset: float) -> StepOptions:
         """Return how ticks are solved where it is moved, by whatever offset: as they were."""

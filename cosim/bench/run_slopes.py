@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Wrench
-from cosim.bench.outputs import Output, OutputShape, read
+from cosim.bench.outputs import Output, OutputShape, change, read
 from cosim.bench.parameters import AnyParameter, StaticModel
 from cosim.build.options import dynamic_options
 from cosim.coupling.soft_sides.lumped_arm import SoftArmState
@@ -24,7 +24,7 @@ from cosim.errors import InputError, SensitivityError
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Side, Slope
+from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,
@@ -61,22 +61,20 @@ class RunSlopes:
             )
         if self._options.substep_error_m is not None:
             raise InputError("sensitivities in time are of whole ticks; leave out solver.substep_error_m")
-        self._sides = [each.sides(model) for each in parameters]
+        self._moves = [each.moves(model) for each in parameters]
         self._solver, self._clamp = self._newton(start.clamp), start.clamp
         self._rates: dict[tuple[int, int], StrainRates | None] = {}
         shape = EquilibriumSlope(self._solver, start.clamp, _at(start))
-        self._found = [
-            (sides, shape.by(sides, each.name))
-            for each, sides in zip(parameters, self._all_sides(start), strict=True)
-        ]
+        moved = self._moved(start)
+        self._found = list(zip(moved, shape.by(moved), strict=True))
         self._shape, still = shape, np.zeros_like(start.soft.positions)
         self._states = [(slope.motion, still, still, still) for _, slope in self._found]
 
     def _newton(self, clamp: Clamp) -> NewtonSolver:
         return NewtonSolver(self._model.system, clamp.mask(self._model.system.body.nodes))
 
-    def _all_sides(self, here: SoftArmState) -> list[tuple[Side, ...]]:
-        return [sides(_at(here), here.clamp) for sides in self._sides]
+    def _moved(self, here: SoftArmState) -> list[Moved]:
+        return [moves(_at(here), here.clamp) for moves in self._moves]
 
     def tick(self, after: SoftArmState, step_s: float) -> None:
         """Carry the derivatives on over a tick.
@@ -102,19 +100,19 @@ class RunSlopes:
         own = self._inertia((-1, 0), self._own_side(after), before, after, step_s)
         self._shape = EquilibriumSlope(self._solver, after.clamp, _at(after), kinks=True, inertia=own)
         bed = self._options.bed(step_s, first=before.earlier is None)
-        found, states = list[tuple[tuple[Side, ...], Slope]](), []
-        for k, (each, plain) in enumerate(zip(self._parameters, self._all_sides(after), strict=True)):
-            x, v, earlier_x, _ = self._states[k]
-            begins = [_moved(before, self._states[k], side.offset) for side in plain]
+        moved = self._moved(after)
+        for k, each in enumerate(moved):
+            begins = [_moved(before, self._states[k], side.offset) for side in each.sides]
             sides = tuple(
                 side._replace(inertia=self._inertia((k, j), side, begin, after, step_s))
-                for j, (side, begin) in enumerate(zip(plain, begins, strict=True))
+                for j, (side, begin) in enumerate(zip(each.sides, begins, strict=True))
             )
-            slope = self._shape.by(sides, each.name)
+            moved[k] = each._replace(sides=sides)
+        states, self._found = self._states, list(zip(moved, self._shape.by(moved), strict=True))
+        self._here, self._states = after, []
+        for (x, v, earlier_x, _), (_, slope) in zip(states, self._found, strict=True):
             base = (4.0 * x - earlier_x) / 3.0 if bed.two_steps else x
-            states.append((slope.motion, (slope.motion - base) / bed.span, x, v))
-            found.append((sides, slope))
-        self._here, self._found, self._states = after, found, states
+            self._states.append((slope.motion, (slope.motion - base) / bed.span, x, v))
 
     def read(self, outputs: Sequence[Output]) -> tuple[Array, Array]:
         """Return outputs (m,), and their Jacobian (m, parameters), where the last tick has ended."""
@@ -122,13 +120,7 @@ class RunSlopes:
         values = read(
             outputs, OutputShape(self._own_side(self._here), positions, self._shape.gradient, flange)
         )
-        columns = [
-            sum(
-                side.weight * read(outputs, OutputShape(side, *self._shape.moved(side, slope), flange))
-                for side in sides
-            )
-            for sides, slope in self._found
-        ]
+        columns = [change(outputs, self._shape, each, slope, flange) for each, slope in self._found]
         return values, np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
 
     def _own_side(self, here: SoftArmState) -> Side:

@@ -23,7 +23,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Side
+from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side
 from cosim.soft.solve.state import Clamp, Equilibrium
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from tests.derivatives import differences, relative_error
@@ -178,7 +178,7 @@ def test_a_kink_is_refused() -> None:
         for offset, pressure in ((-1.0, 7990.0), (1.0, 8000.0))  # nothing happens above 8 kPa
     )
     with pytest.raises(cosim.SensitivityError, match=r"no derivative by pressure: the forces at node \d+ "):
-        EquilibriumSlope(solver, arm.clamp, here).by(sides, "pressure")
+        EquilibriumSlope(solver, arm.clamp, here).by([Moved("pressure", sides)])
 
 
 @pytest.mark.parametrize(

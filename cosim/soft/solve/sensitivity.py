@@ -10,21 +10,24 @@ parameter differs by some 1e-5 of itself, have at the same shape: two assemblies
 the same to the last bit, stiff film does not turn the rounding of positions into forces. What K leaves out,
 losses along cables that follow the shape, is in the quotient too: they are those of the shape moved along the
 dx/dp that was found, which is corrected until nothing is left. Where a parameter changes the drawn film, the
-quotient is taken along dx/dp, as film that was drawn otherwise would be strained at the same shape.
+quotient is taken along dx/dp, as film that was drawn otherwise would be strained at the same shape. Forces
+that are linear in a parameter need one assembly.
 
 The error is that of the quotient: some 1e-8 of dx/dp, 1e-6 where the drawn film changes. An equilibrium has
 no derivative where the two sides of the quotient, or the forces on both sides of it along dx/dp, disagree: a
-cable that gets taut, a contact that begins, a fold nearby. That is refused.
+cable that gets taut, a contact that begins, a fold nearby. That is refused. All parameters are looked at
+together first, and one by one only where that finds something.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import ConvergenceError, InputError, SensitivityError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, place_of_largest
@@ -32,7 +35,6 @@ from cosim.soft.elements.cable import add_segments
 from cosim.soft.elements.eyelets import RATIO
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import LowRank
-from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, Equilibrium
@@ -66,6 +68,20 @@ class Side(NamedTuple):
     inertia: Inertia | None = None
 
 
+class Moved(NamedTuple):
+    """A parameter that is moved.
+
+    Args:
+        name: for messages.
+        sides: of its difference quotient, in rising order.
+        straight: whether the forces at a shape are linear in it.
+    """
+
+    name: str
+    sides: tuple[Side, ...]
+    straight: bool = False
+
+
 def factorise_at(solver: NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
     """Factorise the tangent at an equilibrium, or with inertia where an implicit step ends.
 
@@ -87,26 +103,36 @@ class FrozenTangent(NamedTuple):
     """The tangent of all nodes at a shape, losses along cables frozen.
 
     Args:
-        pattern: of its blocks.
+        row: (blocks,) of its lower half.
+        column: (blocks,).
         blocks: (blocks, 3, 3) [N/m].
         low_rank: dense parts; None for none.
         caps: what missing caps add, by ring.
     """
 
-    pattern: BlockPattern
+    row: IntArray
+    column: IntArray
     blocks: Array
     low_rank: LowRank | None
     caps: list[tuple[IntArray, Array]]
 
     @classmethod
-    def of(cls, system: SoftSystem, positions: Array) -> FrozenTangent:
-        """Return that which a system has assembled last, at positions (n, 3) [m]."""
-        blocks, caps = system.tangent_blocks.copy(), system.open_cap_stiffness(positions)
-        return cls(system.tangent_pattern, blocks, system.low_rank, caps)
+    def of(cls, system: SoftSystem, positions: Array, near: Mask | None = None) -> FrozenTangent:
+        """Return that which a system has assembled last.
+
+        Args:
+            system: that has assembled it.
+            positions: (n, 3) [m], where.
+            near: (n,) nodes whose blocks are kept, with those of their neighbours; None: all are.
+        """
+        pattern, caps = system.tangent_pattern, system.open_cap_stiffness(positions)
+        own = slice(None) if near is None else np.flatnonzero(near[pattern.row] | near[pattern.column])
+        blocks = system.tangent_blocks[own].copy()
+        return cls(pattern.row[own], pattern.column[own], blocks, system.low_rank, caps)
 
     def times(self, motion: Array) -> Array:
         """Return K v of motions v (n, 3, ...)."""
-        row, column = self.pattern.row, self.pattern.column
+        row, column = self.row, self.column
         force, below = np.zeros_like(motion), row > column
         np.add.at(force, row, np.einsum("brc,bc...->br...", self.blocks, motion[column]))
         turned = np.einsum("bcr,bc...->br...", self.blocks[below], motion[row[below]])
@@ -125,18 +151,29 @@ class Slope(NamedTuple):
 
     Args:
         motion: (n, 3) [m], of the nodes, held ones included.
-        gradient: (n, 3) [N], of the potential's gradient, which is that of the held nodes alone.
+        quotient: (n, 3) [N], of the gradient at shapes that move by `taken`.
+        taken: (n, 3) [m].
+        bent: (n, 3) [N], its second difference over a step; None: it has none.
+        step: of the parameter, in its unit.
     """
 
     motion: Array
-    gradient: Array
+    quotient: Array
+    taken: Array
+    bent: Array | None
+    step: float
+
+    @property
+    def size_m(self) -> float:
+        """How far the step moves a node."""
+        return self.step * float(np.abs(self.motion).max())
 
 
 @final
 class EquilibriumSlope:
     """Derivatives of an equilibrium by parameters of its model; keeps the factorised tangent.
 
-    Attributes: `gradient`, (n, 3) [N] at the equilibrium; `assemblies`, how many gradients were assembled.
+    Attributes: `own`, the equilibrium as a side; `gradient`, (n, 3) [N] there.
 
     Args:
         solver: Newton's method for the body with the clamp in force.
@@ -154,59 +191,65 @@ class EquilibriumSlope:
         inertia: Inertia | None = None,
     ) -> None:  # fmt: skip
         factorise_at(solver, here, inertia)
-        self._kinks = kinks
+        self._kinks, self._solver, self._here, self._clamp = kinks, solver, here, clamp
         system = solver.system
-        self._solver, self._here, self.assemblies = solver, here, 0
         self._x = np.array(here.state.positions, order="C")
         self._memory = system.fresh(here.state.memory) if inertia is None else here.state.memory
-        self._tangent, self._clamp = FrozenTangent.of(system, self._x), clamp
+        # held nodes move and are pushed on; of the others the factorisation knows all
+        self._tangent = FrozenTangent.of(system, self._x, ~solver.free.all(axis=1))
         lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
         pairs = zip(system.body.cables, lengths, strict=True)
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self._own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, inertia)
-        self.gradient = self._assembled(self._own, self._x, self._x)
+        self.own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, inertia)
+        self._share = self._lost(self.own, self._x)
+        self.gradient = self._assembled(self.own, self._x, self._share)
 
-    def by(self, sides: tuple[Side, ...], name: str) -> Slope:
-        """Return the derivative by a parameter.
-
-        Args:
-            sides: of the difference quotient.
-            name: of the parameter, for messages.
+    def by(self, parameters: Sequence[Moved]) -> list[Slope]:
+        """Return the derivatives by parameters.
 
         Raises:
             SensitivityError: no derivative exists: the sides disagree, or the rounds do not converge.
         """
-        held, free = np.zeros_like(self._x), self._solver.free
-        for side in sides:
-            held += side.weight * self._placed(side)
-        redrawn, motion, before = any(side.clamp is not self._clamp for side in sides), held, 0.0
+        found = [self._slope(each) for each in parameters]
+        if not self._kinks and self._bends(found):
+            for each, slope in zip(parameters, found, strict=True):
+                self._check_kink(each, slope.motion)
+        return found
+
+    def _slope(self, parameter: Moved) -> Slope:
+        sides, free = parameter.sides, self._solver.free
+        redrawn, before = any(side.clamp is not self._clamp for side in sides), 0.0
+        held = sum(side.weight * self._placed(side) for side in sides) if redrawn else np.zeros_like(self._x)
+        motion, step = held, max(abs(side.offset) for side in sides)
         for round_ in range(_ROUNDS_MAX):
             along = motion if redrawn and round_ else None
-            quotient, taken = self._quotient(sides, motion, along)
-            pushed = self._tangent.times(held - taken) if along is None else np.zeros_like(held)
-            last, motion = motion, taken + np.where(free, 0.0, held - taken)
+            quotient, taken, bent = self._quotient(parameter, motion, along)
+            pushed = self._tangent.times(held - taken) if redrawn and along is None else 0.0
+            last, motion = motion, taken + np.where(free, 0.0, held - taken) if redrawn else held
             motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
+            if not (redrawn or self._losses_move):
+                break
             size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
             fall = min(1.0, size / before) if before else 1.0
-            if size * fall <= _LEFT * most or not (redrawn or self._losses_move):
+            if size * fall <= _LEFT * most:
                 break
             if before and 0.5 * before < size <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * most:
                 break
             before = size
         else:
             raise SensitivityError(
-                f"no derivative by {name}: losses along cables, which follow the shape, do not settle in "
-                f"{_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
+                f"no derivative by {parameter.name}: losses along cables, which follow the shape, do not "
+                f"settle in {_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
             )
-        if not self._kinks:
-            self._check_kink(sides, motion, name)
-        return Slope(motion, quotient + self._tangent.times(motion - taken))
+        return Slope(motion, quotient, taken, bent, step)
 
     def moved(self, side: Side, slope: Slope) -> tuple[Array, Array]:
-        """Return positions (n, 3) [m] and gradient (n, 3) [N] on a side."""
-        return self._x + side.offset * slope.motion, self.gradient + side.offset * slope.gradient
+        """Return positions (n, 3) [m] and gradient (n, 3) [N], which is that of the held nodes, on a side."""
+        pushed = slope.quotient + self._tangent.times(slope.motion - slope.taken)
+        pushed[self._solver.free] = 0.0
+        return self._x + side.offset * slope.motion, self.gradient + side.offset * pushed
 
     def _placed(self, side: Side) -> Array:
         """Return how far a side's clamp holds nodes (n, 3) [m] from where they are."""
@@ -214,48 +257,79 @@ class EquilibriumSlope:
             return np.zeros_like(self._x)
         return side.clamp.place(self._x, self._here.world_from_flange) - self._x
 
-    def _quotient(self, sides: tuple[Side, ...], motion: Array, along: Array | None) -> tuple[Array, Array]:
-        """Return the quotient (n, 3) [N per unit] of the gradient, and how its shapes move (n, 3) [m].
+    def _quotient(
+        self, parameter: Moved, motion: Array, along: Array | None
+    ) -> tuple[Array, Array, Array | None]:
+        """Return the quotient (n, 3) [N per unit] of the gradient, how its shapes move (n, 3) [m], its bend.
 
         The shape rests, or is moved: by what is left of a motion once it is rounded, which is known to the
         last bit, so that stiff film does not turn the rounding into forces.
 
         Args:
-            sides: of the quotient.
+            parameter: that is moved.
             motion: (n, 3) [m], of the shape that losses along cables are those of.
             along: (n, 3) [m], of the shape; None: it rests.
         """
         found, taken = np.zeros_like(self._x), np.zeros_like(self._x)
-        for side in sides:
+        if parameter.straight and not self._losses_move and self.own.inertia is None:
+            side = parameter.sides[-1]
+            forces = self._assembled(side, self._x, self._lost(side, self._x))
+            return (forces - self.gradient) / side.offset, taken, None
+        bent = -sum(side.bend for side in parameter.sides) * self.gradient
+        for side in parameter.sides:
             x = self._x if along is None else np.ascontiguousarray(self._x + side.offset * along)
-            taken += side.weight * (x - self._x)
-            found += side.weight * self._assembled(side, x, self._x + side.offset * motion)
-        return found, taken
+            lost_at = self._x + side.offset * motion if self._losses_move else self._x
+            forces = self._assembled(side, x, self._lost(side, lost_at))
+            found += side.weight * forces
+            bent += side.bend * forces
+            if along is not None:
+                taken += side.weight * (x - self._x)
+        return found, taken, bent
 
-    def _assembled(self, side: Side, x: Array, lost_at: Array) -> Array:
-        """Return the gradient (n, 3) [N] of a side's potential at a shape (n, 3) [m].
+    def _lost(self, side: Side, x: Array) -> Array:
+        """Return the losses of a side's cables at a shape (n, 3) [m]."""
+        return side.system.segment_share(x, side.loads, self._memory)
 
-        lost_at: (n, 3) [m], the shape that losses along cables are those of.
-        """
-        self.assemblies += 1
-        system, memory = side.system, self._memory
-        share = system.segment_share(lost_at, side.loads, memory)
-        system.evaluate(x, side.loads, share, memory, inertia=side.inertia, hessian=False)
+    def _assembled(self, side: Side, x: Array, share: Array) -> Array:
+        """Return the gradient (n, 3) [N] of a side's potential at a shape (n, 3) [m], with some losses."""
+        system = side.system
+        system.evaluate(x, side.loads, share, self._memory, inertia=side.inertia, hessian=False)
         return system.gradient.copy()
 
-    def _check_kink(self, sides: tuple[Side, ...], motion: Array, name: str) -> None:
+    def _bends(self, slopes: Sequence[Slope]) -> bool:
+        """Return whether the forces may have a kink along the motions of some parameters, all at once.
+
+        Those that redraw the film have moved in their quotient; the shape is moved by the others.
+        """
+        motion, bent = np.zeros_like(self._x), -2.0 * self.gradient
+        for k, slope in enumerate(slopes):
+            share = (-1.0) ** k * _SEEN_m / max(slope.size_m, _SEEN_m)
+            if slope.bent is not None:
+                bent += share * slope.bent
+            if not slope.taken.any():
+                motion += share * slope.step * slope.motion
+        for x in (self._x + motion, self._x - motion):
+            share_there = self._lost(self.own, x) if self._losses_move else self._share
+            bent += self._assembled(self.own, x, share_there)
+        return self._bend_m(bent) > _KINK * _SEEN_m
+
+    def _bend_m(self, bent: Array) -> float:
+        """Return how far a second difference (n, 3) [N] of the forces moves a node."""
+        return float(np.abs(self._solver.linear.solve(np.where(self._solver.free, bent, 0.0))).max())
+
+    def _check_kink(self, parameter: Moved, motion: Array) -> None:
         """Compare what a second difference of the forces does to the shape with the step itself."""
-        bent = -sum(side.bend for side in sides) * self.gradient
-        for side in sides:
+        bent = -sum(side.bend for side in parameter.sides) * self.gradient
+        for side in parameter.sides:
             x = np.ascontiguousarray(self._x + side.offset * motion)
-            bent = bent + side.bend * self._assembled(side, x, x)
-        bent = np.where(self._solver.free, bent, 0.0)
-        step = max(abs(side.offset) for side in sides) * float(np.abs(motion).max())
-        if float(np.abs(self._solver.linear.solve(bent)).max()) > _KINK * max(step, _SEEN_m):
+            bent = bent + side.bend * self._assembled(side, x, self._lost(side, x))
+        step = max(abs(side.offset) for side in parameter.sides) * float(np.abs(motion).max())
+        if self._bend_m(bent) > _KINK * max(step, _SEEN_m):
+            bent = np.where(self._solver.free, bent, 0.0)
             place = place_of_largest(self._solver.system.body, self._x, bent, self._solver.free)
             raise SensitivityError(
-                f"no derivative by {name}: the forces at {place} change otherwise above than below the "
-                "present state, as where a cable gets taut, a contact begins, or a fold is near; move the "
+                f"no derivative by {parameter.name}: the forces at {place} change otherwise above than below "
+                "the present state, as where a cable gets taut, a contact begins, or a fold is near; move the "
                 "loads away from there"
             )
 
