@@ -192,7 +192,7 @@ def test_the_command_line_leaves_the_files_of_each_arm(
     for name in PLACES:
         run = cosim.load_run(out / name)
         assert (run.summary["status"], len(run.tick)) == ("completed", 51)
-        assert run.summary["error"]["reason"] == "it is not known of several arms"
+        assert run.summary["error"]["reason"] == "error bars are known for runs of one arm only"
         pressures[name] = run.chamber_pressure_Pa[0, 0]
     assert pressures == {"left": 3e3, "right": 2e3}
     assert found_recordings(out / "left") == found_recordings(out) == [out / "recording.rrd"]
