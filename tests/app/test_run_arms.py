@@ -253,7 +253,7 @@ def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
         with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
             build_arms(load_arms(near, changes).arms, lambda _text: None)
     assert main(["check", str(near)]) == 2
-    assert f"{near}: arm.left.start.flange: the arm stands in something" in capsys.readouterr().out
+    assert f"{near}: arm.left.start.flange: the arm overlaps something" in capsys.readouterr().out
     apart = written(tmp_path, "apart", text.replace("[3.3, 0.0, 0.6]", "[0.6, -0.5, 0.6]"))
     build_arms(load_arms(apart).arms, lambda _text: None)
     assert main(["check", str(apart)]) == 0

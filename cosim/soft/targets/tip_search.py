@@ -400,7 +400,8 @@ class TensionSweep:
                 self.lost = str(error)
                 return
             moved = float(np.linalg.norm(there.tip - here.tip))
-            if moved > _FAR * length and step > _LEAST_STEP:
+            snapped = there.here.branchings or there.here.slides  # which no shorter step avoids
+            if moved > _FAR * length and step > _LEAST_STEP and not snapped:
                 step *= 0.5
                 continue
             self._places.append(there)
