@@ -365,6 +365,12 @@ class TensionSweep:
         """Whether there is a state beside the present one on the line."""
         return len(self._places) > 1
 
+    @property
+    def heights(self) -> tuple[float, float]:
+        """The lowest and the highest that the tip had [m]."""
+        found = [_height(place) for place in self._places]
+        return min(found), max(found)
+
     def crossings(self, tolerance_m: float) -> Iterator[Equilibrium]:
         """Walk along the line; yield the equilibria on it that have the wanted height."""
         for before, after in self._steps():
@@ -570,4 +576,8 @@ def _refusal(ended: Ended, target: TipTarget, sweeps: list[TensionSweep], tensio
     if target.height is None:
         lost = dict.fromkeys(sweep.lost for sweep in sweeps if sweep.lost not in message)
         return "; ".join([message, *lost])
-    return "; ".join([message, *(sweep.told() for sweep in sweeps if sweep.walked)])
+    walked = [sweep for sweep in sweeps if sweep.walked]
+    heights = [height for sweep in walked for height in sweep.heights]
+    if heights and not min(heights) <= target.height <= max(heights):
+        message += f"; ask for a height that was reached, {min(heights):.4f} to {max(heights):.4f} m"
+    return "; ".join([message, *(sweep.told() for sweep in walked)])
