@@ -136,8 +136,8 @@ class Attached:
         """Apply the wrench of the soft robot, for one step of MuJoCo.
 
         Args:
-            model: compiled, of what was attached to.
-            data: its state; what the loop applies to it is there already.
+            model: compiled, with the body that carries the soft robot.
+            data: its state, with all other forces of your loop set.
 
         Raises:
             InputError: they are of another model, or `after` has not been called.
@@ -205,7 +205,7 @@ class Attached:
         """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
 
         Args:
-            model: compiled, of what was attached to.
+            model: compiled, with the body that carries the soft robot.
             data: its state; the soft robot's base may move, its start is computed for a mount at rest.
 
         Raises:

@@ -281,8 +281,8 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
     other = [f"{key} {before.get(key)} (now {here[key]})" for key in here if here[key] != before.get(key)]
     if other:
         raise InputError(
-            f"{where} the checkpoint was written with {', '.join(other)}; the run would not go on bit for "
-            f"bit; start it again: cosim run {file}"
+            f"{where} the checkpoint was written with {', '.join(other)}; its results "
+            f"would differ; start it again: cosim run {file}"
         )
     tick = header.get("tick")
     if not isinstance(tick, int):

@@ -350,7 +350,11 @@ def _errors(
     finder: FindsErrors | None, summary: SummaryBuilder, ending: Termination, options: Options
 ) -> RunErrors | None:
     if finder is None:
-        return None if options.error is False else RunErrors(reason="it is not known of several arms")
+        return (
+            None
+            if options.error is False
+            else RunErrors(reason="error bars are known for runs of one arm only")
+        )
     if ending.status != "completed":
         return RunErrors(reason="the run did not complete")
     try:

@@ -66,7 +66,7 @@ class Simulation:
         controllers: the scenario's controllers of kind "python", by name.
         body: a soft body in place of the scenario's soft robot.
         kept: parts of other simulations of this process: those that fit are taken, others made and added, by
-            its resets and branches too. It is the same bit for bit, and there the sooner, the more is alike.
+            its resets and branches too. The results are bit-identical, and it starts faster the more fits.
 
     Raises:
         InputError: the scenario is wrong, asks for what cannot be reached, or `start` does not fit.
@@ -214,7 +214,7 @@ class Simulation:
         self._snapshot = found.snapshot
 
     def image(self, camera: str) -> CameraImage:
-        """Return what a camera sees now.
+        """Return the present image of a camera.
 
         Args:
             camera: its name in the scenario.
@@ -244,8 +244,8 @@ class Simulation:
     ) -> Snapshot:
         """Begin again, with the scenario that the simulation was made with, and return the new state.
 
-        The ticks to come are those of a new simulation of that scenario and start, bit for bit. Nothing in a
-        scenario is random but the noise of sensors, see `seed_sensors`; for random scenarios, draw `changes`.
+        The ticks to come are bit-identical to those of a new simulation of that scenario and start. Only the
+        noise of sensors is random, see `seed_sensors`; for random scenarios, draw `changes`.
 
         Args:
             start: what to continue from; None: from where this simulation began.

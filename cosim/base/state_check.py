@@ -154,7 +154,7 @@ class _Check:
         if sizes is not None:
             self._check_sizes(found, known, sizes, place, letters)
         if known is None and sizes is None and hint is not Any and wanted is not None:
-            raise InputError(f"{place} is an array, here there is none")
+            raise InputError(f"{place} is an array; this state has no array there")
         if not found.flags.c_contiguous and (known is None or known.flags.c_contiguous):
             raise InputError(f"{place} is stored by columns")
         if self._finite and not _is_finite(found) and (known is None or _is_finite(known)):

@@ -206,7 +206,7 @@ def check_stands(contacts: Sequence[LinkContact], key: str) -> None:
     if deep:
         where = ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
         raise ScenarioError(
-            key, f"the arm stands in something: {where}; move the flange, the base of an arm or the objects"
+            key, f"the arm overlaps something: {where}; move the flange, the base of an arm or the objects"
         )
 
 

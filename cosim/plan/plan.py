@@ -21,7 +21,7 @@ from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.plan.motion import JointPath, JointReference, PlannedTipPath, Progress, progress
-from cosim.soft.body.loads import Loads, force_between
+from cosim.soft.body.loads import Loads, between, force_between
 from cosim.soft.elements.gas import SealedGas, exchange, leak
 
 _RAMPED: Final = ("pressure_Pa", "cable_tension_N", "nodal_force")
@@ -121,7 +121,7 @@ class CommandRamp:
 
 
 def _between(begin: tuple[float, ...], end: tuple[float, ...], load_factor: float) -> tuple[float, ...]:
-    return tuple([(1.0 - load_factor) * a + load_factor * b for a, b in zip(begin, end, strict=True)])
+    return tuple([between(a, b, load_factor) for a, b in zip(begin, end, strict=True)])
 
 
 @final
@@ -224,11 +224,7 @@ class ChamberGas:
         if self._as_planned:
             return planned
         pressures = tuple(
-            now
-            if gas is not None
-            else wanted
-            if load_factor >= 1.0
-            else (1.0 - load_factor) * now + load_factor * wanted
+            now if gas is not None else wanted if load_factor >= 1.0 else between(now, wanted, load_factor)
             for gas, now, wanted in zip(self._sealed, self._pressures, end.pressure_Pa, strict=True)
         )
         return self._with(planned, pressures)

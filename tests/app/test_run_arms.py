@@ -198,7 +198,7 @@ def test_the_command_line_leaves_the_files_of_each_arm(
     for name in PLACES:
         run = cosim.load_run(out / name)
         assert (run.summary["status"], len(run.tick)) == ("completed", 51)
-        assert run.summary["error"]["reason"] == "it is not known of several arms"
+        assert run.summary["error"]["reason"] == "error bars are known for runs of one arm only"
         pressures[name] = run.chamber_pressure_Pa[0, 0]
     assert pressures == {"left": 3e3, "right": 2e3}
     assert found_recordings(out / "left") == found_recordings(out) == [out / "recording.rrd"]
@@ -261,7 +261,7 @@ def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
         with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
             build_arms(load_arms(near, changes).arms, lambda _text: None)
     assert main(["check", str(near)]) == 2
-    assert f"{near}: arm.left.start.flange: the arm stands in something" in capsys.readouterr().out
+    assert f"{near}: arm.left.start.flange: the arm overlaps something" in capsys.readouterr().out
     apart = written(tmp_path, "apart", text.replace("[3.3, 0.0, 0.6]", "[0.6, -0.5, 0.6]"))
     build_arms(load_arms(apart).arms, lambda _text: None)
     assert main(["check", str(apart)]) == 0

@@ -68,7 +68,7 @@ def said_of(changes: dict[str, object], folder: Path, capsys: pytest.CaptureFixt
         ({"x": 1.4}, ["start.flange: arm 'ur5e' cannot bring its flange to (1.4000, 0.0000, 0.7000) m"]),
         ({"shift": -2.5}, ["phase.down.flange_shift_m: arm 'ur5e' cannot bring its flange to"]),
         ({"x": 0.1, "shift": 0.0}, ["start.flange: arm 'ur5e' cannot bring its flange to"]),
-        ({"later": POST}, ["start.flange: the arm stands in something: "]),
+        ({"later": POST}, ["start.flange: the arm overlaps something: "]),
         (
             {"drive": "cell_shift_m.bellt = 0.05", "later": "cell_speed_m_s.door = 0.1"},
             [

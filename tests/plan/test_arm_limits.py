@@ -76,7 +76,7 @@ def test_an_arm_that_starts_in_a_table_is_refused(
     said = capsys.readouterr().err
     assert code == EXIT_INPUT
     assert not out.exists()
-    assert "start.flange: the arm stands in something: forearm_link" in said
+    assert "start.flange: the arm overlaps something: forearm_link" in said
     assert "mm deep in table" in said
 
 

@@ -42,6 +42,16 @@ def test_the_ramp_is_the_interpolation_of_loads(changes: dict[str, Any], share: 
     np.testing.assert_array_equal(found.nodal_force, expected.nodal_force)
 
 
+def test_what_stays_is_exactly_as_commanded_while_something_else_changes() -> None:
+    begin = replace(BEGIN, pressure_Pa=(0.1, 2e4), cable_tension_N=(0.3, 0.0))
+    ramp = CommandRamp(begin, replace(begin, pressure_Pa=(0.1, 3e4)))
+    first, last = loads_of(ramp.begin, GRAVITY), loads_of(ramp.end, GRAVITY)
+    for share in (k / 97 for k in range(97)):
+        asked, loads = ramp.at(share), first.interpolated(last, share)
+        assert (asked.pressure_Pa[0], asked.cable_tension_N) == (0.1, (0.3, 0.0))
+        assert (loads.pressure_Pa[0], loads.cable_tension_N, loads.gravity) == (0.1, (0.3, 0.0), GRAVITY)
+
+
 def test_commands_that_stay_are_the_same_object() -> None:
     end = replace(BEGIN)
     assert CommandRamp(BEGIN, end).at(0.4) is end

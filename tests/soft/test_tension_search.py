@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -41,6 +42,8 @@ class Lift:
     height: Callable[[float], float]
     body: SoftBody
     lost_at_N: float = np.inf
+    slides_at_N: float = np.inf
+    tried: list[float] = field(default_factory=list)
 
     def begin(self) -> Equilibrium:
         x = self.body.positions + HANGING.translation
@@ -50,11 +53,13 @@ class Lift:
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         (tension,) = loads.cable_tension_N
+        self.tried.append(tension)
         if tension > self.lost_at_N:
             raise ConvergenceError("no equilibrium found", 1.0, 1)
         x = self.body.positions + HANGING.translation
         x[:, 2] += self.height(tension) - float(x[self.body.tip, 2].mean())
-        return replace(begin, state=SoftState.at_rest(x, np.zeros(0)), loads=loads)
+        slides = int(begin.loads.cable_tension_N[0] <= self.slides_at_N < tension)
+        return replace(begin, state=SoftState.at_rest(x, np.zeros(0)), loads=loads, slides=slides)
 
     def sensitivity(self, here: Equilibrium) -> Slope:
         (tension,) = here.loads.cable_tension_N
@@ -88,6 +93,26 @@ def test_a_snap_over_the_height_is_named_with_its_tension(body: SoftBody) -> Non
     with pytest.raises(UnreachableError, match=r"snap from 0\.5100 to 0\.5600 m at \[5\.0\] N") as caught:
         find_tensions(lift, lift.begin(), TipTarget(height=0.53))
     assert caught.value.closest.position_error_m == pytest.approx(0.02, abs=0.001)
+
+
+def test_a_snap_that_the_equilibrium_names_is_not_approached_in_short_steps(body: SoftBody) -> None:
+    tried = []
+    for slides_at_N in (np.inf, 5.0):
+        lift = Lift(lambda tension: 0.5 + 0.05 * (tension > 5.0), body, slides_at_N=slides_at_N)
+        with pytest.raises(UnreachableError, match=r"from 0\.5000 m at .* to 0\.5500 m at"):
+            find_tensions(lift, lift.begin(), TipTarget(height=0.6))
+        tried.append(len(lift.tried))
+    assert tried[1] <= tried[0] - 3
+
+
+def test_a_height_out_of_reach_is_refused_with_heights_that_are_found(body: SoftBody) -> None:
+    lift = Lift(lambda tension: 0.5 + 0.002 * tension, body, lost_at_N=8.0)
+    with pytest.raises(UnreachableError) as caught:
+        find_tensions(lift, lift.begin(), TipTarget(height=0.53))
+    found = re.search(r"ask for a height that was reached, (\S+) to (\S+) m", str(caught.value))
+    assert found is not None
+    for height in map(float, found.groups()):
+        assert find_tensions(lift, lift.begin(), TipTarget(height=height)).position_error_m <= 1e-4
 
 
 def test_what_was_reached_until_the_end_is_said(body: SoftBody) -> None:

@@ -79,7 +79,7 @@ class FilmTable:
         young_modulus_Pa: of the sheet, isotropic; in its place `[film.fabric]`.
         poisson_ratio: of the sheet; of fabric: contraction along the weft over extension along the warp.
         thickness_m: of one sheet, undeformed.
-        fabric: what the sheet is woven as.
+        fabric: stiffnesses of a woven sheet, in place of `young_modulus_Pa`.
         density_kg_m3: of the sheet; its mass is added to that of `[mass]`.
         law: "plain"; "tension_field": a film that wrinkles almost without resistance; "edge_strain": strain
             as bars along the triangles' edges measure it (for comparison with published data); "wrinkling":

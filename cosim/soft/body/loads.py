@@ -18,6 +18,7 @@ from cosim.soft.elements.element import NodalPotential
 from cosim.soft.elements.gas import SealedGas
 
 Value = TypeVar("Value")
+Amount = TypeVar("Amount", float, Array)
 
 PLAIN: Final = {"pressure_Pa", "cable_tension_N", "gravity"}
 
@@ -181,12 +182,12 @@ class Loads:
         if load_factor >= 1.0:
             return end
         pulls = zip(self.cable_tension_N, end.cable_tension_N, strict=True)
-        tension = tuple(float((1.0 - load_factor) * a + load_factor * b) for a, b in pulls)
+        tension = tuple(float(between(a, b, load_factor)) for a, b in pulls)
         pairs = zip(self.gravity, end.gravity, strict=True)
-        gx, gy, gz = (float((1.0 - load_factor) * a + load_factor * b) for a, b in pairs)
+        gx, gy, gz = (float(between(a, b, load_factor)) for a, b in pairs)
         chambers = max(len(self.pressure_Pa), len(end.pressure_Pa))
         given = zip(self.pressures(chambers), end.pressures(chambers), strict=True)
-        pressure = tuple((1.0 - load_factor) * a + load_factor * b for a, b in given)
+        pressure = tuple(between(a, b, load_factor) for a, b in given)
         force = force_between(self.nodal_force, end.nodal_force, load_factor)
         gas = _gases(self.gas, end.gas, load_factor)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, load_factor)
@@ -227,13 +228,18 @@ def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -
     return values
 
 
+def between(begin: Amount, end: Amount, load_factor: float) -> Amount:
+    """Return a value or array at a load factor, 0 to 1; exactly the first where both are equal."""
+    return begin + load_factor * (end - begin)
+
+
 def force_between(begin: Array | None, end: Array | None, load_factor: float) -> Array | None:
     """Return nodal forces (n, 3) [N] at a load factor, 0 to 1; None means zero."""
     if begin is None:
         return None if end is None else load_factor * end
     if end is None:
         return (1.0 - load_factor) * begin
-    return (1.0 - load_factor) * begin + load_factor * end
+    return between(begin, end, load_factor)
 
 
 def _gases(
@@ -254,6 +260,5 @@ def _lengths(
     if len(begin) != len(end):
         return end
     return tuple(
-        b if a is None or b is None else (1.0 - load_factor) * a + load_factor * b
-        for a, b in zip(begin, end, strict=True)
+        b if a is None or b is None else between(a, b, load_factor) for a, b in zip(begin, end, strict=True)
     )

@@ -365,6 +365,12 @@ class TensionSweep:
         """Whether there is a state beside the present one on the line."""
         return len(self._places) > 1
 
+    @property
+    def heights(self) -> tuple[float, float]:
+        """The lowest and the highest that the tip had [m]."""
+        found = [_height(place) for place in self._places]
+        return min(found), max(found)
+
     def crossings(self, tolerance_m: float) -> Iterator[Equilibrium]:
         """Walk along the line; yield the equilibria on it that have the wanted height."""
         for before, after in self._steps():
@@ -400,7 +406,8 @@ class TensionSweep:
                 self.lost = str(error)
                 return
             moved = float(np.linalg.norm(there.tip - here.tip))
-            if moved > _FAR * length and step > _LEAST_STEP:
+            snapped = there.here.branchings or there.here.slides  # which no shorter step avoids
+            if moved > _FAR * length and step > _LEAST_STEP and not snapped:
                 step *= 0.5
                 continue
             self._places.append(there)
@@ -569,4 +576,8 @@ def _refusal(ended: Ended, target: TipTarget, sweeps: list[TensionSweep], tensio
     if target.height is None:
         lost = dict.fromkeys(sweep.lost for sweep in sweeps if sweep.lost not in message)
         return "; ".join([message, *lost])
-    return "; ".join([message, *(sweep.told() for sweep in sweeps if sweep.walked)])
+    walked = [sweep for sweep in sweeps if sweep.walked]
+    heights = [height for sweep in walked for height in sweep.heights]
+    if heights and not min(heights) <= target.height <= max(heights):
+        message += f"; ask for a height that was reached, {min(heights):.4f} to {max(heights):.4f} m"
+    return "; ".join([message, *(sweep.told() for sweep in walked)])
