@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -98,7 +99,7 @@ def bounced(scenario: Path, tick_s: float, integrator: str) -> tuple[float, dict
     return float(speeds[hit:].max() / -speeds[hit]), run.summary["phases"][-1]["energy"]
 
 
-def print_blocks(scenario: Path, ticks_s: list[float]) -> None:
+def print_blocks(scenario: Path, ticks_s: Sequence[float]) -> None:
     """Print what comes of the drops of the block."""
     scenario.write_text(BLOCK, encoding="utf-8")
     print("| integrator | tick [ms] | restitution | numerical loss [mJ] | rest of the balance [%] |")

@@ -26,7 +26,7 @@ from cosim.plan.decision import Decision
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.soft_side import ShapeReader
-    from cosim.coupling.ticks_taken import TickPieces
+    from cosim.coupling.ticks import TickPieces
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
