@@ -5,29 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.coupling.schemes.ledger import LedgerEntry, Scheme
+from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.coupling.ticks import Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
-
-
-class TickPieces(NamedTuple):
-    """Where the soft robot was at the ends of the pieces of one tick.
-
-    Args:
-        positions: (k, nodes, 3) [m], world.
-        twist: (k, 6), of the flange, linear and angular, world axes.
-        origin: (k, 3) [m], of the flange.
-    """
-
-    positions: Array
-    twist: Array
-    origin: Array
 
 
 @final

@@ -21,9 +21,10 @@ import numpy as np
 
 from cosim.coupling.half_ticks import RigidSide, take_rigid_half
 from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.ticks import Servos
-from cosim.coupling.ticks_taken import TickPieces, TicksTaken
+from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
 
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
