@@ -3,7 +3,7 @@
     python benchmarks/grasps.py [--json FILE] [--markdown FILE] [--seeds N] [--masses G ..] [--shapes NAME ..]
                               [--published] [--fidelity NAME] [--lowered M]
     python benchmarks/grasps.py --ticks S .. [--integrators NAME ..] [--until close]
-                              [--seeds N] [--masses G ..] [--shapes NAME ..]
+                              [--nudges MM ..] [--seeds N] [--masses G ..] [--shapes NAME ..]
 
 Each case is one of the scenarios gripper_lifts_roll, _plant, _spool with another mass and another place:
 object and stand are shifted by up to 5 mm along x and y, the object is turned about the vertical, by seed.
@@ -15,7 +15,8 @@ where it was at the end of the lift. Cases in FILE are not run again, so an inte
 
 `--ticks`: the same with several ticks and integrators, up to the end of a phase ("shake" unless told
 otherwise), of 100 g unless masses are given and of seed 0 alone unless seeds are: where the closing ends in
-the flange's frame, and slips.
+the flange's frame, and slips. `--nudges`: object and stand are moved by so much along x before, which says
+what of these figures rests on chance.
 """
 
 from __future__ import annotations
@@ -77,9 +78,9 @@ def grasp(shape: str, mass_g: int, seed: int, changes: dict[str, Any]) -> dict[s
     return found | figures(paths, heights, stage.tick_s) | {"cpu_s": time.thread_time() - began}
 
 
-def traced(shape: str, seed: int, changes: dict[str, Any], until: str) -> dict[str, Array]:
+def traced(shape: str, changes: dict[str, Any], until: str) -> dict[str, Array]:
     """Return the path (n, 3) [m] of the object's origin in the flange's frame, phase by phase up to one."""
-    simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", place(shape, seed) | changes))
+    simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", changes))
     stage = simulation.stage
     body, last = stage.body_names.index(shape), stage.phase_names.index(until)
     paths: dict[str, list[Array]] = {name: [] for name in stage.phase_names[: last + 1]}
@@ -95,21 +96,26 @@ def traced(shape: str, seed: int, changes: dict[str, Any], until: str) -> dict[s
 
 def compare(options: argparse.Namespace) -> None:
     """Print what ticks and integrators differ in."""
-    print("| shape | mass [g] | seed | integrator | tick [ms] | x, y, z after closing [mm] ", end="")
-    print("| slip: lift [mm] | shake [mm] | CPU [s] |\n|---|---:|---:|---|---:|---|---:|---:|---:|")
-    seeds, masses = range(options.seeds or 1), options.masses or (100,)
-    for shape, mass, seed, integrator, tick_s in product(
-        options.shapes, masses, seeds, options.integrators, options.ticks
+    print(
+        "| shape | mass [g] | seed | integrator | tick [ms] | nudge [mm] | x, y, z after closing [mm] ",
+        end="",
+    )
+    print("| slip: lift [mm] | shake [mm] | CPU [s] |\n|---|---:|---:|---|---:|---:|---|---:|---:|---:|")
+    seeds, masses = options.only or range(options.seeds or 1), options.masses or (100,)
+    for shape, mass, seed, integrator, tick_s, nudge in product(
+        options.shapes, masses, seeds, options.integrators, options.ticks, options.nudges
     ):
-        began = time.thread_time()
-        changes = {
+        began, places = time.thread_time(), place(shape, seed)
+        for name in (shape, "stand"):
+            places[f"object.{name}.position_m"][0] += 1e-3 * nudge
+        changes = places | {
             f"object.{shape}.mass_kg": 1e-3 * mass,
             "clock.tick_s": tick_s,
             "solver.integrator": integrator,
         }
-        paths = traced(shape, seed, changes, options.until)
+        paths = traced(shape, changes, options.until)
         begin = paths["close"][-1]
-        cells = [shape, mass, seed, integrator, f"{1e3 * tick_s:g}"]
+        cells = [shape, mass, seed, integrator, f"{1e3 * tick_s:g}", f"{nudge:g}"]
         cells.append(", ".join(f"{1e3 * value:.2f}" for value in begin))
         lifted = paths["lift"][-1] if "lift" in paths else begin
         cells.append(f"{1e3 * np.linalg.norm(lifted - begin):.2f}" if "lift" in paths else "")
@@ -169,6 +175,8 @@ def main() -> None:
     parser.add_argument("--lowered", type=float, help="how far the palm is lowered [m], not the scenario's")
     parser.add_argument("--ticks", type=float, nargs="+", metavar="S")
     parser.add_argument("--integrators", nargs="+", default=("bdf2",), choices=("bdf2", "implicit_euler"))
+    parser.add_argument("--nudges", type=float, nargs="+", default=(0.0,), metavar="MM")
+    parser.add_argument("--only", type=int, nargs="+", metavar="SEED", help="these seeds, with --ticks")
     parser.add_argument("--until", default="shake", choices=("close", "lift", "shake"))
     options = parser.parse_args()
     if options.ticks:

@@ -116,17 +116,3 @@ class Ticks(NamedTuple):
     def flange(self, row: int) -> Pose:
         """Return the flange's pose before a tick."""
         return Pose.owning(self.axes[row].copy(), self.origin[row].copy())
-
-
-class TickPieces(NamedTuple):
-    """Where the soft robot was at the ends of the pieces of one tick.
-
-    Args:
-        positions: (k, nodes, 3) [m], world.
-        twist: (k, 6), of the flange, linear and angular, world axes.
-        origin: (k, 3) [m], of the flange.
-    """
-
-    positions: Array
-    twist: Array
-    origin: Array

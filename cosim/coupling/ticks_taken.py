@@ -10,9 +10,9 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.coupling.schemes.ledger import LedgerEntry, Scheme
+from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.ticks import TickPieces, Ticks
+from cosim.coupling.ticks import Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
 
 

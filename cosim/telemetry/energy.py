@@ -21,7 +21,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
-from cosim.coupling.ticks import TickPieces
+from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS, WORKS

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
 from cosim.base.solid import BodyShape
-from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.ledger import LedgerEntry, TickPieces
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
@@ -26,7 +26,6 @@ from cosim.plan.decision import Decision
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.soft_side import ShapeReader
-    from cosim.coupling.ticks import TickPieces
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.motion import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain

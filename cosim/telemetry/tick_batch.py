@@ -20,14 +20,13 @@ from cosim.base.frames import (
     quaternions_from_rotations,
     read_only,
 )
-from cosim.coupling.schemes.ledger import LedgerEntry
+from cosim.coupling.schemes.ledger import LedgerEntry, TickPieces
 from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-    from cosim.coupling.ticks import TickPieces
     from cosim.coupling.ticks_taken import TicksTaken
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 

@@ -21,8 +21,9 @@ import numpy as np
 
 from cosim.coupling.half_ticks import RigidSide, take_rigid_half
 from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.ticks import Servos, TickPieces
+from cosim.coupling.ticks import Servos
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.soft.body.loads import Loads
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, final
+from typing import Literal, NamedTuple, TypeAlias, final
 
-from cosim.base.frames import Wrench
+from cosim.base.frames import Array, Wrench
 from cosim.errors import InputError
 
 
@@ -105,3 +105,17 @@ class LedgerEntry:
     def power_error(self) -> float:
         """The same, relative to the product of the sizes of wrench and velocity; 0 at rest."""
         return abs(self.power_error_W) / self.power_size_W if self.power_size_W > 0.0 else 0.0
+
+
+class TickPieces(NamedTuple):
+    """Where the soft robot was at the ends of the pieces of one tick.
+
+    Args:
+        positions: (k, nodes, 3) [m], world.
+        twist: (k, 6), of the flange, linear and angular, world axes.
+        origin: (k, 3) [m], of the flange.
+    """
+
+    positions: Array
+    twist: Array
+    origin: Array
