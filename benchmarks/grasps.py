@@ -1,7 +1,7 @@
 """Grasps of the three-finger gripper: masses x shapes x initial positions, lifted, shaken and held.
 
     python benchmarks/grasps.py [--json FILE] [--markdown FILE] [--seeds N] [--masses G ..] [--shapes NAME ..]
-                              [--published] [--fidelity NAME] [--lowered M]
+                              [--published] [--fidelity NAME]
     python benchmarks/grasps.py --ticks S .. [--integrators NAME ..] [--until close]
                               [--nudges MM ..] [--seeds N] [--masses G ..] [--shapes NAME ..]
 
@@ -56,9 +56,10 @@ def place(shape: str, seed: int) -> dict[str, Any]:
     }
 
 
-def grasp(shape: str, mass_g: int, seed: int, changes: dict[str, Any]) -> dict[str, Any]:
-    """Return how one case ended, and what it moved, with changes of the scenario."""
-    overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g} | changes
+def grasp(shape: str, mass_g: int, seed: int, *, published: bool, fidelity: str = "lumped") -> dict[str, Any]:
+    """Return how one case ended, and what it moved, with the scenario's own fingers or the paper's model."""
+    overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g, "model.published": published}
+    overrides["fidelity"] = fidelity
     simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", overrides))
     stage = simulation.stage
     body, began = stage.body_names.index(shape), time.thread_time()
@@ -172,7 +173,6 @@ def main() -> None:
     parser.add_argument("--shapes", nargs="+", default=SHAPES, choices=SHAPES)
     parser.add_argument("--fidelity", default="lumped", choices=("section", "lumped", "refined"))
     parser.add_argument("--published", action="store_true", help="fingers of the paper's lumped model")
-    parser.add_argument("--lowered", type=float, help="how far the palm is lowered [m], not the scenario's")
     parser.add_argument("--ticks", type=float, nargs="+", metavar="S")
     parser.add_argument("--integrators", nargs="+", default=("bdf2",), choices=("bdf2", "implicit_euler"))
     parser.add_argument("--nudges", type=float, nargs="+", default=(0.0,), metavar="MM")
@@ -182,9 +182,6 @@ def main() -> None:
     if options.ticks:
         compare(options)
         return
-    changes: dict[str, Any] = {"model.published": options.published, "fidelity": options.fidelity}
-    if options.lowered:
-        changes["phase.lower.flange_shift_m"] = [0.0, 0.0, -options.lowered]
     cases: list[dict[str, Any]] = []
     if options.json and options.json.is_file():
         cases = json.loads(options.json.read_text())
@@ -194,7 +191,7 @@ def main() -> None:
         case = (shape, mass, seed)
         if case in done:
             continue
-        cases.append(grasp(*case, changes))
+        cases.append(grasp(*case, published=options.published, fidelity=options.fidelity))
         print(json.dumps(cases[-1]), flush=True)
         if options.json:
             options.json.write_text(json.dumps(cases, indent=2) + "\n")

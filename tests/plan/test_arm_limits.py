@@ -71,12 +71,14 @@ def heavy(folder: Path) -> Path:
 def test_an_arm_that_starts_in_a_table_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], mode: str
 ) -> None:
-    path, out = scenario(tmp_path, more=TABLE), tmp_path / "out"
+    everywhere = TABLE.replace("0.2, 0.4, 0.2", "0.6, 0.6, 0.6")  # the arm reaches around a small one
+    path, out = scenario(tmp_path, more=everywhere), tmp_path / "out"
     code = main(["run", str(path), "--set", f"mode={mode}", "--out", str(out), "--no-recording"])
     said = capsys.readouterr().err
     assert code == EXIT_INPUT
     assert not out.exists()
-    assert "start.flange: the arm overlaps something: forearm_link" in said
+    assert "start.flange: the arm overlaps something: upper_arm_link" in said
+    assert ", forearm_link" in said
     assert "mm deep in table" in said
 
 

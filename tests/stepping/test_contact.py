@@ -150,3 +150,18 @@ def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
     assert ends[3] == pytest.approx(ends[2], abs=1e-3)
     assert height > 0.245 + 0.05
     assert snapshot.ledger.contact_force_N > 0.1 * 9.81
+
+
+def test_default_fingers_draw_300_g_up_to_the_palm_and_lift_it() -> None:
+    """With the palm 6 mm higher they slide off: the roll stays on its stand."""
+    simulation = build_simulation(load_scenario("gripper_lifts_roll", {"object.roll.mass_kg": 0.3}))
+    roll, names = simulation.stage.body_names.index("roll"), simulation.stage.phase_names
+    ends: dict[str, float] = {}
+    for snapshot in simulation.steps():
+        if names[snapshot.phase] == "shake":
+            break
+        height = snapshot.body_position[roll, 2]
+        ends[names[snapshot.phase]] = height - snapshot.world_from_flange.translation[2]
+    assert ends["close"] == pytest.approx(-0.053, abs=1e-3)  # as above
+    assert ends["lift"] == pytest.approx(ends["close"], abs=1e-3)
+    assert height > 0.245 + 0.19
