@@ -67,8 +67,7 @@ from cosim.soft.geometry.surface import (
 from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
-    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m",
-    "film.compressive_fraction", "hinge.rule",
+    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "hinge.rule",
     "stiffener", "cable.losses", "cable.eyelet_loss_N",
 )  # fmt: skip
 """Keys of a robot's file that the paper's model does not look at."""
@@ -96,7 +95,7 @@ def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
 def _published_film(film: FilmTable) -> FilmTable:
     """Return a film with the paper's law: bars along the edges where they are asked for, plain otherwise."""
     law = film.law if film.law == "edge_strain" else "plain"
-    return replace(film, law=law, wrinkle_panel_m=None, compressive_fraction=None)
+    return replace(film, law=law, wrinkle_panel_m=None)
 
 
 _SAME_PLANE = 1e-5  # of the film's size
@@ -337,7 +336,7 @@ _KEPT_STIFFNESS = 1e-4  # of the plain law in a tension field: slack triangles b
 def build_film(table: FilmTable) -> Film:
     """Return a film."""
     f = table
-    kept = _KEPT_STIFFNESS if f.compressive_fraction is None else f.compressive_fraction
+    kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
     young_modulus_Pa, fabric = f.young_modulus_Pa, None
     if f.fabric is not None:
         w = f.fabric
@@ -347,8 +346,8 @@ def build_film(table: FilmTable) -> Film:
         )
     assert young_modulus_Pa is not None, "a checked film has one of the two"
     return Film(
-        young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept if f.law == "tension_field" else 0.0,
-        f.wrinkle_panel_m, f.loss_factor, f.loss_frequency_Hz, fabric,
+        young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
+        f.loss_frequency_Hz, fabric,
     )  # fmt: skip
 
 

@@ -87,8 +87,6 @@ class FilmTable:
             for it; "neo_hookean": incompressible rubber, which stretches far and does not wrinkle.
         wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
             sides of each unit's outer ring to those of its hole.
-        compressive_fraction: of the plain law's stiffness in compression that a tension field keeps; omitted:
-            1e-4. A flat film without pressure may need 1e-3, as slack sheets resist nothing.
         loss_factor: tan delta of the sheet, as data sheets give it: in the dynamic mode it resists rates of
             stretching and bending, and rigid motion not at all.
         loss_frequency_Hz: at which that holds; a Kelvin-Voigt material's grows in proportion to frequency.
@@ -100,7 +98,6 @@ class FilmTable:
     density_kg_m3: NonNegative = 0.0
     law: Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"] = "plain"
     wrinkle_panel_m: Positive | None = None
-    compressive_fraction: Annotated[float, Interval(ge=0.0, le=1.0)] | None = None
     loss_factor: NonNegative = 0.0
     loss_frequency_Hz: Positive = 1.0
     fabric: FabricTable | None = None
@@ -132,8 +129,6 @@ class FilmTable:
     def _wrinkles_in_panels(self) -> Told:
         if self.wrinkle_panel_m is not None and self.law != "wrinkling":
             yield "wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{self.law}'"
-        if self.compressive_fraction is not None and self.law != "tension_field":
-            yield "compressive_fraction", f"goes with law = 'tension_field'; the law is '{self.law}'"
 
     def other_laws(self) -> tuple[str, ...]:
         """Return the laws that the same sheet could have instead; of rubber none."""

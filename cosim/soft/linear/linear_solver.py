@@ -461,8 +461,8 @@ def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: 
         )  # fmt: skip
     except RuntimeError as error:
         raise SolverError(
-            "nothing resists some motion of the film: it is slack; if its law is 'tension_field', set "
-            "film.compressive_fraction to 1e-3"
+            "nothing resists some motion of the film, which is slack: start at a pressure, or set film.law "
+            "to 'wrinkling'"
         ) from error
     count = int((factor.U.diagonal() < 0.0).sum())
     return count if low_rank is None else count + negative_added(low_rank, solver._solve_sparse)
