@@ -5,8 +5,9 @@
 Patterns are meshed at other edge lengths; of `bellows_gripper` one finger is drawn with more segments around
 the back, across the strip and along a flank; `fabric_boom` and `ring_gripper` with more sides and rows.
 Printed: nodes, the tip in the world from the flange [mm], and its change over the robot's length. Of
-`ring_gripper` it is the radius of the wall at half its height, and its change over the way that it moves; of
-`bellows_gripper`"""
+`ring_gripper` it is how far the wall is from the axis at half its height, over the radius. Of
+`bellows_gripper` a second row has how far 0.5 N push the tip back, and its change over itself.
+"""
 
 from __future__ import annotations
 
@@ -55,12 +56,14 @@ duration_s = 1.0
 increments = 8
 pressure_Pa = {pressure_Pa}
 """
-WALL: Final = """
-[[object]]
-name = "wall"
-shape = "box"
-size_m = [0.02, 0.1, 0.1]
-position_m = [-0.03, 0.0, 0.42]
+PUSHED: Final = """
+[[phase]]
+name = "push"
+duration_s = 1.0
+increments = 4
+[[phase.force]]
+rings = ["tip"]
+total_N = [0.5, 0.0, 0.0]
 """
 
 
@@ -184,7 +187,7 @@ def main() -> None:
         for name in parser.parse_args().robots:
             compare(name, kinds[name](), partial(tip, name), LENGTH_m[name])
             if name == "bellows_gripper":
-                compare(f"{name}, force", bellows(folder, WALL), sideways, None)
+                compare(f"{name}, pushed", bellows(folder, PUSHED), yielding, None)
 
 
 def tip(name: str, result: cosim.RunResult) -> Array:
@@ -197,9 +200,10 @@ def tip(name: str, result: cosim.RunResult) -> Array:
     return np.asarray(result.tip_position[at] - result.flange_position[at])
 
 
-def sideways(result: cosim.RunResult) -> Array:
-    """Return the force [kN] of a finger on the wall."""
-    return np.asarray(1e-3 * result.contact_force_N[-1:])
+def yielding(result: cosim.RunResult) -> Array:
+    """Return how far [m] the tip goes back under the force."""
+    before, after = result.tip_position[[np.flatnonzero(result.phase == 0)[-1], -1], 0]
+    return np.array([after - before])
 
 
 def compare(name: str, runs: Runs, measured: Callable[[cosim.RunResult], Array], size: float | None) -> None:

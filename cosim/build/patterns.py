@@ -65,7 +65,7 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
     holes = read.layers.get("HOLE", ())
     seal = read.layers.get("SEAL", ())
     if table.edge == "sealed":
-        seal = (*cut, *(holes if table.pairs == 1 else ()), *seal)
+        seal = (*cut, *(holes if table.pair_height_m is None else ()), *seal)
     elif not seal:
         raise MeshError(
             f"{name}: layer SEAL is empty: draw the seams on it, or set body.edge = 'sealed' if all edges "
@@ -137,6 +137,7 @@ def _from_points(table: PatternTable) -> CutPattern:
     holes = tuple(
         _closed(corners, f"holes_m[{place}]") for place, corners in enumerate(table.holes_m, start=1)
     )
+    sealed_holes = holes if table.pair_height_m is None else ()
     seams = tuple(
         DrawnLine(np.array(points), f"seams_m[{place}]")
         for place, points in enumerate(table.seams_m, start=1)
@@ -145,7 +146,7 @@ def _from_points(table: PatternTable) -> CutPattern:
     return CutPattern(
         cut=cut,
         holes=holes,
-        seal=(*cut, *(holes if table.pairs == 1 else ()), *seams) if table.edge == "sealed" else seams,
+        seal=(*cut, *sealed_holes, *seams) if table.edge == "sealed" else seams,
         ports=(DrawnLine(np.array([table.port_m]), "port_m"),),
         folds=tuple(crease.line for crease in creases),
         creases=creases,

@@ -318,12 +318,22 @@ def test_panels_of_a_unit_reach_from_its_seam_to_its_hole_as_those_of_a_stack() 
         seams_m=((*square, square[0]),),
         port_m=(0.01, 0.0),
         edge="open",
+        plane="flat",
         mesh_m=0.004,
-        sets=(PatternSetTable("base", box_m=box, sheet="back"), PatternSetTable("tip", box_m=box)),
+        sets=(
+            PatternSetTable("base", box_m=box, sheet="back"),
+            PatternSetTable("tip", box_m=box, sheet="front"),
+        ),
     )
     stack = PolygonalStack(4, 1, math.sqrt(2.0) * half, math.sqrt(2.0) * hole, 0.002).mesh()
     unit = drawn_pattern(table, "base").face_values["wrinkle_panel_m"]
     assert unit == pytest.approx(stack.face_values["wrinkle_panel_m"][0])
+    raised = drawn_pattern(replace(table, edge="sealed", seams_m=(), pair_height_m=0.002), "base")
+    assert [raised.positions[cap, 2].mean() for cap in raised.caps] == pytest.approx([0.0, 0.002])
+    assert [len(cap) for cap in raised.caps] == [32, 32]  # however long the other edges are
+    assert raised.face_values["wrinkle_panel_m"] == pytest.approx(unit)
+    with pytest.raises(MeshError, match="no hole is open"):
+        understood(replace(table, edge="sealed", holes_m=(), pair_height_m=0.002))
     ring = understood(replace(table, edge="sealed"))  # from the outer seam to that of the hole
     assert ring.panel_m == pytest.approx(2.0 * (half - hole) * (2.0 - math.sqrt(2.0)), rel=0.05)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.errors import InputError
+from cosim.errors import InputError, SolverError
 from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
-from cosim.soft.linear.linear_solver import FactorState, GeneralLU, LinearSolver
+from cosim.soft.linear.linear_solver import FactorState, GeneralLU, LinearSolver, negative_pivots
 from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from cosim.soft.published.open_caps import OpenCapSolver
@@ -183,3 +183,13 @@ def test_pairs_that_a_pattern_does_not_hold_are_counted() -> None:
     pattern = BlockPattern.from_elements(5, [np.array([[3, 1, 0]])])
     assert pattern.find(np.array([[3, 1]]))[1] == 0
     assert pattern.find(np.array([[3, 4], [4, 2]]))[1] == 2
+
+
+def test_negative_eigenvalues_are_counted_and_a_slack_film_is_named() -> None:
+    pattern, free, blocks, _matrix, dofs, _ = problem()
+    blocks[pattern.row == pattern.column] -= 27.0 * np.eye(3)
+    symmetric = dense(pattern, blocks)[np.ix_(dofs, dofs)]
+    expected = int((np.linalg.eigvalsh(symmetric) < 0.0).sum())
+    assert negative_pivots(pattern, free, blocks, None) == expected
+    with pytest.raises(SolverError, match="slack: start at a pressure"):
+        negative_pivots(pattern, free, 0.0 * blocks, None)

@@ -104,7 +104,8 @@ class PatternTable(BodySourceTable):
             closes a chamber it has an open end, closed by a cap that carries the pressure.
         pairs: of sheets, one on the other, away from the flange with plane = "flat"; neighbours are joined
             along the holes, which `edge` does not seal then, and caps close the first and the last one.
-        pair_height_m: drawn height of a pair, of several: from seam to hole the sheets lead half of it aside.
+        pair_height_m: drawn height of a pair, needed for several: from seam to hole the sheets lead half of
+            it aside. A single pair with it is one such unit, its holes closed by caps.
         seam_width_m: of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of the triangles' edges; omitted: a quarter of the largest distance to a seam.
         along: direction in the drawing that leads away from the base.
@@ -166,8 +167,8 @@ class PatternTable(BodySourceTable):
 
     @rule
     def _is_stacked(self) -> Told:
-        if (self.pairs > 1) != (self.pair_height_m is not None):
-            yield "pair_height_m", "goes with pairs above 1; give both or neither"
+        if self.pairs > 1 and self.pair_height_m is None:
+            yield "pair_height_m", "is missing; needed with pairs above 1"
         for entry in self.sets:
             if entry.pair is not None and entry.pair > self.pairs:
                 yield f"set.{entry.name}.pair", f"{entry.pair} does not exist; pairs 1 to {self.pairs} do"
@@ -177,8 +178,8 @@ class PatternTable(BodySourceTable):
         for entry in self.sets if self.file is None else ():
             if entry.layer is not None:
                 yield f"set.{entry.name}.layer", "is of a drawing; give box_m or line_m"
-        if self.folds and self.pairs > 1:
-            yield "fold", "is of a single pair of sheets; pairs is more than 1"
+        if self.folds and self.pair_height_m is not None:
+            yield "fold", "is of a single, flat pair of sheets; pair_height_m is set"
         elif self.file is None and any(entry.layer is not None for entry in self.folds):
             yield "fold.layer", "is of a drawing; give line_m"
 

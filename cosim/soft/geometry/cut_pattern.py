@@ -83,7 +83,7 @@ class CutPattern:
         open_ends: whether chambers may be open at edges of the sheets, where caps close them.
         pairs: of sheets, one on the other; neighbours are joined along the holes that no seam closes, and
             caps close the first and the last hole.
-        pair_height_m: from one pair to the next, of several.
+        pair_height_m: from one pair to the next; of a single pair from hole to hole, or 0: it is flat.
     """
 
     cut: tuple[DrawnLine, ...]
@@ -132,7 +132,7 @@ class FlatFilm:
         mesh: of one sheet.
         chamber: (m,) of each triangle, -1 where the sheets are welded flat.
         shared: (n,) whether both sheets of a pair have the node.
-        joined: (n,) whether pairs of sheets that lie on one another have the node.
+        joined: (n,) whether neighbouring pairs of sheets share the node: it is on an open hole of units.
         panel_m: width of the panels that the film wrinkles in: largest distance within a chamber between
             seams, or from a seam to the hole in the middle of units.
         sets: nodes of one sheet in each set, in order along the line where it is one.
@@ -179,7 +179,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     shared = _shared(mesh, chamber)
     sets = {choice.name: _chosen(choice, mesh, edge_m) for choice in pattern.sets}
     joined = np.zeros(len(shared), dtype=bool)
-    joined[mesh.edges_of(LineKind.HOLE)] = pattern.pairs > 1
+    joined[mesh.edges_of(LineKind.HOLE)] = pattern.pair_height_m > 0.0
     frames = tuple(_around_frame(line, mesh, shared) for line in pattern.frames)
     if len({len(frame) for frame in frames}) > 1:
         raise MeshError(
@@ -187,6 +187,8 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
             "pattern have the same number: draw them alike"
         )
     joined &= ~shared
+    if pattern.pair_height_m and not joined.any():
+        raise MeshError("pair_height_m is set, but no hole is open: draw one in the middle, or omit it")
     return FlatFilm(mesh, chamber, shared, joined, _panel(mesh, chamber, joined), sets, frames)
 
 
@@ -277,7 +279,7 @@ def _connected(mesh: FlatMesh, pattern: CutPattern) -> tuple[list[list[int]], di
     around = _neighbours(mesh.triangles)
     beside: list[list[int]] = [[] for _ in mesh.triangles]
     open_edges: dict[int, tuple[int, int]] = {}
-    joints = {(a, b) for a, b in mesh.edges_of(LineKind.HOLE).tolist()} if pattern.pairs > 1 else set()
+    joints = {(a, b) for a, b in mesh.edges_of(LineKind.HOLE).tolist()} if pattern.pair_height_m else set()
     for edge, owners in around.items():
         if edge in seams:
             continue

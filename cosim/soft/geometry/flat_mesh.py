@@ -23,6 +23,8 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 
 _GRID_M: Final = 1e-9
+_AROUND_HOLE: Final = 32
+"""Edges around an open hole, at least: joined units bend there, and too few make them stiff."""
 _CORNER_RAD: Final = math.radians(25.0)
 _CLEAR: Final = 0.62  # of the edge length, between lattice and lines
 _ROUNDS, _SWEEPS = 4, 6
@@ -110,11 +112,17 @@ def mesh_sheet(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: flo
     for axis, at_m in axes:
         points = np.concatenate([points, mirrored(points, axis, at_m)])
         lines = [*lines, *(line.mirrored(axis, at_m) for line in lines if line.kind == LineKind.OTHER)]
+    around = [
+        np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
+        for line in lines
+        if line.kind == LineKind.HOLE
+    ]
+    hole_m = min([edge_m, *(float(length) / _AROUND_HOLE for length in around)])
     part, kept = sheet, list(lines)
     for axis, at_m in axes:
         part, kept = _half(part, kept, axis, at_m)
         points = points[points[:, axis] >= at_m - SAME_PLACE_M]
-    mesh = _meshed(part, kept, _distinct(points), edge_m)
+    mesh = _meshed(part, kept, _distinct(points), (edge_m, hole_m))
     for axis, at_m in reversed(axes):
         mesh = _doubled(mesh, axis, at_m)
     return mesh
@@ -169,9 +177,10 @@ def _distinct(points: Array) -> Array:
     return points[np.sort(first)]
 
 
-def _meshed(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float) -> FlatMesh:
-    """Return the mesh of a sheet, symmetric or not."""
-    nodes, edges, kinds = _divided(sheet, lines, points, edge_m)
+def _meshed(sheet: Any, lines: Sequence[FlatLine], points: Array, lengths: tuple[float, float]) -> FlatMesh:
+    """Return the mesh of a sheet, symmetric or not, with edges of a length [m], and of one around holes."""
+    edge_m, _ = lengths
+    nodes, edges, kinds = _divided(sheet, lines, points, lengths)
     fixed = np.concatenate([nodes, points[_away(points, nodes, SAME_PLACE_M)]])
     lattice = _lattice(sheet, fixed, nodes[edges], edge_m)
     positions = np.concatenate([fixed, lattice])
@@ -189,7 +198,7 @@ def _meshed(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float)
 
 
 def _divided(
-    sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float
+    sheet: Any, lines: Sequence[FlatLine], points: Array, lengths: tuple[float, float]
 ) -> tuple[Array, IntArray, IntArray]:
     """Return nodes (n, 2), edges (e, 2) and kinds (e,) of lines, cut where they cross and divided."""
     shapely = extra_module("shapely", "pattern")
@@ -207,7 +216,8 @@ def _divided(
     found: list[Array] = []
     of_kind: list[int] = []
     for chain, kinds_there in _chains(ends, kinds, points):
-        pieces = _resampled(chain, edge_m)
+        open_hole = kinds_there & (LineKind.HOLE | LineKind.SEAL) == LineKind.HOLE
+        pieces = _resampled(chain, lengths[open_hole])
         found.append(np.stack([pieces[:-1], pieces[1:]], axis=1))
         of_kind += [kinds_there] * (len(pieces) - 1)
     both = np.concatenate(found)

@@ -27,7 +27,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import IndexTable, Indices, Places, Vector
-from cosim.errors import InputError
+from cosim.errors import InputError, SolverError
 from cosim.soft.linear.pattern import BlockPattern
 
 
@@ -449,11 +449,20 @@ def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: 
         free: (n, 3) bool, components that move.
         blocks: (pattern.blocks, 3, 3) [N/m].
         low_rank: dense terms, or None.
+
+    Raises:
+        SolverError: the matrix is singular.
     """
     solver = GeneralLU(pattern, free)
-    solver._factor = factor = splu(
-        solver.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )  # fmt: skip
+    try:
+        solver._factor = factor = splu(
+            solver.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+    except RuntimeError as error:
+        raise SolverError(
+            "nothing resists some motion of the film, which is slack: start at a pressure, or set film.law "
+            "to 'wrinkling'"
+        ) from error
     count = int((factor.U.diagonal() < 0.0).sum())
     return count if low_rank is None else count + negative_added(low_rank, solver._solve_sparse)
