@@ -139,6 +139,8 @@ class FilmTable:
             yield "buckling_force_N_m", f"goes with law = 'tension_field'; the law is '{self.law}'"
 
     def other_laws(self) -> tuple[str, ...]:
-        """Return the laws that the same sheet could have instead; of rubber none."""
+        """Return the laws that the same sheet could have instead; of rubber, or at a buckling force, none."""
+        if self.law == "neo_hookean" or self.buckling_force_N_m:
+            return ()
         laws = SHEET_LAWS if self.fabric is None else FABRIC_LAWS
-        return () if self.law == "neo_hookean" else tuple(law for law in laws if law != self.law)
+        return tuple(law for law in laws if law != self.law)
