@@ -5,7 +5,7 @@
 Three minutes on one core. One PNG per figure goes to docs/paper/. With --causes each figure is run with plain
 film on the paper's mesh, that with contact of units, and with one part of the default robot after another
 added. The last column names the parts that change a number by more than a tenth of the published one, where
-the default is that far from it (ten minutes). With --frames, frames have other widths.
+the default is that far from it (ten minutes of CPU time). With --frames, frames have other widths.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ NEAR: Final = 0.15
 
 
 def variants(name: str, steps: Mapping[str, Callable[[Scenario], Scenario] | None]) -> str:
-    """Return as Markdown what changes of the default robot do to a figure's numbers.
+    """Return rows of Markdown: what changes of the default robot do to a figure's numbers.
 
     Of STEPS the last column has the causes of large differences. Of FRAMES it has the code's number, and what
     is within NEAR of that, or of the published model's where there is none, is bold.
@@ -150,14 +150,21 @@ def variants(name: str, steps: Mapping[str, Callable[[Scenario], Scenario] | Non
             found.setdefault(row.name, {})[step] = row.values["default"]
             if steps is FRAMES and "code" in row.values:
                 found[row.name]["code"] = row.values["code"]
-    last = "why the default differs" if steps is STEPS else "code"
-    lines = [f"| {name} | {' | '.join(steps)} | {last} |", "|---" * (len(steps) + 2) + "|"]
+    lines = []
     for row_name, values in found.items():
+        if len(values) == 1:  # held by the controller: of the default alone
+            continue
         aim = values.get("code", values.get(PUBLISHED))
         cells = [_marked(values.get(step), aim if steps is FRAMES else None) for step in steps]
         cells.append(causes(values) if steps is STEPS else cell(values.get("code")))
-        lines.append(f"| {row_name} | {' | '.join(cells)} |")
+        lines.append(f"| `{name}`: {row_name} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def head(steps: Mapping[str, Callable[[Scenario], Scenario] | None]) -> str:
+    """Return the head of the table whose rows `variants` returns."""
+    last = "why the default differs" if steps is STEPS else "code"
+    return f"| | {' | '.join(steps)} | {last} |\n{'|---' * (len(steps) + 2)}|"
 
 
 def _marked(value: float | None, aim: float | None) -> str:
@@ -205,16 +212,17 @@ def main() -> int:
     parser.add_argument("--frames", action="store_true", help="the same for the width of the frames")
     options = parser.parse_args()
     options.pictures.mkdir(parents=True, exist_ok=True)
-    texts = []
-    varied = options.causes or options.frames
-    for name in options.figures or [name for name in FIGURES if not (varied and name in FUTURE)]:
-        runs = Runs()
-        if varied:
-            text = variants(name, STEPS if options.causes else FRAMES)
+    steps = STEPS if options.causes else FRAMES if options.frames else None
+    texts = [] if steps is None else [head(steps)]
+    print(*texts, sep="\n")
+    for name in options.figures or [name for name in FIGURES if not (steps and name in FUTURE)]:
+        if steps is not None:
+            texts.append(variants(name, steps))
         else:
+            runs = Runs()
             text = table(drawn(name, runs, options.pictures))
-        seconds = ", ".join(f"{scenario} {model} {s:.1f}" for (scenario, model), s in runs.seconds.items())
-        texts.append(f"## {name}\n\n{text}\n" + (f"\nCPU seconds: {seconds}\n" if seconds else ""))
+            seconds = ", ".join(f"{run} {model} {s:.1f}" for (run, model), s in runs.seconds.items())
+            texts.append(f"## {name}\n\n{text}\n\nCPU seconds: {seconds}\n")
         print(texts[-1], flush=True)
     if options.markdown:
         options.markdown.write_text("\n".join(texts))

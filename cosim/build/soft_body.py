@@ -67,8 +67,8 @@ from cosim.soft.geometry.surface import (
 from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
-    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m", "film.buckling_force_N_m", "hinge.rule",
-    "stiffener", "cable.losses", "cable.eyelet_loss_N",
+    "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m",
+    "film.buckling_force_N_m", "hinge.rule", "stiffener", "cable.losses", "cable.eyelet_loss_N",
 )  # fmt: skip
 """Keys of a robot's file that the paper's model does not look at."""
 

@@ -45,6 +45,11 @@ WRONG_VALUES = {
         "soft_robot.film.wrinkle_panel_m",
         "'wrinkling'; the law is 'plain'",
     ),
+    "buckling of a plain film": (
+        'soft_robot={file="hexagon_arm",film={law="plain",buckling_force_N_m=10.0}}',
+        "soft_robot.film.buckling_force_N_m",
+        "'tension_field'; the law is 'plain'",
+    ),
     "fabric beside a modulus": (
         'soft_robot={file="hexagon_arm",film={law="plain",fabric='
         "{modulus_warp_Pa=1e9,modulus_weft_Pa=1e9,shear_modulus_Pa=1e8}}}",

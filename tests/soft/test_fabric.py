@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.build.soft_body import build_soft_body
+from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.loading import load_soft_robot
 from cosim.config.schema.scenario import ModelTable
 from cosim.errors import InputError, MeshError
@@ -33,6 +33,7 @@ FILMS = {
     for name, film in (("woven", WOVEN), ("straightening", STRAIGHTENED))
     for law in LAWS
 }
+FILMS["straightening, buckling"] = replace(STRAIGHTENED, law="tension_field", buckling_force_N_m=400.0)
 SKEW = (0.3, 0.5, 0.2)
 COMPLIANCE = np.array([
     [1.0 / WARP_Pa, -NU / WARP_Pa, 0.0], [-NU / WARP_Pa, 1.0 / WEFT_Pa, 0.0], [0.0, 0.0, 1.0 / SHEAR_Pa]
@@ -177,6 +178,7 @@ def test_a_robots_file_lays_the_warp_along_its_boom() -> None:
     density = 0.5 * across * e**2 + grown * e**3 / (6.0 * fabric.straight_strain_warp)
     stored = stored_energy(body, body.positions * (1.0, 1.0, 1.003))[Membranes]
     assert stored == pytest.approx(soft.thickness_m * density * float(body.areas.sum()), rel=1e-6)
+    assert build_film(replace(soft, buckling_force_N_m=50.0)).buckling_force_N_m == 50.0
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {

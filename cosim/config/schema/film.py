@@ -87,8 +87,8 @@ class FilmTable:
             for it; "neo_hookean": incompressible rubber, which stretches far and does not wrinkle.
         wrinkle_panel_m: width of the panels that a wrinkling film wrinkles in; omitted: from the
             sides of each unit's outer ring to those of its hole.
-        buckling_force_N_m: compression across any line, per width, that a film with law = "tension_field" bears
-            before it wrinkles, such as E t^2 / (r sqrt(3 (1 - nu^2))) of a sheet curved with radius r.
+        buckling_force_N_m: compression per width, across any line, that a film with law = "tension_field"
+            bears before it wrinkles, such as E t^2 / (r sqrt(3 (1 - nu^2))) of a sheet curved with radius r.
         loss_factor: tan delta of the sheet, as data sheets give it: in the dynamic mode it resists rates of
             stretching and bending, and rigid motion not at all.
         loss_frequency_Hz: at which that holds; a Kelvin-Voigt material's grows in proportion to frequency.
@@ -139,6 +139,8 @@ class FilmTable:
             yield "buckling_force_N_m", f"goes with law = 'tension_field'; the law is '{self.law}'"
 
     def other_laws(self) -> tuple[str, ...]:
-        """Return the laws that the same sheet could have instead; of rubber none."""
+        """Return the laws that the same sheet could have instead; of rubber, or at a buckling force, none."""
+        if self.law == "neo_hookean" or self.buckling_force_N_m:
+            return ()
         laws = SHEET_LAWS if self.fabric is None else FABRIC_LAWS
-        return () if self.law == "neo_hookean" else tuple(law for law in laws if law != self.law)
+        return tuple(law for law in laws if law != self.law)
