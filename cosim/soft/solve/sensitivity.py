@@ -56,6 +56,7 @@ class Side(NamedTuple):
         system: assembles the changed body.
         clamp: that holds it.
         loads: on it.
+        alike: whether its cables are those of the equilibrium.
         inertia: of an implicit step that ends there; None in statics.
     """
 
@@ -65,6 +66,7 @@ class Side(NamedTuple):
     system: SoftSystem
     clamp: Clamp
     loads: Loads
+    alike: bool = False
     inertia: Inertia | None = None
 
 
@@ -202,8 +204,8 @@ class EquilibriumSlope:
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self.own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, inertia)
-        self._share = self._lost(self.own, self._x)
+        self.own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, True, inertia)
+        self._share = system.segment_share(self._x, here.loads, self._memory)
         self.gradient = self._assembled(self.own, self._x, self._share)
 
     def by(self, parameters: Sequence[Moved]) -> list[Slope]:
@@ -288,11 +290,15 @@ class EquilibriumSlope:
 
     def _lost(self, side: Side, x: Array) -> Array:
         """Return the losses of a side's cables at a shape (n, 3) [m]."""
+        if side.alike and side.loads is self.own.loads and not self._losses_move:
+            return self._share
         return side.system.segment_share(x, side.loads, self._memory)
 
     def _assembled(self, side: Side, x: Array, share: Array) -> Array:
         """Return the gradient (n, 3) [N] of a side's potential at a shape (n, 3) [m], with some losses."""
         system = side.system
+        if side.alike:
+            system.act_as(self.own.system)
         system.evaluate(x, side.loads, share, self._memory, inertia=side.inertia, hessian=False)
         return system.gradient.copy()
 
@@ -309,8 +315,7 @@ class EquilibriumSlope:
             if not slope.taken.any():
                 motion += share * slope.step * slope.motion
         for x in (self._x + motion, self._x - motion):
-            share_there = self._lost(self.own, x) if self._losses_move else self._share
-            bent += self._assembled(self.own, x, share_there)
+            bent += self._assembled(self.own, x, self._lost(self.own, x))
         return self._bend_m(bent) > _KINK * _SEEN_m
 
     def _bend_m(self, bent: Array) -> float:
