@@ -21,7 +21,7 @@ together first, and one by one only where that finds something.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, final
 
@@ -82,6 +82,11 @@ class Moved(NamedTuple):
     name: str
     sides: tuple[Side, ...]
     straight: bool = False
+
+    @property
+    def step(self) -> float:
+        """The longest of its offsets, in its unit."""
+        return max(abs(side.offset) for side in self.sides)
 
 
 def factorise_at(solver: NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
@@ -214,25 +219,39 @@ class EquilibriumSlope:
         Raises:
             SensitivityError: no derivative exists: the sides disagree, or the rounds do not converge.
         """
-        found = [self._slope(each) for each in parameters]
-        if not self._kinks and self._bends(found):
-            for each, slope in zip(parameters, found, strict=True):
+        plain = [
+            not self._losses_move and all(side.clamp is self._clamp for side in each.sides)
+            for each in parameters
+        ]
+        found = self._plain_slopes([each for each, one in zip(parameters, plain, strict=True) if one])
+        slopes = [
+            next(found) if one else self._slope(each) for each, one in zip(parameters, plain, strict=True)
+        ]
+        if not self._kinks and self._bends(slopes):
+            for each, slope in zip(parameters, slopes, strict=True):
                 self._check_kink(each, slope.motion)
-        return found
+        return slopes
+
+    def _plain_slopes(self, parameters: Sequence[Moved]) -> Iterator[Slope]:
+        """Yield the derivatives by parameters that leave the drawn film, and losses that leave the shape."""
+        still = np.zeros_like(self._x)
+        quotients = [self._quotient(each, still, None) for each in parameters]
+        forces = np.array([quotient for quotient, _, _ in quotients]).reshape(-1, *still.shape)
+        motions = -self._solver.linear.solve_all(np.where(self._solver.free, forces, 0.0))
+        for each, motion, (quotient, taken, bent) in zip(parameters, motions, quotients, strict=True):
+            yield Slope(motion, quotient, taken, bent, each.step)
 
     def _slope(self, parameter: Moved) -> Slope:
+        """Return the derivative by a parameter, in rounds."""
         sides, free = parameter.sides, self._solver.free
         redrawn, before = any(side.clamp is not self._clamp for side in sides), 0.0
-        held = sum(side.weight * self._placed(side) for side in sides) if redrawn else np.zeros_like(self._x)
-        motion, step = held, max(abs(side.offset) for side in sides)
+        motion = held = sum(side.weight * self._placed(side) for side in sides) + np.zeros_like(self._x)
         for round_ in range(_ROUNDS_MAX):
             along = motion if redrawn and round_ else None
             quotient, taken, bent = self._quotient(parameter, motion, along)
             pushed = self._tangent.times(held - taken) if redrawn and along is None else 0.0
-            last, motion = motion, taken + np.where(free, 0.0, held - taken) if redrawn else held
+            last, motion = motion, taken + np.where(free, 0.0, held - taken)
             motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
-            if not (redrawn or self._losses_move):
-                break
             size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
             fall = min(1.0, size / before) if before else 1.0
             if size * fall <= _LEFT * most:
@@ -245,7 +264,7 @@ class EquilibriumSlope:
                 f"no derivative by {parameter.name}: losses along cables, which follow the shape, do not "
                 f"settle in {_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
             )
-        return Slope(motion, quotient, taken, bent, step)
+        return Slope(motion, quotient, taken, bent, parameter.step)
 
     def moved(self, side: Side, slope: Slope) -> tuple[Array, Array]:
         """Return positions (n, 3) [m] and gradient (n, 3) [N], which is that of the held nodes, on a side."""
@@ -281,7 +300,8 @@ class EquilibriumSlope:
         for side in parameter.sides:
             x = self._x if along is None else np.ascontiguousarray(self._x + side.offset * along)
             lost_at = self._x + side.offset * motion if self._losses_move else self._x
-            forces = self._assembled(side, x, self._lost(side, lost_at))
+            still = not side.offset and side.inertia is self.own.inertia
+            forces = self.gradient if still else self._assembled(side, x, self._lost(side, lost_at))
             found += side.weight * forces
             bent += side.bend * forces
             if along is not None:
@@ -328,8 +348,8 @@ class EquilibriumSlope:
         for side in parameter.sides:
             x = np.ascontiguousarray(self._x + side.offset * motion)
             bent = bent + side.bend * self._assembled(side, x, self._lost(side, x))
-        step = max(abs(side.offset) for side in parameter.sides) * float(np.abs(motion).max())
-        if self._bend_m(bent) > _KINK * max(step, _SEEN_m):
+        size_m = parameter.step * float(np.abs(motion).max())
+        if self._bend_m(bent) > _KINK * max(size_m, _SEEN_m):
             bent = np.where(self._solver.free, bent, 0.0)
             place = place_of_largest(self._solver.system.body, self._x, bent, self._solver.free)
             raise SensitivityError(
