@@ -145,7 +145,7 @@ class ModelParameter:
                 made = _scheme(built, _FOURTH if in_time else _CENTRAL, step)
         law, straight = film_law(model.scenario), all(_last(key) in _STRAIGHT for key in self.keys)
         alike = [content_name(system.body.cables) == content_name(drawn.cables) for *_, system in made]
-        held = list[Clamp]()  # by the clamp that is named last, those of the sides; the same in many equilibria
+        held = list[Clamp]()  # those of the sides, and last the one they are made of, often the same
 
         def moves(here: Equilibrium, clamp: Clamp) -> Moved:
             if not held or held[-1] is not clamp:
@@ -403,7 +403,7 @@ def _check_alike(one: SoftBody, other: SoftBody, name: str) -> None:
 
 
 def _redrawn_clamp(clamp: Clamp, drawn: SoftBody, changed: SoftBody) -> Clamp:
-    """Return a clamp that holds nodes where a changed body has them drawn, if it held them where they were."""
+    """Return a clamp that holds nodes where a changed body has them, where it held them as drawn."""
     if np.array_equal(drawn.positions, changed.positions):
         return clamp
     as_drawn = (clamp.offsets == drawn.positions[clamp.nodes]).all(axis=1)

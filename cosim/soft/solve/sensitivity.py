@@ -45,6 +45,8 @@ _ROUNDED: Final = 1e-5  # the same, where rounding keeps them from falling
 _KINK: Final = 2e-2  # of the first difference of a shape, the second one
 _SEEN_m: Final = 1e-8  # what rounding leaves of a second difference is far below it
 
+_ALONG_m: Final = 3e-8  # of each motion, where a kink is looked for along all at once
+
 
 class Side(NamedTuple):
     """The model of an equilibrium with one parameter moved.
@@ -203,7 +205,7 @@ class EquilibriumSlope:
         self._x = np.array(here.state.positions, order="C")
         self._memory = system.fresh(here.state.memory) if inertia is None else here.state.memory
         # held nodes move and are pushed on; of the others the factorisation knows all
-        self._tangent = FrozenTangent.of(system, self._x, ~solver.free.all(axis=1))
+        self._tangent = FrozenTangent.of(system, self._x, np.asarray((~solver.free).any(axis=1)))
         lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
         pairs = zip(system.body.cables, lengths, strict=True)
         self._losses_move = any(
@@ -329,14 +331,14 @@ class EquilibriumSlope:
         """
         motion, bent = np.zeros_like(self._x), -2.0 * self.gradient
         for k, slope in enumerate(slopes):
-            share = (-1.0) ** k * _SEEN_m / max(slope.size_m, _SEEN_m)
+            share = (-1.0) ** k * _ALONG_m / max(slope.size_m, _SEEN_m)
             if slope.bent is not None:
                 bent += share * slope.bent
             if not slope.taken.any():
                 motion += share * slope.step * slope.motion
         for x in (self._x + motion, self._x - motion):
             bent += self._assembled(self.own, x, self._lost(self.own, x))
-        return self._bend_m(bent) > _KINK * _SEEN_m
+        return self._bend_m(bent) > _KINK * _ALONG_m
 
     def _bend_m(self, bent: Array) -> float:
         """Return how far a second difference (n, 3) [N] of the forces moves a node."""
@@ -353,9 +355,9 @@ class EquilibriumSlope:
             bent = np.where(self._solver.free, bent, 0.0)
             place = place_of_largest(self._solver.system.body, self._x, bent, self._solver.free)
             raise SensitivityError(
-                f"no derivative by {parameter.name}: the forces at {place} change otherwise above than below "
-                "the present state, as where a cable gets taut, a contact begins, or a fold is near; move the "
-                "loads away from there"
+                f"no derivative by {parameter.name}: the forces at {place} change otherwise above than "
+                "below the present state, as where a cable gets taut, a contact begins, or a fold is near; "
+                "move the loads away from there"
             )
 
 
