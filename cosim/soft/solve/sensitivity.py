@@ -40,6 +40,7 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, Equilibrium
 
 _ROUNDS_MAX: Final = 60
+_NEAR: Final = 0.1  # of dx/dp, within which the second round is as good as any further one
 _LEFT: Final = 1e-10  # of dx/dp, when the rounds end
 _ROUNDED: Final = 1e-5  # the same, where rounding keeps them from falling
 _KINK: Final = 2e-2  # of the first difference of a shape, the second one
@@ -248,15 +249,18 @@ class EquilibriumSlope:
         sides, free = parameter.sides, self._solver.free
         redrawn, before = any(side.clamp is not self._clamp for side in sides), 0.0
         motion = held = sum(side.weight * self._placed(side) for side in sides) + np.zeros_like(self._x)
+        # at rest one side shows well enough along what the quotient is to be taken
+        rough, at_once = parameter._replace(straight=True), self.own.inertia is None and not self._losses_move
         for round_ in range(_ROUNDS_MAX):
             along = motion if redrawn and round_ else None
-            quotient, taken, bent = self._quotient(parameter, motion, along)
+            moved = rough if redrawn and not round_ else parameter
+            quotient, taken, bent = self._quotient(moved, motion, along)
             pushed = self._tangent.times(held - taken) if redrawn and along is None else 0.0
             last, motion = motion, taken + np.where(free, 0.0, held - taken)
             motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
             size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
             fall = min(1.0, size / before) if before else 1.0
-            if size * fall <= _LEFT * most:
+            if size * fall <= _LEFT * most or (at_once and round_ and size < _NEAR * most):
                 break
             if before and 0.5 * before < size <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * most:
                 break
