@@ -167,7 +167,7 @@ def whole(bench: BenchTable, series: tuple[Series, ...], repeats: int) -> dict[s
         found = identify(bench, noisy(series, seed)).found
         inside.append([each.low <= true <= each.high for each, true in zip(found, TRUTH, strict=True)])
         off.append(np.log([each.value for each in found] / TRUTH) - step[seed])
-        if seed % 20 == 19:
+        if seed % 10 == 9:
             print(f"  {seed + 1} whole fits, inside {np.sum(inside, axis=0).tolist()}", flush=True)
     away = float(np.abs(np.array(off) / step.std(axis=0)).max())
     agree = int((linear == np.array(inside)).sum())
