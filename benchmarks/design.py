@@ -1,10 +1,11 @@
 """Designs solved until goal and limits are as good as those of `cosim design`, without derivatives.
 
-    python benchmarks/design.py --most 300
+    python benchmarks/design.py [bend sag arm outline] [--most 300] [--verified]
 
 The studies are those of docs/design.md, with three units where there are choices, on the film's own mesh.
 Without derivatives: scipy's COBYQA on the same variables, quantities and sizes. A design is as good once its
 goal is within 1 % of that of `cosim design` and its limits are missed by less than 1 % of their size.
+--verified prints instead what `cosim design` does: with all choices, ranked, verified on the refined mesh.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
-from cosim.bench.design import DesignProblem, search
+from cosim.bench.design import DesignProblem, design, design_lines, search
 from cosim.config.design_studies import DesignStudyTable, load_design_study
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "design.md"
@@ -31,7 +32,7 @@ class Spent(Exception):  # noqa: N818  # no error: the budget is spent
 
 
 def studies(folder: Path) -> dict[str, DesignStudyTable]:
-    """Return the studies of the page, each with its first choice that is named "three", or without any.
+    """Return the studies of the page, with their choices.
 
     Args:
         folder: that their files are written to.
@@ -42,10 +43,32 @@ def studies(folder: Path) -> dict[str, DesignStudyTable]:
         path.write_text(text)
         if "[goal]" not in text:  # the robot of the study that follows
             continue
-        study = load_design_study(path)
-        chosen = next((choice.set for choice in study.choice if choice.name == "three"), {})
-        found[name] = replace(study, set={**study.set, **chosen}, choice=())
+        found[name] = load_design_study(path)
     return found
+
+
+def without_choices(study: DesignStudyTable) -> DesignStudyTable:
+    """Return a study of its choice "three", if it has choices."""
+    chosen = next((choice.set for choice in study.choice if choice.name == "three"), {})
+    return replace(study, set={**study.set, **chosen}, choice=())
+
+
+def print_verified(name: str, study: DesignStudyTable) -> None:
+    """Print the designs of a study, the best first."""
+    for found in design(study):
+        met = "limits are met" if found.feasible else "limits are NOT met"
+        print(f"{name} {found.choice}: {met}, {found.evaluations} designs solved", flush=True)
+        print("\n".join(f"    {line}" for line in design_lines(found)), flush=True)
+
+
+def print_compared(name: str, study: DesignStudyTable, most: int) -> None:
+    """Print how many designs a study takes with derivatives, and without."""
+    exact = DesignProblem(study)
+    exact.begin()
+    goal = exact.cost(search(exact, exact.start).reached)
+    own = needed(exact, goal)
+    other = needed(without_derivatives(study, most), goal)
+    print(f"| `{name}.toml` | {own} | {other or f'not within {most}'} |", flush=True)
 
 
 def needed(problem: DesignProblem, goal: float) -> int | None:
@@ -82,18 +105,20 @@ def without_derivatives(study: DesignStudyTable, most: int) -> DesignProblem:
 
 
 def main() -> None:
-    """Print a row for each study."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Print what is asked of each study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("studies", nargs="*", help="by name; all unless given")
     parser.add_argument("--most", type=int, default=300, help="designs that COBYQA may solve")
+    parser.add_argument("--verified", action="store_true")
     options = parser.parse_args()
     with TemporaryDirectory() as folder, chdir(folder):
         for name, study in studies(Path(folder)).items():
-            exact = DesignProblem(study)
-            exact.begin()
-            goal = exact.cost(search(exact, exact.start).reached)
-            own = needed(exact, goal)
-            other = needed(without_derivatives(study, options.most), goal)
-            print(f"| `{name}.toml` | {own} | {other or f'not within {options.most}'} |", flush=True)
+            if options.studies and name not in options.studies:
+                continue
+            if options.verified:
+                print_verified(name, study)
+            else:
+                print_compared(name, without_choices(study), options.most)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,16 @@
 """How well values are found again: without noise, and how often 95 % intervals hold the truth with noise.
 
-    python benchmarks/identify.py [--repeats 1000] [--whole 5] [--json FILE]
+    python benchmarks/identify.py [exact] [linearised] [whole] [refined] [--repeats 1000] [--whole 100]
+
+Parts that are not named are left out; without a name all are run, some 6 minutes of one core.
 
 Four curves of three square units are made by the model itself at known values: length and volume over
 pressure, deflection over load, bending angle over tension. Looked for are the moduli of film and frames, and
-the tension that a cable keeps at an eyelet. Noise is 1 % of each range, seeded. The repeats are of the
-fit linearised at the truth, by its exact Jacobian: 1 % of noise moves it little. Some are repeated as a whole
-`cosim identify`, with its outliers and profile likelihood, and compared. A second set of curves is made on
-a mesh that is refined twice (16 times the triangles), every fourth row held out.
+the tension that a cable keeps at an eyelet. Noise is 1 % of each range, seeds from 0 on. `linearised` repeats
+the fit linearised at the truth, by its exact Jacobian: 1 % of noise moves it little. `whole` repeats all of
+`cosim identify` with the same noise, with its outliers and profile likelihood, and compares. `refined`: a
+second set of curves is made on a mesh that is refined twice (16 times the triangles), every fourth row held
+out; it is fitted with volumes as they are, and with their changes, which fits an offset of the volume.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from cosim.bench.curves import Curves
-from cosim.bench.fitting import Fit, identify
+from cosim.bench.fitting import Fit, identify, spread_of
 from cosim.bench.page import series_lines, value_lines
 from cosim.config.benches import BenchTable, Series, load_bench
 
@@ -38,6 +41,8 @@ TRUE = {
     "soft_robot.cable.corner_0.capstan_factor": (0.86, 0.75),
 }
 """By key: the truth, and where the search begins."""
+TRUTH = np.array([true for true, _ in TRUE.values()])
+PARTS = ("exact", "linearised", "whole", "refined")
 NOISE = 0.01  # of a curve's range
 HEAD = """
 scenario = "bending_angle"
@@ -126,60 +131,88 @@ def linearised(fit: Fit, truth: np.ndarray, repeats: int) -> tuple[np.ndarray, n
     for seed in range(repeats):
         noise = np.random.default_rng(seed).normal(size=len(jacobian))
         step = known @ jacobian.T @ noise
-        spread = max(1.0, float(((noise - jacobian @ step) ** 2).sum()) / (len(noise) - len(step)))
+        spread = spread_of(float(((noise - jacobian @ step) ** 2).sum()), len(noise) - len(step))
         steps.append(step)
         inside.append(np.abs(step) <= np.sqrt(3.841458820694124 * spread * np.diag(known)))
     return np.array(steps), np.array(inside)
 
 
+def without_noise(folder: Path) -> dict[str, Any]:
+    """Print how far values without noise are off."""
+    found = identify(*made(folder)).found
+    off = {
+        key: float(each.value / true - 1.0)
+        for (key, (true, _)), each in zip(TRUE.items(), found, strict=True)
+    }
+    print(f"without noise, relative: {off}", flush=True)
+    return off
+
+
+def counted(inside: np.ndarray, what: str) -> dict[str, Any]:
+    """Print how often intervals hold the truth, of all and of each hundred."""
+    held = dict(zip(TRUE, inside.sum(axis=0).tolist(), strict=True))
+    print(f"{what}: the truth is inside, of {len(inside)}: {held}", flush=True)
+    hundreds = inside[: len(inside) // 100 * 100].reshape(-1, 100, len(TRUE)).sum(axis=1)
+    if len(hundreds) > 1:
+        good = int(((hundreds >= 90) & (hundreds <= 98)).sum())
+        print(f"  by hundreds: {hundreds.T.tolist()}; {good} of {hundreds.size} from 90 to 98", flush=True)
+    return {"held": held, "repeats": len(inside), "by_hundreds": hundreds.tolist()}
+
+
+def whole(bench: BenchTable, series: tuple[Series, ...], repeats: int) -> dict[str, Any]:
+    """Print how often the intervals of whole fits hold the truth, and how near the linearised fit is."""
+    step, linear = linearised(Fit(bench, series), TRUTH, repeats)
+    inside, off = [], []
+    for seed in range(repeats):
+        found = identify(bench, noisy(series, seed)).found
+        inside.append([each.low <= true <= each.high for each, true in zip(found, TRUTH, strict=True)])
+        off.append(np.log([each.value for each in found] / TRUTH) - step[seed])
+        if seed % 10 == 9:
+            print(f"  {seed + 1} whole fits, inside {np.sum(inside, axis=0).tolist()}", flush=True)
+    away = float(np.abs(np.array(off) / step.std(axis=0)).max())
+    agree = int((linear == np.array(inside)).sum())
+    print(f"{agree} of {linear.size} intervals say the same as the linearised fit's", flush=True)
+    print(f"values differ by {away:.3g} standard deviations at most", flush=True)
+    return {**counted(np.array(inside), "whole fits"), "agree": agree, "off_over_sd": away}
+
+
+def of_finer_film(folder: Path) -> dict[str, Any]:
+    """Print how well curves of a finer film are met, and what the report says of them."""
+    report, (bench, series) = dict[str, Any](), made(folder, 8, 2, 4)
+    for changes in ((), ("volume",)):
+        given = tuple(
+            replace(each, table=replace(each.table, relative=each.table.name in changes)) for each in series
+        )
+        fine = identify(bench, given, force=True)
+        lines = [*fine.check.lines(), *value_lines(fine), *series_lines(fine)]
+        words = f"changes of {' and '.join(changes)}" if changes else "all as they are"
+        print("\n".join([f"curves of the film refined twice, {words}:", *lines]), flush=True)
+        report[words] = lines
+    return report
+
+
 def main() -> None:
-    """Print what is found without noise, and how often intervals hold the truth."""
+    """Print the parts that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=[], metavar="part")
     parser.add_argument("--repeats", type=int, default=1000)
-    parser.add_argument("--whole", type=int, default=5)
+    parser.add_argument("--whole", type=int, default=100)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     target = None if options.json is None else options.json.resolve()
-    truth, report = np.array([true for true, _ in TRUE.values()]), dict[str, Any]()
-    with TemporaryDirectory() as folder, chdir(folder):
-        bench, series = made(Path(folder))
-        began = time.process_time()
-        exact = identify(bench, series)
-        off = np.array([each.value for each in exact.found]) / truth - 1.0
-        report["without_noise"] = dict(zip(TRUE, off.tolist(), strict=True))
-        print(f"without noise, relative: {report['without_noise']}")
-        step, inside = linearised(Fit(bench, series), truth, options.repeats)
-        report["held"], report["repeats"] = (
-            dict(zip(TRUE, inside.sum(axis=0).tolist(), strict=True)),
-            len(step),
-        )
-        print(f"the truth is inside, of {len(step)}: {report['held']}", flush=True)
-        off, agree = [], 0
-        for seed in range(min(options.whole, options.repeats)):
-            found = identify(bench, noisy(series, seed))
-            holds = [each.low <= true <= each.high for each, true in zip(found.found, truth, strict=True)]
-            agree += int((inside[seed] == holds).sum())
-            off.append(np.log([each.value for each in found.found] / truth) - step[seed])
-        spread = step.std(axis=0)
-        report["whole"] = {
-            "off_over_sd": float(np.abs(np.reshape(off, (-1, len(TRUE))) / spread).max(initial=0.0)),
-            "agree": agree,
-        }
-        print(f"{len(off)} whole fits: {agree} of {3 * len(off)} intervals say the same", flush=True)
-        print(
-            f"values differ by {report['whole']['off_over_sd']:.3g} standard deviations at most", flush=True
-        )
-        bench, series = made(Path(folder), 8, 2, 4)
-        changes = tuple(
-            replace(each, table=replace(each.table, relative=True)) if each.table.name == "volume" else each
-            for each in series
-        )
-        for words, given in (("", series), (", volume by its changes", changes)):
-            fine = identify(bench, given, force=True)
-            lines = report[f"refined_twice{words}"] = [
-                *fine.check.lines(), *value_lines(fine), *series_lines(fine)
-            ]  # fmt: skip
-            print("\n".join([f"curves of the film refined twice{words}:", *lines]), flush=True)
+    report, parts = dict[str, Any](), options.parts or PARTS
+    with TemporaryDirectory() as name, chdir(name):
+        folder, began = Path(name), time.process_time()
+        if "exact" in parts:
+            report["exact"] = without_noise(folder)
+        bench, series = made(folder)
+        if "linearised" in parts:
+            _, inside = linearised(Fit(bench, series), TRUTH, options.repeats)
+            report["linearised"] = counted(inside, "linearised fits")
+        if "whole" in parts:
+            report["whole"] = whole(bench, series, options.whole)
+        if "refined" in parts:
+            report["refined"] = of_finer_film(folder)
         print(f"CPU time {time.process_time() - began:.0f} s")
     if target is not None:
         target.write_text(json.dumps(report, indent=1), encoding="utf-8")

@@ -4,8 +4,9 @@ Minimised is sum_k ((y_k - m_k) / s_k)^2 + sum_i ((p_i - p_i0) / q_i)^2, with th
 the priors q_i; the zero of a relative series is found with them. The Jacobian is exact
 (`cosim.bench.sensitivity`). The first fit takes soft_l1 in place of the square, so that outliers do not draw
 it; rows beyond 4.5 standard deviations are then set aside.
-95 % intervals by profile likelihood: where the least sum over all other parameters is 3.84 above the minimum,
-times the variance of the residuals over the noise's where that is above 1.
+95 % intervals by profile likelihood: where the least sum over all other parameters is 3.84 above the minimum.
+Where the residuals are larger than the noise explains (chi^2, 5 %), 3.84 is multiplied by their variance over
+the noise's.
 Source: Seber and Wild, Nonlinear Regression, section 5.10.
 """
 
@@ -27,6 +28,7 @@ from cosim.errors import ConvergenceError, InputError
 _FAR: Final = 4.5
 _MAD: Final = 1.4826  # of the median of absolute residuals, which makes it a standard deviation
 _CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
+_BY_NOISE: Final = 0.05  # probability of residuals below which noise has not made them
 _ROUNDS: Final = 3
 _FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
 _SEEN: Final = {"m": 1e-4, "m3": 1e-7}  # what a camera and a measuring cup tell apart
@@ -74,6 +76,7 @@ class Identified:
         equilibria: how many were solved.
         band: (rows,), half of the 95 % interval of what is measured there, by the values' uncertainty and by
             noise as large as the residuals are; not numbers if nothing was fitted.
+        zeros: (series,), what is added to the model's values of a relative series, in its unit; 0 of others.
     """
 
     bench: BenchTable
@@ -89,6 +92,7 @@ class Identified:
     outliers: Mask
     equilibria: int
     band: Array
+    zeros: Array
 
     @property
     def scaled(self) -> Array:
@@ -123,6 +127,7 @@ class Fit:
         self.measured, self.noise, self.held_out = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.rows = ~self.held_out
         ends = np.cumsum([0, *(len(entry.values) for entry in series)])
+        self._firsts = ends[:-1]
         self._zeros = np.array([
             (np.arange(ends[-1]) >= begin) & (np.arange(ends[-1]) < end)
             for entry, begin, end in zip(series, ends[:-1], ends[1:], strict=True) if entry.table.relative
@@ -172,6 +177,11 @@ class Fit:
                 found = np.full(len(self.measured), np.nan)
             self._last = fitted[: self.count].copy(), found
         return np.asarray(self._last[1] + self.noise * (fitted[self.count :] @ self._zeros))
+
+    def zeros(self, fitted: Array) -> Array:
+        """Return what is added to the model's values of each series, in its unit; 0 of those not relative."""
+        added = self.noise * (fitted[self.count :] @ self._zeros)
+        return np.asarray(added[self._firsts])
 
     def residuals(self, fitted: Array) -> Array:
         """Return residuals over noise of the rows that are fitted, then those of the priors."""
@@ -290,6 +300,18 @@ class Fit:
         return max(0.0, found - least)
 
 
+def spread_of(least: float, freedom: int) -> float:
+    """Return the variance of residuals over the noise's; 1 where noise may have made them (chi^2, 5 %).
+
+    Args:
+        least: sum of their squares over the noise's.
+        freedom: rows less values found.
+    """
+    from scipy.special import gammaincc  # here: it takes long to load
+
+    return least / freedom if gammaincc(0.5 * freedom, 0.5 * least) < _BY_NOISE else 1.0
+
+
 def _crossing(rise: Callable[[float], float], best: float, step: float, bound: float) -> float:
     """Return where the root of a rise, nearly a straight line, meets that of the quantile; or the bound."""
     wanted, at = np.sqrt(_CHI2), step
@@ -337,8 +359,7 @@ def identify(
         raise InputError("\n".join((*problems, "--force fits in spite of this")))
     best, outliers = _without_outliers(fit, start)
     best, least = fit.least(best)
-    freedom = max(1, int(fit.rows.sum()) - len(best))
-    spread = max(1.0, least / freedom)
+    spread = spread_of(least, max(1, int(fit.rows.sum()) - len(best)))
     tell(f"fitted after {fit.curves.rows.solved} equilibria; intervals follow")
     found = tuple(fit.interval(best, least, number, spread) for number in range(fit.count))
     result = _result(fit, bench, series, check, odd, found, best, outliers)
@@ -383,5 +404,5 @@ def _result(
     aside = np.zeros(len(predicted), bool) if outliers is None else outliers
     return Identified(
         bench, tuple(series), check, tuple(odd), found, predicted, fit.measured, fit.noise, fit.rows,
-        fit.held_out, aside, fit.curves.rows.solved, np.full(len(predicted), np.nan),
+        fit.held_out, aside, fit.curves.rows.solved, np.full(len(predicted), np.nan), fit.zeros(at),
     )  # fmt: skip

@@ -253,9 +253,7 @@ class Slopes:
         """
         slopes, flange = EquilibriumSlope(solver, clamp, here, kinks=self._kinks), here.world_from_flange
         moved = [self._moves[k](here, clamp) for k in (range(len(self._moves)) if only is None else only)]
-        found = read(
-            self._outputs, OutputShape(slopes.own, here.state.positions, slopes.gradient, flange)
-        )
+        found = read(self._outputs, OutputShape(slopes.own, here.state.positions, slopes.gradient, flange))
         columns = [
             change(self._outputs, slopes, each, slope, flange)
             for each, slope in zip(moved, slopes.by(moved), strict=True)

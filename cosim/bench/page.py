@@ -32,6 +32,7 @@ _STYLE: Final = (
 )
 
 
+_ALIKE = 3.0  # times what residuals differ by, from where on they are alike
 _INSIDE = 0.75  # of held-out rows, below which intervals are too narrow
 
 
@@ -69,6 +70,13 @@ def series_lines(result: Identified) -> list[str]:
             parts.append(f"outliers set aside: row {places}")
         if not fitted.any() and not held.all():
             parts.append("the model cannot follow it: no row is met")
+        if entry.table.relative:
+            parts.append(f"offset {result.zeros[number]:.4g} {entry.unit}, found with the values")
+        elif abs(left.mean()) > _ALIKE * max(float(left.std()), entry.noise):
+            parts.append(
+                f"measured values are all some {-left.mean():.2g} {entry.unit} above the model's: "
+                "relative = true fits this offset, such as a volume of tubing"
+            )
         if _systematic(scaled[fitted]):
             parts.append("the model cannot follow it: what is left is no noise, neighbours are off alike")
         lines.append(f"{entry.table.name}: {'; '.join(parts)}")

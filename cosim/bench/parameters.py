@@ -14,6 +14,7 @@ from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 
+from cosim.base.kept_parts import content_name
 from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
@@ -143,11 +144,15 @@ class ModelParameter:
             with suppress(InputError):  # twice the step may not be allowed
                 made = _scheme(built, _FOURTH if in_time else _CENTRAL, step)
         law, straight = film_law(model.scenario), all(_last(key) in _STRAIGHT for key in self.keys)
+        alike = [content_name(system.body.cables) == content_name(drawn.cables) for *_, system in made]
+        held = list[Clamp]()  # those of the sides, and last the one they are made of, often the same
 
         def moves(here: Equilibrium, clamp: Clamp) -> Moved:
+            if not held or held[-1] is not clamp:
+                held[:] = [*(_redrawn_clamp(clamp, drawn, system.body) for *_, system in made), clamp]
             sides = tuple(
-                Side(offset, weight, bend, system, *_redrawn(clamp, here, (drawn, system.body), law))
-                for offset, weight, bend, system in made
+                Side(offset, weight, bend, system, own, _redrawn_loads(own is clamp, here, system, law), same)
+                for (offset, weight, bend, system), own, same in zip(made, held[:-1], alike, strict=True)
             )
             return Moved(self.name, sides, straight)
 
@@ -397,20 +402,19 @@ def _check_alike(one: SoftBody, other: SoftBody, name: str) -> None:
         )
 
 
-def _redrawn(
-    clamp: Clamp, here: Equilibrium, bodies: tuple[SoftBody, SoftBody], law: FilmContactLaw | None
-) -> tuple[Clamp, Loads]:
-    """Return a clamp that holds nodes where a changed body has them drawn, if it held them where they were.
-
-    And the loads with the areas that the changed body presses on itself with.
-    """
-    drawn, changed = bodies
+def _redrawn_clamp(clamp: Clamp, drawn: SoftBody, changed: SoftBody) -> Clamp:
+    """Return a clamp that holds nodes where a changed body has them, where it held them as drawn."""
     if np.array_equal(drawn.positions, changed.positions):
-        return clamp, here.loads
+        return clamp
     as_drawn = (clamp.offsets == drawn.positions[clamp.nodes]).all(axis=1)
     offsets = np.where(as_drawn[:, None], changed.positions[clamp.nodes], clamp.offsets)
+    return Clamp(clamp.nodes, offsets, clamp.components)
+
+
+def _redrawn_loads(same: bool, here: Equilibrium, changed: SoftSystem, law: FilmContactLaw | None) -> Loads:
+    """Return loads with the areas that a changed body presses on itself with, unless it is drawn the same."""
     loads = here.loads
-    if loads.self_contact is not None and law is not None:
-        pairs = SelfContact(changed, law).same_pairs(loads.self_contact, here.state.positions)
-        loads = replace(loads, self_contact=pairs)
-    return Clamp(clamp.nodes, offsets, clamp.components), loads
+    if same or loads.self_contact is None or law is None:
+        return loads
+    pairs = SelfContact(changed.body, law).same_pairs(loads.self_contact, here.state.positions)
+    return replace(loads, self_contact=pairs)

@@ -24,7 +24,7 @@ from cosim.errors import InputError, SensitivityError
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
+from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,

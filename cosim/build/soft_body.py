@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, TypeAlias, final
 
@@ -246,6 +247,13 @@ def _nodes_per_area(mesh: NamedMesh) -> Array:
     return np.asarray((1.0 / around[mesh.triangles]).sum(axis=1))
 
 
+@lru_cache(maxsize=2)
+def _stack_meshes(table: StackTable) -> tuple[NamedMesh, NamedMesh]:
+    """Return the drawn mesh of a stack and its own; kept, as derivatives build many bodies on one mesh."""
+    drawn = drawn_stack(table)
+    return drawn, stack_mesh(drawn, table)
+
+
 def cable_route(mesh: NamedMesh, table: CableTable) -> IntArray:
     """Return the nodes of a mesh that a cable leads through, base to tip."""
     if table.units is None:
@@ -368,8 +376,8 @@ def build_soft_body(
     """
     if model.published:
         robot = published_robot(robot)
-    drawn = _drawn(robot)
-    mesh = refine(drawn if robot.stack is None else stack_mesh(drawn, robot.stack), finer)
+    drawn, mesh = _drawn_body(robot) if robot.stack is None else _stack_meshes(robot.stack)
+    mesh = refine(mesh, finer)
     _check_panels(robot, mesh, path)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)
     base = np.unique(np.concatenate([mesh.ring(name) for name in robot.base]))
@@ -405,10 +413,8 @@ def build_soft_body(
     return body
 
 
-def _drawn(robot: SoftRobotTable) -> NamedMesh:
-    """Return the unrefined mesh of a robot."""
-    if robot.stack is not None:
-        return drawn_stack(robot.stack)
+def _drawn_body(robot: SoftRobotTable) -> tuple[NamedMesh, NamedMesh]:
+    """Return the unrefined mesh of a robot that is no stack, twice."""
     assert robot.body is not None, "a checked robot has one of the two"
     mesh: NamedMesh
     if isinstance(robot.body, MeshTable):
@@ -425,7 +431,7 @@ def _drawn(robot: SoftRobotTable) -> NamedMesh:
             f"the tip, {mesh.tip_ring!r}, has {len(mesh.ring(mesh.tip_ring))} nodes; a ring of {LEAST_RING} "
             "is needed at least"
         )
-    return mesh
+    return mesh, mesh
 
 
 def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:

@@ -26,7 +26,6 @@ SAVED_OTHERWISE = {
     "ChainSolver": "workspace, and what it keeps by pressure and loads",
     "ContactQuery": "poses, read anew for every search",
     "EquilibriumSolver": "iterations of the search in progress",
-    "EquilibriumSlope": "counts the assemblies of one Jacobian",
     "ErrorFinder": "ends of phases that this part of a run has seen; errors of other phases are left out",
     "FilmLook": "lists that are made anew where they do not serve; what is found does not depend on them",
     "FilmSides": "what is solved in a step, worked out anew for steps of another kind",

@@ -12,7 +12,7 @@ import cosim
 from cosim.base.frames import Array
 from cosim.bench.checks import identifiability, oddities
 from cosim.bench.curves import Curves
-from cosim.bench.fitting import Fit, Identified, identify
+from cosim.bench.fitting import Fit, Identified, identify, spread_of
 from cosim.bench.page import page_text, series_lines, write_results
 from cosim.config.benches import BenchTable, Series, SeriesTable, UnknownTable, load_bench
 from cosim.config.loading import load_soft_robot
@@ -74,11 +74,15 @@ def test_values_are_found_again_and_an_outlier_is_set_aside(tmp_path: Path) -> N
     assert relative_error(by_start, fit.jacobian(start)) < 1e-5
     wrong = list(series[0].values)
     wrong[2] += 1e-3
-    found = identify(bench, (replace(series[0], values=tuple(wrong)), series[1]))
+    shifted = tuple(2e-3 + value for value in series[1].values)
+    found = identify(bench, (replace(series[0], values=tuple(wrong)), replace(series[1], values=shifted)))
     assert np.array_equal(np.flatnonzero(found.outliers), [2])
     assert np.array_equal(np.flatnonzero(found.held_out), [5])
     assert "outliers set aside: row 3" in series_lines(found)[0]
     assert "held out rows by" in series_lines(found)[1]
+    assert "offset 0.002 m, found with the values" in series_lines(found)[1]
+    off = series_lines(replace(found, predicted=found.predicted - 0.01))
+    assert "measured values are all some 0.01 m above the model's: relative = true" in off[0]
     assert np.abs(np.array([each.value for each in found.found]) / TRUE - 1.0).max() < 1e-6
     assert all(each.low < value < each.high for each, value in zip(found.found, TRUE, strict=True))
     check_files(found, tmp_path)
@@ -91,6 +95,11 @@ def check_files(found: Identified, folder: Path) -> None:
     assert read.film.young_modulus_Pa == pytest.approx(1.3e9, rel=1e-6)
     assert "film.young_modulus_Pa" in read.known.measured
     assert "film" in read.known.published
+
+
+def test_intervals_widen_where_noise_has_not_made_the_residuals() -> None:
+    # the 95 % quantile of chi^2 with 13 degrees of freedom is 22.36
+    assert [spread_of(least, 13) for least in (1.0, 22.3, 22.5)] == [1.0, 1.0, 22.5 / 13]
 
 
 UNKNOWNS = tuple(

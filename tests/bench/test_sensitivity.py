@@ -130,6 +130,7 @@ def error_of(simulation: cosim.Simulation, name: str, step: float) -> float:
     ("name", "step"),
     [
         ("soft_robot.film.thickness_m", 3e-4),
+        ("soft_robot.film.young_modulus_Pa", 3e-4),
         ("soft_robot.stiffener.height_m", 3e-4),
         ("soft_robot.mass.node_mass_kg", 3e-4),
         ("soft_robot.cable.corner_0.capstan_factor", 3e-4),
@@ -159,6 +160,23 @@ def test_lengths_and_sealed_gas(name: str, step: float) -> None:
     assert column_error(jacobian[:, 0], solved(simulation, name, loads), value, step) < 1e-6
 
 
+def test_forces_are_linear_in_what_needs_one_assembly() -> None:
+    simulation = pulled()
+    arm, here = present(simulation)
+    solver = arm.equilibrium_solver.solver
+    model = StaticModel.of(simulation.scenario, solver.system)
+    names = [
+        "film.young_modulus_Pa", "stiffener.young_modulus_Pa", "hinge.stiffness_factor", "mass.node_mass_kg",
+    ]  # fmt: skip
+    wanted = parameters_of([*(f"soft_robot.{n}" for n in names), "pressure_Pa", "cable_tension_N"], model)
+    moved = [each.moves(model)(here, arm.clamp) for each in wanted]
+    assert all(each.straight for each in moved)
+    slopes = EquilibriumSlope(solver, arm.clamp, here)
+    two_sided = slopes.by([each._replace(straight=False) for each in moved])
+    for one, other in zip(slopes.by(moved), two_sided, strict=True):
+        assert relative_error(other.motion, one.motion) < 1e-7
+
+
 def test_products_move_as_one_and_units_are_said() -> None:
     names = tuple(f"soft_robot.cable.corner_{k}.stiffness_N_m" for k in (0, 1))
     found = cosim.sensitivity(pulled(), [names, "pressure_Pa"], ["tip_position_m.z", "volume_m3"])
@@ -179,6 +197,20 @@ def test_a_kink_is_refused() -> None:
     )
     with pytest.raises(cosim.SensitivityError, match=r"no derivative by pressure: the forces at node \d+ "):
         EquilibriumSlope(solver, arm.clamp, here).by([Moved("pressure", sides)])
+
+
+def test_a_cable_that_is_about_to_pull_is_refused() -> None:
+    simulation = pulled()
+    loads = present(simulation)[1].loads
+    slack = solution(simulation, replace(loads, cable_tension_N=(0.0, 0.5)), simulation.scenario)
+    length = slack.body.cables[0].length(slack.here.state.positions)
+    # it gets taut over 20 um
+    loads = replace(slack.here.loads, cable_length_m=(length + 1e-5, None))
+    there = solution(simulation, loads, simulation.scenario)
+    model = StaticModel.of(simulation.scenario, there.solver.system)
+    slopes = Slopes(parameters_of(["soft_robot.film.thickness_m"], model), outputs_of(OUTPUTS, model), model)
+    with pytest.raises(cosim.SensitivityError, match=r"no derivative by soft_robot.film.thickness_m"):
+        slopes.at(there.solver, there.clamp, there.here)
 
 
 @pytest.mark.parametrize(

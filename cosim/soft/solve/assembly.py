@@ -262,6 +262,10 @@ class SoftSystem:
             self.low_rank = LowRank.acting(acting.more.vectors, acting.more.coefficients)
         return energy
 
+    def act_as(self, other: SoftSystem) -> None:
+        """Take over what acts on another film, of as many chambers and with the same cables."""
+        self._acting = other._acting
+
     def acting(self, loads: Loads, share: Array, inertia: Inertia | None) -> FilmActing:
         """Return what acts on the film as kernels take it; the same arrays for the same objects."""
         key = loads, share, inertia

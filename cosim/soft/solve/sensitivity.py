@@ -21,7 +21,7 @@ together first, and one by one only where that finds something.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, final
 
@@ -40,10 +40,13 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, Equilibrium
 
 _ROUNDS_MAX: Final = 60
+_NEAR: Final = 0.1  # of dx/dp, within which the second round is as good as any further one
 _LEFT: Final = 1e-10  # of dx/dp, when the rounds end
 _ROUNDED: Final = 1e-5  # the same, where rounding keeps them from falling
 _KINK: Final = 2e-2  # of the first difference of a shape, the second one
 _SEEN_m: Final = 1e-8  # what rounding leaves of a second difference is far below it
+
+_ALONG_m: Final = 3e-8  # of each motion, where a kink is looked for along all at once
 
 
 class Side(NamedTuple):
@@ -56,6 +59,7 @@ class Side(NamedTuple):
         system: assembles the changed body.
         clamp: that holds it.
         loads: on it.
+        alike: whether its cables are those of the equilibrium.
         inertia: of an implicit step that ends there; None in statics.
     """
 
@@ -65,6 +69,7 @@ class Side(NamedTuple):
     system: SoftSystem
     clamp: Clamp
     loads: Loads
+    alike: bool = False
     inertia: Inertia | None = None
 
 
@@ -80,6 +85,11 @@ class Moved(NamedTuple):
     name: str
     sides: tuple[Side, ...]
     straight: bool = False
+
+    @property
+    def step(self) -> float:
+        """The longest of its offsets, in its unit."""
+        return max(abs(side.offset) for side in self.sides)
 
 
 def factorise_at(solver: NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
@@ -196,14 +206,14 @@ class EquilibriumSlope:
         self._x = np.array(here.state.positions, order="C")
         self._memory = system.fresh(here.state.memory) if inertia is None else here.state.memory
         # held nodes move and are pushed on; of the others the factorisation knows all
-        self._tangent = FrozenTangent.of(system, self._x, ~solver.free.all(axis=1))
+        self._tangent = FrozenTangent.of(system, self._x, np.asarray((~solver.free).any(axis=1)))
         lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
         pairs = zip(system.body.cables, lengths, strict=True)
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self.own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, inertia)
-        self._share = self._lost(self.own, self._x)
+        self.own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, True, inertia)
+        self._share = system.segment_share(self._x, here.loads, self._memory)
         self.gradient = self._assembled(self.own, self._x, self._share)
 
     def by(self, parameters: Sequence[Moved]) -> list[Slope]:
@@ -212,28 +222,45 @@ class EquilibriumSlope:
         Raises:
             SensitivityError: no derivative exists: the sides disagree, or the rounds do not converge.
         """
-        found = [self._slope(each) for each in parameters]
-        if not self._kinks and self._bends(found):
-            for each, slope in zip(parameters, found, strict=True):
+        plain = [
+            not self._losses_move and all(side.clamp is self._clamp for side in each.sides)
+            for each in parameters
+        ]
+        found = self._plain_slopes([each for each, one in zip(parameters, plain, strict=True) if one])
+        slopes = [
+            next(found) if one else self._slope(each) for each, one in zip(parameters, plain, strict=True)
+        ]
+        if not self._kinks and self._bends(slopes):
+            for each, slope in zip(parameters, slopes, strict=True):
                 self._check_kink(each, slope.motion)
-        return found
+        return slopes
+
+    def _plain_slopes(self, parameters: Sequence[Moved]) -> Iterator[Slope]:
+        """Yield the derivatives by parameters that leave the drawn film, and losses that leave the shape."""
+        still = np.zeros_like(self._x)
+        quotients = [self._quotient(each, still, None) for each in parameters]
+        forces = np.array([quotient for quotient, _, _ in quotients]).reshape(-1, *still.shape)
+        motions = -self._solver.linear.solve_all(np.where(self._solver.free, forces, 0.0))
+        for each, motion, (quotient, taken, bent) in zip(parameters, motions, quotients, strict=True):
+            yield Slope(motion, quotient, taken, bent, each.step)
 
     def _slope(self, parameter: Moved) -> Slope:
+        """Return the derivative by a parameter, in rounds."""
         sides, free = parameter.sides, self._solver.free
         redrawn, before = any(side.clamp is not self._clamp for side in sides), 0.0
-        held = sum(side.weight * self._placed(side) for side in sides) if redrawn else np.zeros_like(self._x)
-        motion, step = held, max(abs(side.offset) for side in sides)
+        motion = held = sum(side.weight * self._placed(side) for side in sides) + np.zeros_like(self._x)
+        # at rest one side shows well enough along what the quotient is to be taken
+        rough, at_once = parameter._replace(straight=True), self.own.inertia is None and not self._losses_move
         for round_ in range(_ROUNDS_MAX):
             along = motion if redrawn and round_ else None
-            quotient, taken, bent = self._quotient(parameter, motion, along)
+            moved = rough if redrawn and not round_ else parameter
+            quotient, taken, bent = self._quotient(moved, motion, along)
             pushed = self._tangent.times(held - taken) if redrawn and along is None else 0.0
-            last, motion = motion, taken + np.where(free, 0.0, held - taken) if redrawn else held
+            last, motion = motion, taken + np.where(free, 0.0, held - taken)
             motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
-            if not (redrawn or self._losses_move):
-                break
             size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
             fall = min(1.0, size / before) if before else 1.0
-            if size * fall <= _LEFT * most:
+            if size * fall <= _LEFT * most or (at_once and round_ and size < _NEAR * most):
                 break
             if before and 0.5 * before < size <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * most:
                 break
@@ -243,7 +270,7 @@ class EquilibriumSlope:
                 f"no derivative by {parameter.name}: losses along cables, which follow the shape, do not "
                 f"settle in {_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
             )
-        return Slope(motion, quotient, taken, bent, step)
+        return Slope(motion, quotient, taken, bent, parameter.step)
 
     def moved(self, side: Side, slope: Slope) -> tuple[Array, Array]:
         """Return positions (n, 3) [m] and gradient (n, 3) [N], which is that of the held nodes, on a side."""
@@ -279,7 +306,8 @@ class EquilibriumSlope:
         for side in parameter.sides:
             x = self._x if along is None else np.ascontiguousarray(self._x + side.offset * along)
             lost_at = self._x + side.offset * motion if self._losses_move else self._x
-            forces = self._assembled(side, x, self._lost(side, lost_at))
+            still = not side.offset and side.inertia is self.own.inertia
+            forces = self.gradient if still else self._assembled(side, x, self._lost(side, lost_at))
             found += side.weight * forces
             bent += side.bend * forces
             if along is not None:
@@ -288,11 +316,15 @@ class EquilibriumSlope:
 
     def _lost(self, side: Side, x: Array) -> Array:
         """Return the losses of a side's cables at a shape (n, 3) [m]."""
+        if side.alike and side.loads is self.own.loads and not self._losses_move:
+            return self._share
         return side.system.segment_share(x, side.loads, self._memory)
 
     def _assembled(self, side: Side, x: Array, share: Array) -> Array:
         """Return the gradient (n, 3) [N] of a side's potential at a shape (n, 3) [m], with some losses."""
         system = side.system
+        if side.alike:
+            system.act_as(self.own.system)
         system.evaluate(x, side.loads, share, self._memory, inertia=side.inertia, hessian=False)
         return system.gradient.copy()
 
@@ -303,15 +335,14 @@ class EquilibriumSlope:
         """
         motion, bent = np.zeros_like(self._x), -2.0 * self.gradient
         for k, slope in enumerate(slopes):
-            share = (-1.0) ** k * _SEEN_m / max(slope.size_m, _SEEN_m)
+            share = (-1.0) ** k * _ALONG_m / max(slope.size_m, _SEEN_m)
             if slope.bent is not None:
                 bent += share * slope.bent
             if not slope.taken.any():
                 motion += share * slope.step * slope.motion
         for x in (self._x + motion, self._x - motion):
-            share_there = self._lost(self.own, x) if self._losses_move else self._share
-            bent += self._assembled(self.own, x, share_there)
-        return self._bend_m(bent) > _KINK * _SEEN_m
+            bent += self._assembled(self.own, x, self._lost(self.own, x))
+        return self._bend_m(bent) > _KINK * _ALONG_m
 
     def _bend_m(self, bent: Array) -> float:
         """Return how far a second difference (n, 3) [N] of the forces moves a node."""
@@ -323,14 +354,14 @@ class EquilibriumSlope:
         for side in parameter.sides:
             x = np.ascontiguousarray(self._x + side.offset * motion)
             bent = bent + side.bend * self._assembled(side, x, self._lost(side, x))
-        step = max(abs(side.offset) for side in parameter.sides) * float(np.abs(motion).max())
-        if self._bend_m(bent) > _KINK * max(step, _SEEN_m):
+        size_m = parameter.step * float(np.abs(motion).max())
+        if self._bend_m(bent) > _KINK * max(size_m, _SEEN_m):
             bent = np.where(self._solver.free, bent, 0.0)
             place = place_of_largest(self._solver.system.body, self._x, bent, self._solver.free)
             raise SensitivityError(
-                f"no derivative by {parameter.name}: the forces at {place} change otherwise above than below "
-                "the present state, as where a cable gets taut, a contact begins, or a fold is near; move the "
-                "loads away from there"
+                f"no derivative by {parameter.name}: the forces at {place} change otherwise above than "
+                "below the present state, as where a cable gets taut, a contact begins, or a fold is near; "
+                "move the loads away from there"
             )
 
 
