@@ -148,10 +148,10 @@ def export(model: SAC, out: str) -> float:
     torch.onnx.export(mean, zeros, out, dynamo=False, **names)
     replayed, environment = policy_of(out), model.get_env().envs[0]
     seen, _ = environment.reset(seed=0)
-    return max(_apart(model, replayed, seen := _after(environment, seen)) for _ in range(_CHECKED))
+    return max(_apart(model, replayed, seen := _after(environment)) for _ in range(_CHECKED))
 
 
-def _after(environment: Any, seen: Mapping[str, Array]) -> Mapping[str, Array]:
+def _after(environment: Any) -> Mapping[str, Array]:
     seen, _, terminated, truncated, _ = environment.step(environment.action_space.sample())
     found: Mapping[str, Array] = environment.reset()[0] if terminated or truncated else seen
     return found

@@ -328,11 +328,10 @@ def test_a_grasp_asks_for_all_fingers_alike() -> None:
 
 def test_pulling_and_then_rising_lifts_the_roll() -> None:
     environment: Any = gymnasium.make("cosim/GraspLift-v0", overrides={"model.published": True}).unwrapped
-    seen, info = environment.reset(seed=0)
-    truncated = False
+    (_, info), truncated = environment.reset(seed=0), False
     while not (truncated or info["is_success"]):
         pulled = environment.measured.cable_tension_N["corner_0"] > 5.9
-        seen, _, _, truncated, info = environment.step([float(pulled), 0.0, float(not pulled)])
+        *_, truncated, info = environment.step([float(pulled), 0.0, float(not pulled)])
     assert info["is_success"]
     assert environment.measured.contact_force_N["roll"][2] > 0.5
 
