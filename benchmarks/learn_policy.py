@@ -147,8 +147,8 @@ def export(model: SAC, out: str) -> float:
     names = {"input_names": [*_INPUTS], "output_names": ["action"], "dynamic_axes": axes}
     torch.onnx.export(mean, zeros, out, dynamo=False, **names)
     replayed, environment = policy_of(out), model.get_env().envs[0]
-    seen, _ = environment.reset(seed=0)
-    return max(_apart(model, replayed, seen := _after(environment)) for _ in range(_CHECKED))
+    environment.reset(seed=0)
+    return max(_apart(model, replayed, _after(environment)) for _ in range(_CHECKED))
 
 
 def _after(environment: Any) -> Mapping[str, Array]:
