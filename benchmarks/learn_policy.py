@@ -57,7 +57,7 @@ class Recipe:
 
 RECIPES: Final = {
     "cosim/TipReach-v0": Recipe(15_000),
-    "cosim/GraspLift-v0": Recipe(18_000, 10, 150, 8, {"model.published": True}, 0.1),
+    "cosim/GraspLift-v0": Recipe(6_000, 10, 150, 8, {"model.published": True}, 0.1),
 }
 _INPUTS: Final = ("observation", "achieved_goal", "desired_goal")
 _SAC: Final[dict[str, Any]] = {
