@@ -55,7 +55,7 @@ def from_rosbags(path: Path) -> Array:
     """Return the joints (n, 6) that were asked for, of a bag, read by `rosbags`."""
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         wanted = [one for one in reader.connections if one.topic == "/joint_targets"]
-        read = (reader.deserialize(raw, one.msgtype) for one, _, raw in reader.messages(wanted))
+        read: list[Any] = [reader.deserialize(raw, one.msgtype) for one, _, raw in reader.messages(wanted)]
         return np.array([said.position for said in read])
 
 
