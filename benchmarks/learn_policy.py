@@ -57,7 +57,7 @@ class Recipe:
 
 RECIPES: Final = {
     "cosim/TipReach-v0": Recipe(15_000),
-    "cosim/GraspLift-v0": Recipe(18_000, 10, 150, 8, {"model.published": True}, 0.1),
+    "cosim/GraspLift-v0": Recipe(6_000, 10, 150, 8, {"model.published": True}, 0.1),
 }
 _INPUTS: Final = ("observation", "achieved_goal", "desired_goal")
 _SAC: Final[dict[str, Any]] = {
@@ -147,11 +147,11 @@ def export(model: SAC, out: str) -> float:
     names = {"input_names": [*_INPUTS], "output_names": ["action"], "dynamic_axes": axes}
     torch.onnx.export(mean, zeros, out, dynamo=False, **names)
     replayed, environment = policy_of(out), model.get_env().envs[0]
-    seen, _ = environment.reset(seed=0)
-    return max(_apart(model, replayed, seen := _after(environment, seen)) for _ in range(_CHECKED))
+    environment.reset(seed=0)
+    return max(_apart(model, replayed, _after(environment)) for _ in range(_CHECKED))
 
 
-def _after(environment: Any, seen: Mapping[str, Array]) -> Mapping[str, Array]:
+def _after(environment: Any) -> Mapping[str, Array]:
     seen, _, terminated, truncated, _ = environment.step(environment.action_space.sample())
     found: Mapping[str, Array] = environment.reset()[0] if terminated or truncated else seen
     return found

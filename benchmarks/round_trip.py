@@ -19,6 +19,8 @@ import numpy as np
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
 import cosim
 from cosim.base.frames import Array
@@ -41,12 +43,20 @@ def from_script(path: Path) -> Array:
     return np.array([[float(angle) for angle in row.split(",")] for row in rows])
 
 
-def from_bag(path: Path) -> Array:
-    """Return the joints (n, 6) that were asked for, of a bag."""
+def from_mcap(path: Path) -> Array:
+    """Return the joints (n, 6) that were asked for, of a bag's file, read by `mcap`."""
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found = [said.position for *_, said in reader.iter_decoded_messages(topics=["/joint_targets"])]
     return np.array(found)
+
+
+def from_rosbags(path: Path) -> Array:
+    """Return the joints (n, 6) that were asked for, of a bag, read by `rosbags`."""
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        wanted = [one for one in reader.connections if one.topic == "/joint_targets"]
+        read: list[Any] = [reader.deserialize(raw, one.msgtype) for one, _, raw in reader.messages(wanted)]
+        return np.array([said.position for said in read])
 
 
 def played(result: cosim.RunResult, table: cosim.JointTable, overrides: dict[str, Any]) -> None:
@@ -81,7 +91,9 @@ def main() -> None:
         for name, read in (("way.yaml", from_yaml), ("way.script", from_script)):
             table.write(Path(folder) / name)
             print(f"{name}: joints within {np.abs(read(Path(folder) / name) - table.joints).max():.1e} rad")
-        print(f"bag: joints within {np.abs(from_bag(bag / 'bag.mcap') - result.joint_target).max():.1e} rad")
+        for name, joints in (("mcap", from_mcap(bag / "bag.mcap")), ("rosbags", from_rosbags(bag))):
+            apart = np.abs(joints - result.joint_target).max()
+            print(f"bag, read by {name}: joints within {apart:.1e} rad")
         print(cosim.payload_torque(folder))
         played(result, table, overrides)
 

@@ -326,6 +326,16 @@ def test_a_grasp_asks_for_all_fingers_alike() -> None:
     assert set(command.cable_tension_N.values()) == {0.5 + 0.02 * 10.0}
 
 
+def test_pulling_and_then_rising_lifts_the_roll() -> None:
+    environment: Any = gymnasium.make("cosim/GraspLift-v0", overrides={"model.published": True}).unwrapped
+    (_, info), truncated = environment.reset(seed=0), False
+    while not (truncated or info["is_success"]):
+        pulled = environment.measured.cable_tension_N["corner_0"] > 5.9
+        *_, truncated, info = environment.step([float(pulled), 0.0, float(not pulled)])
+    assert info["is_success"]
+    assert environment.measured.contact_force_N["roll"][2] > 0.5
+
+
 @pytest.mark.parametrize("far", [(0.06, 0.06, 0.04), (-0.06, -0.06, -0.04)])
 def test_the_farthest_goals_are_reached_by_going_towards_them(far: tuple[float, ...]) -> None:
     environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
