@@ -114,7 +114,7 @@ def test_a_snap_that_the_equilibrium_names_is_not_approached_in_short_steps(body
 
 def test_a_limp_arm_is_given_up_after_a_bounded_effort(body: SoftBody) -> None:
     lift = Lift(lambda _tension: 0.5, body, iterations=250)
-    with pytest.raises(UnreachableError, match=r"gives way again and again: 1000 Newton iterations"):
+    with pytest.raises(UnreachableError, match=r"this pull was given up after 1000 Newton iterations"):
         find_tensions(lift, lift.begin(), TipTarget(height=0.6))
     assert len(lift.tried) <= 6
 

@@ -279,7 +279,7 @@ _LEAST_STEP = 0.0005
 _LARGEST_STEP = 0.05
 _FAR = 0.05  # of the length from flange to tip: a step that moves the tip farther is halved
 _LITTLE = 0.0125  # the next one is twice as long
-_LINE_MAX = 800  # iterations on one line: a limp arm, which gives way at each step, is given up
+_LINE_MAX = 800  # Newton iterations on one line: a limp arm gives way at each step
 _NO_INFLUENCE = 1e-3  # of the most influential cable
 
 
@@ -402,7 +402,7 @@ class TensionSweep:
         here, step, spent = self._first, _FIRST_STEP, 0
         while here.fraction < 1.0:
             if spent > _LINE_MAX:
-                self.lost = f"it gives way again and again: {spent} Newton iterations so far on this pull"
+                self.lost = f"this pull was given up after {spent} Newton iterations (bound {_LINE_MAX})"
                 return
             try:
                 there = self._followed(here, min(1.0, here.fraction + step))
