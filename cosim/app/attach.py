@@ -222,8 +222,11 @@ class Attached:
         carrier, parts = build_hosted(self.scenario, self._model, scene)
         loads = parts.loads(parts.plan.command)
         found = parts.brought_to_rest(carrier.flange_pose, loads)
-        if self.scenario.contact.enabled:
-            scene.check_clear(found.state.positions)
+        if self.scenario.contact.enabled and (deep := scene.begins_in(found.state.positions)):
+            raise InputError(
+                f"{deep}; move the mount, whose z axis it hangs along, or attach with "
+                'overrides={"contact.enabled": False}'
+            )
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )

@@ -180,6 +180,10 @@ class Carrier(ABC):
     def couple(self, wrench: Wrench) -> None:
         """Begin a lockstep run; `wrench` acts on the flange at its start."""
 
+    def begins_in(self, points: Array) -> str:
+        """Return what a film (n, 3) [m] begins deep inside of, see `CoupledScene`; empty for nothing."""
+        return ""
+
     def begin_with_others(self, servos: Servos) -> None:
         """Begin a tick, whose rigid half is then taken for several arms at once, ahead of `advance`."""
         raise NotImplementedError("no other arm is in the scene")

@@ -16,7 +16,7 @@ from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
-from cosim.errors import InputError, SolverError
+from cosim.errors import InputError, InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.stepping.parts import Parts, TickState
@@ -152,6 +152,10 @@ class DynamicSimulation(SteppedRun):
         carrier.set_configuration(plan.joints)
         loads = parts.loads(plan.command)
         found = parts.brought_to_rest(carrier.flange_pose, loads)
+        if deep := carrier.begins_in(found.state.positions):
+            raise InstabilityError(
+                f"{deep}, and would be thrown out; move the flange or that body, or start at another pressure"
+            )
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )

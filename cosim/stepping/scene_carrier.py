@@ -65,6 +65,9 @@ class SceneCarrier(Carrier):
         query = scene.contact_query(fixed_only=True)
         return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
 
+    def begins_in(self, points: Array) -> str:
+        return "" if self._contact_law is None else self._coupled.begins_in(points)
+
     def couple(self, wrench: Wrench) -> None:
         self._coupling = self._exchanging(wrench, self._contact())
 

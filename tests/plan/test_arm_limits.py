@@ -87,6 +87,23 @@ def test_a_base_that_starts_in_the_floor_is_refused() -> None:
         cosim.run("paper_figure_9", overrides={"start.flange.position_m": [0.3, 0.0, -0.0007]})
 
 
+def test_a_soft_robot_that_begins_inside_an_object_is_named(tmp_path: Path) -> None:
+    block = """
+[[object]]
+name = "block"
+shape = "box"
+size_m = [0.2, 0.2, 0.1]
+position_m = [0.3, 0.0, 0.6]
+mass_kg = 0.1
+"""
+    path = scenario(tmp_path, more=block)
+    overrides = {"fidelity": "lumped", "start.pressure_Pa": 20e3}
+    with pytest.raises(cosim.InstabilityError, match=r"at the start: .* begins \d+\.\d mm deep in 'block'"):
+        cosim.Simulation(path, overrides=overrides)
+    found = cosim.Simulation(path, overrides={**overrides, "object.block.position_m": [0.3, 0.0, 0.4]})
+    assert found.snapshot.time_s == 0.0
+
+
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_an_arm_that_cannot_hold_itself_at_its_start_is_refused(tmp_path: Path, mode: str) -> None:
     overrides = {"gravity_m_s2": [0.0, 0.0, -100.0], "mode": mode}

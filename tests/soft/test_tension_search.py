@@ -43,6 +43,7 @@ class Lift:
     body: SoftBody
     lost_at_N: float = np.inf
     slides_at_N: float = np.inf
+    iterations: int = 0
     tried: list[float] = field(default_factory=list)
 
     def begin(self) -> Equilibrium:
@@ -59,7 +60,13 @@ class Lift:
         x = self.body.positions + HANGING.translation
         x[:, 2] += self.height(tension) - float(x[self.body.tip, 2].mean())
         slides = int(begin.loads.cable_tension_N[0] <= self.slides_at_N < tension)
-        return replace(begin, state=SoftState.at_rest(x, np.zeros(0)), loads=loads, slides=slides)
+        return replace(
+            begin,
+            state=SoftState.at_rest(x, np.zeros(0)),
+            loads=loads,
+            slides=slides,
+            iterations=self.iterations,
+        )
 
     def sensitivity(self, here: Equilibrium) -> Slope:
         (tension,) = here.loads.cable_tension_N
@@ -103,6 +110,13 @@ def test_a_snap_that_the_equilibrium_names_is_not_approached_in_short_steps(body
             find_tensions(lift, lift.begin(), TipTarget(height=0.6))
         tried.append(len(lift.tried))
     assert tried[1] <= tried[0] - 3
+
+
+def test_a_limp_arm_is_given_up_after_a_bounded_effort(body: SoftBody) -> None:
+    lift = Lift(lambda _tension: 0.5, body, iterations=250)
+    with pytest.raises(UnreachableError, match=r"this pull was given up after 1000 Newton iterations"):
+        find_tensions(lift, lift.begin(), TipTarget(height=0.6))
+    assert len(lift.tried) <= 6
 
 
 def test_a_height_out_of_reach_is_refused_with_heights_that_are_found(body: SoftBody) -> None:

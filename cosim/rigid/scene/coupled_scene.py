@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, final
+from typing import Any, Final, final
 
 import mujoco
 import numpy as np
@@ -13,6 +13,8 @@ from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import MountedFrame
 from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
 from cosim.rigid.scene.native import NativeScene
+
+_DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 
 
 class CoupledScene(ABC):
@@ -107,6 +109,21 @@ class CoupledScene(ABC):
     @abstractmethod
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), but what carries the flange."""
+
+    def begins_in(self, points: Array) -> str:
+        """Return what a film begins deep inside of, and could only be thrown out of; empty for nothing.
+
+        Args:
+            points: (n, 3) [m], of the film, world.
+        """
+        query = self.contact_query()
+        hits = query.distances(points, -_DEEP_M)
+        if not len(hits):
+            return ""
+        k = int(np.argmin(hits.distance))
+        geom = int(query.geoms[hits.shape[k]])
+        name = self._model.geom(geom).name or self.body_names[self._model.geom_bodyid[geom]]
+        return f"the soft robot begins {-1e3 * hits.distance[k]:.1f} mm deep in {name!r}"
 
     @abstractmethod
     def save_state(self) -> Any:

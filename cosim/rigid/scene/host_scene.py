@@ -28,7 +28,6 @@ from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.native import NativeScene, mass_places
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 _MOST_OFF: Final = 1e-6
 """Share of a step by which MuJoCo's clock may be elsewhere than one step later."""
 
@@ -220,27 +219,6 @@ class HostScene(CoupledScene):
     def nothing_touched(self) -> ContactQuery:
         """Return the distances to nothing."""
         return ContactQuery(self._model, self._data, [])
-
-    def check_clear(self, points: Array) -> None:
-        """Check that a film does not begin inside of what it touches.
-
-        Args:
-            points: (n, 3) [m], of the film, world.
-
-        Raises:
-            InputError: it is deep in something, and could only be thrown out of there.
-        """
-        query = self.contact_query()
-        hits = query.distances(points, -_DEEP_M)
-        if not len(hits):
-            return
-        k = int(np.argmin(hits.distance))
-        geom = int(query.geoms[hits.shape[k]])
-        name = self._model.geom(geom).name or self.body_names[self._model.geom_bodyid[geom]]
-        raise InputError(
-            f"the soft robot begins {-1e3 * hits.distance[k]:.1f} mm deep in {name!r}; move the mount, whose "
-            'z axis it hangs along, or attach with overrides={"contact.enabled": False}'
-        )
 
     def carry(self) -> None:
         """Add what is carried to a mass matrix that MuJoCo has computed for new positions."""

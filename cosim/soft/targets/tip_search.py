@@ -279,6 +279,7 @@ _LEAST_STEP = 0.0005
 _LARGEST_STEP = 0.05
 _FAR = 0.05  # of the length from flange to tip: a step that moves the tip farther is halved
 _LITTLE = 0.0125  # the next one is twice as long
+_LINE_MAX = 800  # Newton iterations on one line: a limp arm gives way at each step
 _NO_INFLUENCE = 1e-3  # of the most influential cable
 
 
@@ -398,13 +399,17 @@ class TensionSweep:
     def _steps(self) -> Iterator[tuple[_SweepPoint, _SweepPoint]]:
         """Yield every two neighbouring states, until the line ends or the equilibrium is lost."""
         length = np.linalg.norm(self._first.tip - self._first.here.world_from_flange.translation)
-        here, step = self._first, _FIRST_STEP
+        here, step, spent = self._first, _FIRST_STEP, 0
         while here.fraction < 1.0:
+            if spent > _LINE_MAX:
+                self.lost = f"this pull was given up after {spent} Newton iterations (bound {_LINE_MAX})"
+                return
             try:
                 there = self._followed(here, min(1.0, here.fraction + step))
             except ConvergenceError as error:
                 self.lost = str(error)
                 return
+            spent += there.here.iterations
             moved = float(np.linalg.norm(there.tip - here.tip))
             snapped = there.here.branchings or there.here.slides  # which no shorter step avoids
             if moved > _FAR * length and step > _LEAST_STEP and not snapped:
