@@ -131,7 +131,7 @@ def _alike(rims: Array, length_m: Array) -> list[list[int]]:
     for s, rim in enumerate(rims):
         for group in groups:
             same = np.allclose(length_m[:, s], length_m[:, group[0]], rtol=_ALIKE)
-            if len(rim) and same and np.allclose(rim, rims[group[0]], rtol=_ALIKE):
+            if rim.any() and same and np.allclose(rim, rims[group[0]], rtol=_ALIKE):
                 group.append(s)
                 break
         else:

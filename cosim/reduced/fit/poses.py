@@ -12,6 +12,7 @@ from cosim.base.frames import Array
 _STRAIGHT = 5  # straight samples at each pressure
 _BEND_MAX = 0.5
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
+_HALF = 0.5  # of bends between whole units: those of half units, which bend little
 _LEAST_GAP = 0.02  # of the gap that a bend closes, left open
 
 
@@ -131,7 +132,8 @@ class Poses:
         result[:, 2] = still + place * np.abs(place) * np.where(place < 0.0, still - low, high - still)
         folded = np.maximum(still, 0.5 * self.lengths.longest)
         unit = bend / np.maximum(np.linalg.norm(bend, axis=1, keepdims=True), 1e-12)
-        largest = np.minimum(self.work.fold * folded / self._closed(unit), _BEND_MAX)
+        across = np.where(self.rims.any(axis=(1, 2)), self._closed(unit), self.radii.max() / _HALF)
+        largest = np.minimum(self.work.fold * folded / across, _BEND_MAX)
         result[:, 3:5] = largest[:, None] * bend
         result[:, 2] = np.maximum(result[:, 2], (1.0 + _LEAST_GAP) * self._closed(result[:, 3:5]))
 

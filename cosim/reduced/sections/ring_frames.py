@@ -128,14 +128,17 @@ class RingFrames:
 
     @cached_property
     def rims(self) -> Array:
-        """Corners (s, 4, 2) [m] of the larger frame of each section, or (s, 0, 2) if these are not squares."""
+        """Corners (s, 4, 2) [m] of the frames of each section: of squares alike, zero of half units.
+
+        Of other units (s, 0, 2).
+        """
         corners = [_square(shape) for shape in self.shapes]
-        chosen = [
-            max(corners[max(near - 1, 0)], corners[near], key=lambda rim: float(np.abs(rim).max(initial=0.0)))
-            for near in self.near.tolist()
-        ]
-        square = all(len(rim) for rim in chosen)
-        return np.ascontiguousarray(chosen) if square else np.zeros((len(chosen), 0, 2))
+        result = np.zeros((len(self.near), 4, 2))
+        for s, near in enumerate(self.near.tolist()):
+            first, second = corners[max(near - 1, 0)], corners[near]
+            if near and len(first) and len(second) and np.allclose(first, second, rtol=_SAME):
+                result[s] = second
+        return result if result.any() else result[:, :0]
 
     @property
     def bases(self) -> Mask:

@@ -57,12 +57,12 @@ def add_gaps(c: Matrix, s: int, x: Vector, rim: Matrix, gradient: Vector, hessia
         c: (sections, COEFFICIENTS or more).
         s: which section.
         x: (6,) strains.
-        rim: (n, 2) [m], corners of the frames; (0, 2) for none.
+        rim: (n, 2) [m], corners of the frames; zero, or (0, 2), for none.
         gradient: (6,).
         hessian: (6, 6), or (0, 6) where none is asked for.
     """
     energy = 0.0
-    if rim.shape[0] == 0:
+    if rim.shape[0] == 0 or rim[0, 0] == 0.0 == rim[0, 1]:
         return energy
     reach, per = _REACH * math.hypot(rim[0, 0], rim[0, 1]), GAP_INTERVALS / (_HIGH - _LOW)
     for kind in range(GAP_KINDS):
