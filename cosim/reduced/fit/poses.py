@@ -12,7 +12,7 @@ from cosim.base.frames import Array
 _STRAIGHT = 5  # straight samples at each pressure
 _BEND_MAX = 0.5
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
-_HALF = 0.5  # of bends between whole units: those of half units, which bend little
+_HALF = 2.8  # bends of half units, over what would be those of whole ones of their length
 _LEAST_GAP = 0.02  # of the gap that a bend closes, left open
 
 
