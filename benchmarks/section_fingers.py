@@ -6,9 +6,9 @@ The curve is that of one finger of `gripper_lifts_roll` without weight: its cabl
 several pressures; the film's units press on one another without friction, as in the samples. The angle is the
 sum of all bends between rims.
 
-Grasps start with gas (`--set start.pressure_Pa=5e3`) in both models. The table has at the end of every phase the
-sum of contact forces on the lightest movable object and its place over the flange, and times real time by CPU
-time, without recording, before and while it is touched.
+Grasps start with gas (`--set start.pressure_Pa=5e3`) in both models. The table has at the end of every phase
+the sum of contact forces on the lightest movable object and its place over the flange, and times real time by
+CPU time, without recording, before and while it is touched.
 """
 
 from __future__ import annotations

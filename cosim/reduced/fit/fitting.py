@@ -244,7 +244,8 @@ def _fit_gas(samples: Samples, over: Array, energy: Array, start: _Start) -> Arr
         rate = np.einsum("mk,kc->mc", over[:, 1], energy[:, s])
         now = np.einsum("mk,kc->mc", over[:, 0], energy[:, s])
         # dF/dL at fixed strains: z = u_3 / L - 1, of the polynomial alone
-        along = np.einsum("mc,mc->m", gradients[:, 2, :POLYNOMIAL], now[:, :POLYNOMIAL]) * samples.strain[:, s, 2] / reach
+        slope = np.einsum("mc,mc->m", gradients[:, 2, :POLYNOMIAL], now[:, :POLYNOMIAL])
+        along = slope * samples.strain[:, s, 2] / reach
         left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ start.length[:, s])
     # the slope of a spline knows its coefficients up to a constant
     return np.asarray(np.linalg.lstsq(-over[:, 1], left, rcond=None)[0])

@@ -84,9 +84,7 @@ class Poses:
         """Return wanted strains (s, 6): straight ones, almost straight ones, and bent ones."""
         straight = [self._straight(fraction) for fraction in np.linspace(0.0, 1.0, _STRAIGHT)]
         # small ones tell what a section resists shear, bending and twist with, apart from one another
-        small = [
-            at + self.work.small * (self._bent(random) * _ACROSS) for at in straight for _ in range(2)
-        ]
+        small = [at + self.work.small * (self._bent(random) * _ACROSS) for at in straight for _ in range(2)]
         return straight + small + [self._bent(random) for _ in range(self.work.samples)]
 
     def _straight(self, fraction: Array | float) -> Array:

@@ -140,7 +140,7 @@ DEGREES: Final = (
     *(max(0, power + _LOWEST[name]) for name, order in _ORDERS.items() for power in range(order + 1)),
     *(3,) * (COEFFICIENTS - POLYNOMIAL + 4),
 )
-"""How far each term's degree is above that of a linear spring: powers of z, products of invariants, functions of gaps."""
+"""How far each term's degree is above that of a linear spring: powers of z, products, functions of gaps."""
 LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
 

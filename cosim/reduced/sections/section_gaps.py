@@ -92,9 +92,7 @@ def add_gaps(c: Matrix, s: int, x: Vector, rim: Matrix, gradient: Vector, hessia
 
 
 @kernel(allocates=True)
-def basis(
-    strains: Matrix, inverse_length: Vector, rim: Matrix, values: Matrix, gradients: Blocks
-) -> None:
+def basis(strains: Matrix, inverse_length: Vector, rim: Matrix, values: Matrix, gradients: Blocks) -> None:
     """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
     count = values.shape[1]
     unit = np.zeros((1, count))
