@@ -43,7 +43,7 @@ from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
 from cosim.stepping.parts import film_law
 
-PRESSURES_Pa = (20e3, 30e3, 40e3)
+PRESSURES_Pa = (5e3, 10e3, 20e3, 30e3, 40e3)
 TENSIONS_N = np.linspace(0.0, 6.0, 13)
 
 
