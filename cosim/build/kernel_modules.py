@@ -65,10 +65,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules += (open_caps,)
     if scenario.fidelity == "section":
-        from cosim.reduced.sections import assembly, section_energy
+        from cosim.reduced.sections import assembly, section_energy, section_gaps
         from cosim.reduced.solve import chain_step, newton
 
-        modules += (assembly, section_energy, chain_step, newton)
+        modules += (assembly, section_energy, section_gaps, chain_step, newton)
     return modules if scenario.robot == NO_ARM else modules + exchange_modules(scenario)
 
 

@@ -114,9 +114,9 @@ class SectionBody:
         return float(np.linalg.norm(base[0])) + _REACH_MARGIN * (float(ends.sum(axis=1).max()) + radius)
 
     @property
-    def chain(self) -> tuple[Array, Array, IntArray, Array]:
-        """Coefficients (s, c), 1 / L (s,) [1/m], near (s,) and masses (f, 4, 4) as the kernels take them."""
-        return self.coefficients, self.inverse_length, self.frames.near, self.mass
+    def chain(self) -> tuple[Array, Array, IntArray, Array, Array]:
+        """Coefficients (s, c), 1 / L (s,) [1/m], near (s,), rims and masses (f, 4, 4) for the kernels."""
+        return self.coefficients, self.inverse_length, self.frames.near, self.frames.rims, self.mass
 
     @property
     def tables(self) -> tuple[Array, Array]:
@@ -208,7 +208,7 @@ class SectionBody:
 
     def volumes(self, frames: Array, pressure_Pa: Array) -> Array:
         """Return the volumes (k, copies) [m^3] enclosed by chains (k, f, 4, 3) at pressures (k,)."""
-        tables = GasTables(self._energies, self._lengths, self.model.gas, self.frames.near)
+        tables = GasTables(self._energies, self._lengths, self.model.gas, self.frames.near, self.frames.rims)
         result = np.empty((len(frames), self.copies))
         gas_volumes(frames, pressure_Pa, self.model.spline, tables, result)
         return result

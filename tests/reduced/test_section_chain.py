@@ -8,11 +8,13 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.reduced.sections.assembly import assemble, change_frames
 from cosim.reduced.sections.ring_frames import carried
-from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
+from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline
+from cosim.reduced.sections.section_gaps import basis
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.reduced.solve.newton import nothing_touched
 
 FRAMES = 4
+RIM = 0.3 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 class Loaded:
@@ -34,7 +36,8 @@ class Loaded:
         eyelets, tension = random.normal(0.0, 0.03, (FRAMES - 1, 2, 3)), random.uniform(1.0, 2.0, FRAMES - 1)
         length = np.full(FRAMES - 1, 50.0)
         cables = np.arange(1, FRAMES), eyelets, tension
-        sections = coefficients, length, np.arange(FRAMES - 1)
+        rims = np.tile(RIM, (FRAMES - 1, 1, 1))
+        sections = coefficients, length, np.arange(FRAMES - 1), rims
         self.chain = LoadedChain(*sections, mass, load, *cables, *nothing_touched())
 
     def at(self, frames: Array, *, hessian: bool = False) -> tuple[float, Array, Array]:
@@ -121,7 +124,7 @@ def test_the_slopes_of_the_terms_are_theirs() -> None:
 
     def values(x: Array) -> tuple[Array, Array]:
         value, gradient = np.zeros((5, COEFFICIENTS)), np.zeros((5, 6, COEFFICIENTS))
-        basis(x, np.full(5, 10.0), value, gradient)
+        basis(x, np.full(5, 10.0), RIM, value, gradient)
         return value, gradient
 
     gradients = values(strain)[1]

@@ -12,10 +12,12 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
-from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
+from cosim.reduced.fit.poses import WorkingRange
+from cosim.reduced.fit.sampling import Sampler, Samples
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.reduced.sections.ring_frames import RingFrames
-from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, PressureSpline, basis
+from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline
+from cosim.reduced.sections.section_gaps import basis
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
@@ -36,6 +38,8 @@ _FINER_RIDGE, _FINER_RISE = 0.1, 3.0
 _SMOOTHING, _FIRST_SMOOTHING = 3e-4, 1e-3
 _HELD_OUT = 8  # of so many samples one is not fitted
 _GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
+_ALIKE = 1e-2  # of lengths of sections
+_LEAST_SCALE = 3e-2  # of a function of gaps, over its largest at any pressure
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
 _BEYOND = 0.15  # of the sampled range of lengths, on either side
 _FARTHEST_BEND = 1.25  # over the largest sampled
@@ -63,18 +67,17 @@ def fit_model(
     else:
         length, known, limits = coarse.length, *np.split(coarse.energy, [COEFFICIENTS], axis=2)
         ridge = _FINER_RIDGE * _FINER_RISE ** np.array(DEGREES)
-    fits = [
-        _fit_section(samples, s, over[:, 0], length[:, s], known[:, s], ridge)
-        for s in range(samples.strain.shape[1])
-    ]
-    energy = np.stack([fit.coefficients for fit in fits], axis=1)
+    energy, off = known.copy(), np.empty_like(samples.strain)
+    start = _Start(over[:, 0], length, known, ridge, frames.rims)
+    for group in _alike(frames.rims, samples.length_m):
+        energy[:, group], off[:, group] = _fit_sections(samples, group, start)
     return SectionModel(
         spline,
         np.concatenate([energy, limits], axis=2),
         length,
-        _fit_gas(samples, over, energy, length),
+        _fit_gas(samples, over, energy, start),
         _fit_nodes(samples, frames, over[:, 0]),
-        _held_out(samples, np.stack([fit.off for fit in fits], axis=1)),
+        _held_out(samples, off),
         len(samples.pressure_Pa),
         samples.failures,
     )
@@ -122,42 +125,79 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
     return np.asarray(found.reshape(over.shape[1], -1, 3))
 
 
+def _alike(rims: Array, length_m: Array) -> list[list[int]]:
+    """Return sections that share one energy: those between squares, of one size and length."""
+    groups: list[list[int]] = []
+    for s, rim in enumerate(rims):
+        for group in groups:
+            same = np.allclose(length_m[:, s], length_m[:, group[0]], rtol=_ALIKE)
+            if rim.any() and same and np.allclose(rim, rims[group[0]], rtol=_ALIKE):
+                group.append(s)
+                break
+        else:
+            groups.append([s])
+    return groups
+
+
 @final
 @dataclass(frozen=True)
-class _Fit:
-    """Coefficients (size, c) of one section, and by what its forces (m, 6) are off in all samples."""
+class _Start:
+    """What a fit begins with.
 
-    coefficients: Array
-    off: Array
+    Args:
+        over: (m, size), the spline's functions at the samples.
+        length: (size, s) [m], L.
+        known: (size, s, COEFFICIENTS), to which no more is added than samples need.
+        ridge: (COEFFICIENTS,), how much that costs.
+        rims: (s, n, 2) [m], see `RingFrames.rims`.
+    """
+
+    over: Array
+    length: Array
+    known: Array
+    ridge: Array
+    rims: Array
+
+    def terms(self, samples: Samples, s: int) -> tuple[Array, Array]:
+        """Return values (m, c) and gradients (m, 6, c) of the energy's terms of a section."""
+        strain = np.ascontiguousarray(samples.strain[:, s])
+        values = np.zeros((len(strain), COEFFICIENTS))
+        gradients = np.zeros((len(strain), 6, COEFFICIENTS))
+        basis(strain, 1.0 / (self.over @ self.length[:, s]), self.rims[s], values, gradients)
+        return values, gradients
+
+    def rows(self, samples: Samples, s: int) -> Array:
+        """Return (m, 6, size (c - 1)): forces of a section by coefficients, but for the constant term."""
+        gradients = self.terms(samples, s)[1][:, :, None, 1:]
+        return np.asarray((gradients * self.over[:, None, :, None]).reshape(len(self.over), 6, -1))
 
 
-def _terms(strain: Array, inverse_length: Array) -> tuple[Array, Array]:
-    """Return values (m, c) and gradients (m, 6, c) of the energy's terms."""
-    count = len(strain)
-    values, gradients = np.zeros((count, COEFFICIENTS)), np.zeros((count, 6, COEFFICIENTS))
-    basis(np.ascontiguousarray(strain), np.ascontiguousarray(inverse_length), values, gradients)
-    return values, gradients
-
-
-def _fit_section(samples: Samples, s: int, over: Array, length: Array, known: Array, ridge: Array) -> _Fit:
-    """Return the fit of section s, with no more added to known coefficients (size, c) than samples need."""
-    strain, force = samples.strain[:, s], samples.force[:, s]
-    _, gradient = _terms(strain, 1.0 / (over @ length))
-    weight = _weights(samples.pressure_Pa, force)
-    # the constant term has no gradient
-    rows = (gradient[:, :, None, 1:] * over[:, None, :, None]).reshape(len(strain), 6, -1)
-    left = force - rows @ known[:, 1:].ravel()
-    kept = ~_is_held_out(samples)
-    matrix = (rows * weight[:, :, None])[kept].reshape(-1, rows.shape[2])
-    load = (left * weight)[kept].ravel()
-    scale = np.sqrt((matrix**2).mean(axis=0)) + 1e-300
-    matrix = matrix / scale
-    rough = _roughness(scale, over.shape[1])
-    normal = matrix.T @ matrix + len(load) * (np.diag(np.tile(ridge[1:], over.shape[1])) + rough)
-    solution = np.linalg.solve(normal, matrix.T @ load) / scale
+def _fit_sections(samples: Samples, group: list[int], start: _Start) -> tuple[Array, Array]:
+    """Return coefficients (size, 1, c) that sections share, and by what forces (m, g, 6) are off."""
+    size, known = start.over.shape[1], start.known[:, group[0]]
+    kept, unknown = ~_is_held_out(samples), size * (COEFFICIENTS - 1)
+    normal, load = np.zeros((unknown, unknown)), np.zeros(unknown)
+    left = np.empty((len(kept), len(group), 6))
+    for k, s in enumerate(group):
+        rows, force = start.rows(samples, s), samples.force[:, s]
+        left[:, k] = force - rows @ known[:, 1:].ravel()
+        weight = _weights(samples.pressure_Pa, force)
+        matrix = (rows * weight[:, :, None])[kept].reshape(-1, unknown)
+        normal += matrix.T @ matrix
+        load += matrix.T @ (left[:, k] * weight)[kept].ravel()
+    count = 6 * int(kept.sum()) * len(group)
+    scale = np.sqrt(np.diag(normal) / count).reshape(size, -1)
+    # functions of gaps that no sample at a pressure reaches stay near those at the next one
+    gaps = scale[:, POLYNOMIAL - 1 :]
+    np.maximum(gaps, _LEAST_SCALE * gaps.max(axis=0), out=gaps)
+    scale = scale.ravel() + 1e-100
+    system = normal / np.outer(scale, scale) + count * np.diag(np.tile(start.ridge[1:], size))
+    system += count * _roughness(scale, size)
+    solution = np.linalg.solve(system, load / scale) / scale
     coefficients = known.copy()
-    coefficients[:, 1:] += solution.reshape(over.shape[1], -1)
-    return _Fit(coefficients, rows @ solution - left)
+    coefficients[:, 1:] += solution.reshape(size, -1)
+    off = np.stack([start.rows(samples, s) @ solution for s in group], axis=1) - left
+    return coefficients[:, None], off
 
 
 def _roughness(scale: Array, size: int) -> Array:
@@ -195,17 +235,18 @@ def _weights(pressure: Array, force: Array) -> Array:
     return weight
 
 
-def _fit_gas(samples: Samples, over: Array, energy: Array, length: Array) -> Array:
+def _fit_gas(samples: Samples, over: Array, energy: Array, start: _Start) -> Array:
     """Return (size,): the potential whose negative slope is the volume that the sections leave out."""
     left = samples.volume_m3.copy()
     for s in range(energy.shape[1]):
-        reach = over[:, 0] @ length[:, s]
-        values, gradients = _terms(samples.strain[:, s], 1.0 / reach)
+        reach = over[:, 0] @ start.length[:, s]
+        values, gradients = start.terms(samples, s)
         rate = np.einsum("mk,kc->mc", over[:, 1], energy[:, s])
         now = np.einsum("mk,kc->mc", over[:, 0], energy[:, s])
-        # dF/dL at fixed strains: z = u_3 / L - 1
-        along = np.einsum("mc,mc->m", gradients[:, 2], now) * samples.strain[:, s, 2] / reach
-        left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ length[:, s])
+        # dF/dL at fixed strains: z = u_3 / L - 1, of the polynomial alone
+        slope = np.einsum("mc,mc->m", gradients[:, 2, :POLYNOMIAL], now[:, :POLYNOMIAL])
+        along = slope * samples.strain[:, s, 2] / reach
+        left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ start.length[:, s])
     # the slope of a spline knows its coefficients up to a constant
     return np.asarray(np.linalg.lstsq(-over[:, 1], left, rcond=None)[0])
 
@@ -259,7 +300,7 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
-METHOD: Final = 5
+METHOD: Final = 6
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5
@@ -277,6 +318,11 @@ class Effort:
     levels: int = 14
     samples: int = 20
     intervals: int = 8
+
+    @classmethod
+    def of(cls, frames: RingFrames) -> Effort:
+        """Return that of a stack; where square units touch changes with pressure, so they take more."""
+        return cls(18, 45, 10) if frames.rims.size else cls()
 
 
 def build_model(
@@ -300,11 +346,12 @@ def build_model(
         InputError: there is no section model of such a body.
         MeshError: `coarse` is not that mesh.
     """
-    first, effort = coarse or body, effort or Effort()
+    first = coarse or body
+    frames = RingFrames.of(first)
+    effort = effort or Effort.of(frames)
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
     work = WorkingRange(spline.pressures(effort.levels), tension, effort.samples)
-    frames = RingFrames.of(first)
     samples = Sampler(first, frames, films).collect(work, _SEED)
     model = fit_model(samples, frames, spline)
     if coarse is not None:

@@ -20,6 +20,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.errors import ConvergenceError
+from cosim.reduced.fit.poses import Lengths, Poses, WorkingRange
 from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -131,40 +132,12 @@ Sample: TypeAlias = tuple[float, Array, Array, float, Array, Array, Array]
 """Pressure, strains, forces, volume, frames, nodes and target, as in `Samples`."""
 
 _STILL = (0.0, 0.0, 0.0)
-_STRAIGHT = 5  # straight samples at each pressure
+_ALMOST_STRAIGHT = 15  # first samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
-_BEND_MAX = 0.5
-_ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _LEAST_STEP = 0.1  # of the way to a sample
 _FINER_OF = 5  # of so many poses one is sampled on the refined mesh as well
 _CRUMPLED_Pa = 500.0  # below: bent films of a refined mesh are not sampled
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
-
-
-@final
-@dataclass(frozen=True)
-class WorkingRange:
-    """Of what the samples are taken.
-
-    Args:
-        pressures_Pa: rising from 0.
-        tension_N: axial force up to which sections are stretched.
-        samples: at each pressure, besides straight and almost straight ones.
-        compression: largest shortening of a section over its length without load; less at low pressure.
-        bend: largest angle between neighbouring frames, relative to that at which their rims would meet.
-        twist: sine of the largest angle about the axis.
-        shear_m: largest shift between neighbouring frames.
-        small: share of bend, twist and shear in samples that are almost straight.
-    """
-
-    pressures_Pa: tuple[float, ...]
-    tension_N: float
-    samples: int
-    compression: float = 0.35
-    bend: float = 0.75
-    twist: float = 0.02
-    shear_m: float = 3e-4
-    small: float = 0.15
 
 
 @final
@@ -217,8 +190,10 @@ class Sampler:
         self._frames = frames
         self._system = SoftSystem(body)
         clamp = Clamp.of_base(body)
+        # square units are followed to where they fold; others stop where their film crumples
+        iterations, shift_N_m = (60, 1e9) if frames.rims.size else (25, 1e6)
         options = NewtonOptions(
-            tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=25, shift_max_N_m=1e6
+            tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=iterations, shift_max_N_m=shift_N_m
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
         contact = None if films is None else SelfContact(body, films)
@@ -227,8 +202,7 @@ class Sampler:
         self._slack = Loads((), (0.0,) * len(body.cables), _STILL)
         self._body = body
         self.reached: list[float] = []
-        base = np.linalg.norm(body.positions[body.base, :2], axis=1).max()
-        self._radii = np.array([base, *(np.linalg.norm(shape, axis=1).max() for shape in frames.shapes)])
+        self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
 
     def collect(self, work: WorkingRange, seed: int) -> Samples:
         """Return samples over a working range.
@@ -239,24 +213,15 @@ class Sampler:
         """
         random = np.random.default_rng(seed)
         free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        longest = self._still_lengths(free, work.pressures_Pa[-1])
         rows: list[Sample] = []
         lengths, failures = [], 0
         for pressure in work.pressures_Pa:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
             rows.append(self._sample(free))
-            low, high = self._lengths(free, work)
-            lengths.append(0.5 * (low + high))
-            straight = [
-                straight_strains(low, high, fraction) for fraction in np.linspace(0.0, 1.0, _STRAIGHT)
-            ]
-            # small ones tell what a section resists shear, bending and twist with, apart from one another
-            small = [
-                at + work.small * (random_strains(random, low, high, self._radii, work) * _ACROSS)
-                for at in straight
-                for _ in range(2)
-            ]
-            bent = [random_strains(random, low, high, self._radii, work) for _ in range(work.samples)]
-            for wanted in straight + small + bent:
+            here = self._lengths(free, longest, work)
+            lengths.append(0.5 * (here.low + here.high))
+            for wanted in Poses(here, self._radii, self._frames.rims, work).draw(random):
                 try:
                     rows.append(self._guided(free, wanted))
                 except ConvergenceError:
@@ -279,7 +244,7 @@ class Sampler:
             others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()[1:]  # but the free shape
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
             rows.append(self._sample(free))
-            most = len(others) if pressure > _CRUMPLED_Pa else 3 * _STRAIGHT
+            most = len(others) if pressure > _CRUMPLED_Pa else _ALMOST_STRAIGHT
             for k in others[level % _FINER_OF : most : _FINER_OF]:
                 start = coarse.positions[k][parents].mean(axis=1)
                 try:
@@ -288,8 +253,14 @@ class Sampler:
                     failures += 1
         return Samples.of(rows, coarse.length_m, failures)
 
-    def _lengths(self, free: Equilibrium, work: WorkingRange) -> tuple[Array, Array]:
-        """Return the shortest and the longest length (s,) [m] of each section to sample."""
+    def _still_lengths(self, free: Equilibrium, pressure_Pa: float) -> Array:
+        """Return the lengths (s,) [m] of the sections without load; of squares, others need none."""
+        if self._frames.rims.size:
+            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure_Pa,)))
+        return strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
+
+    def _lengths(self, free: Equilibrium, longest: Array, work: WorkingRange) -> Lengths:
+        """Return the lengths to sample at a pressure."""
         still = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
         force = np.zeros_like(free.state.positions)
         force[self._body.tip, 2] = work.tension_N / len(self._body.tip)
@@ -297,7 +268,7 @@ class Sampler:
         long = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
         pressure = free.loads.pressures(1)[0]
         shortened = work.compression * pressure / (pressure + _HALF_STIFF_Pa)
-        return (1.0 - shortened) * still, np.maximum(1.02 * long, 1.05 * still)
+        return Lengths((1.0 - shortened) * still, still, np.maximum(1.02 * long, 1.05 * still), longest)
 
     def _guided(self, free: Equilibrium, wanted: Array) -> Sample:
         """Return the sample at wanted strains (s, 6), or as far on the way there as the film goes.
@@ -374,42 +345,6 @@ class Sampler:
 # far above a section's own stiffness in bending and length, so that it goes where it is sent; below it in
 # shear and twist, which then come from what the section needs
 _GUIDE_STIFFNESS = np.array([3e4, 3e4, 3e4, 30.0, 30.0, 30.0])
-
-
-def straight_strains(low: Array, high: Array, fraction: Array | float) -> Array:
-    """Return the strains (s, 6) of a straight chain, lengths a fraction of the way from low to high."""
-    result = np.zeros((len(low), 6))
-    result[:, 2] = low + fraction * (high - low)
-    return result
-
-
-def random_strains(
-    random: np.random.Generator, low: Array, high: Array, radii: Array, work: WorkingRange
-) -> Array:
-    """Return wanted strains (s, 6) that change slowly along the chain.
-
-    Args:
-        random: source.
-        low: (s,) [m], shortest lengths.
-        high: (s,) [m], longest lengths.
-        radii: (s + 1,) [m], of the rings.
-        work: working range.
-    """
-    way = np.linspace(0.0, 1.0, len(low))[:, None]
-
-    def field(size: int) -> Array:
-        """Return (s, size): constant and linear parts and a little of anything, within about -1 to 1."""
-        ends = random.uniform(-1.0, 1.0, (2, size))
-        return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.05, (len(low), size)))
-
-    result = straight_strains(low, high, np.clip(0.5 + 0.5 * field(1)[:, 0], 0.0, 1.0))
-    result[:, :2] = work.shear_m * field(2)
-    bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
-    # rims of neighbouring frames meet at an angle of length over radius
-    largest = np.minimum(work.bend * result[:, 2] / radii[1:], _BEND_MAX)
-    result[:, 3:5] = largest[:, None] * bend / np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
-    result[:, 5] = work.twist * field(1)[:, 0]
-    return result
 
 
 def _motion(before: Array, after: Array) -> Array:

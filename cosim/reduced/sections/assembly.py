@@ -37,6 +37,7 @@ from cosim.reduced.sections.section_energy import (
     section_energy,
     weighted_rows,
 )
+from cosim.reduced.sections.section_gaps import add_gaps
 from cosim.reduced.sections.section_strains import (
     Bed,
     ChainWork,
@@ -193,12 +194,14 @@ class GasTables(NamedTuple):
         length: (size, s).
         gas: (size,), of one copy.
         near: (s,) the frame before each section.
+        rims: (s, n, 2) [m], see `LoadedChain`.
     """
 
     energy: Matrix
     length: Matrix
     gas: Vector
     near: Indices
+    rims: Blocks
 
 
 @kernel(allocates=True)
@@ -236,6 +239,7 @@ def gas_volumes(
             # z = u_3 / L - 1 moves with L
             out[k, copy] += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
             out[k, copy] -= section_energy(rates, s, x, inverse_length[s], gradient, none)
+            out[k, copy] -= add_gaps(rates, s, x, tables.rims[s], gradient, none)
         for copy in range(out.shape[1]):
             out[k, copy] -= rest
 

@@ -9,6 +9,7 @@ A frame is four points (4, 3): origin and unit axes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -18,6 +19,7 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 
 POINTS = 4
+_SAME = 1e-3  # of a radius
 
 
 def points_of(pose: Pose) -> Array:
@@ -124,6 +126,20 @@ class RingFrames:
         first = len(self) - own * self.copies
         return [slice(first + own * k, first + own * (k + 1)) for k in range(self.copies)]
 
+    @cached_property
+    def rims(self) -> Array:
+        """Corners (s, 4, 2) [m] of the frames of each section: of squares alike, zero of half units.
+
+        Of other units (s, 0, 2).
+        """
+        corners = [_square(shape) for shape in self.shapes]
+        result = np.zeros((len(self.near), 4, 2))
+        for s, near in enumerate(self.near.tolist()):
+            first, second = corners[max(near - 1, 0)], corners[near]
+            if near and len(first) and len(second) and np.allclose(first, second, rtol=_SAME):
+                result[s] = second
+        return result if result.any() else result[:, :0]
+
     @property
     def bases(self) -> Mask:
         """(f,) the frames without a ring, which go with the flange."""
@@ -208,6 +224,15 @@ class RingFrames:
             point[:, 3] = 0.0
             np.add.at(result, frame, np.einsum("n,na,nb->nab", weight * node_mass, point, point))
         return result
+
+
+def _square(shape: Array) -> Array:
+    """Return the corners (4, 2) [m] of a ring (m, 3) around them; (0, 2) if it is no square."""
+    radius = np.linalg.norm(shape[:, :2], axis=1)
+    corners = shape[radius > (1.0 - _SAME) * radius.max(initial=0.0), :2]
+    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+    square = len(corners) == 4 and abs(corners[0] @ corners[1]) < _SAME * radius.max() ** 2
+    return corners if square else np.zeros((0, 2))
 
 
 def strains(before: Array, after: Array) -> Array:

@@ -7,7 +7,7 @@ q = arsinh(p / p_0); c(p) = sum_k B_k(q) c_k. Source: de Boor, A Practical Guide
 Strains x = (u, w) of a section (see `chain`): u_3 its length, (u_1, u_2) shear, (w_1, w_2) bending,
 w_3 twist.
 A regular polygon's film answers alike in all directions up to the fourth order (six corners; four corners: up
-to the third), so the energy depends on invariants alone,
+to the third, see `section_gaps`), so the energy depends on invariants alone,
     z = u_3 / L - 1,   b = w_1^2 + w_2^2,   s = u_1^2 + u_2^2,   q = u_1 w_2 - u_2 w_1,
     t = w_3^2,         m = -w_3 (u_1 w_1 + u_2 w_2),
     F = A(z) + b B(z) + b^2 B2(z) + b^3 B3(z) + s S(z) + q Q(z) + b q Q2(z) + t T(z)
@@ -24,7 +24,7 @@ from typing import Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, Matrix, Vector, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernels import Matrix, Vector, device_function, kernel
 
 _SCALE_Pa = 200.0
 TERMS = 4
@@ -131,13 +131,16 @@ class SplineTerms:
 
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
-COEFFICIENTS: Final = sum(order + 1 for order in _ORDERS.values()) + 4
+POLYNOMIAL: Final = sum(order + 1 for order in _ORDERS.values()) + 4
+GAP_KINDS, GAP_INTERVALS = 3, 12
+COEFFICIENTS: Final = POLYNOMIAL + GAP_KINDS * (GAP_INTERVALS + 3)
+"""Of the polynomial and of the functions of gaps (see `section_gaps`)."""
 _LOWEST: Final = {"A": -1, "B": 0, "B2": 1, "B3": 2, "S": 0, "Q": 0, "Q2": 1, "T": 0}
 DEGREES: Final = (
     *(max(0, power + _LOWEST[name]) for name, order in _ORDERS.items() for power in range(order + 1)),
-    *(3, 3, 3, 3),
+    *(3,) * (COEFFICIENTS - POLYNOMIAL + 4),
 )
-"""How far each term's degree is above that of a linear spring: powers of z, products of invariants."""
+"""How far each term's degree is above that of a linear spring: powers of z, products, functions of gaps."""
 LOW, HIGH, BENT = COEFFICIENTS, COEFFICIENTS + 1, COEFFICIENTS + 2
 """Columns behind the coefficients: limits of z, and of b."""
 
@@ -244,19 +247,3 @@ def _fill_hessian(
     hessian[5, 5] = 2.0 * f_t
     for i, k in ((1, 0), (3, 0), (4, 0), (5, 0), (3, 1), (4, 1), (5, 1), (4, 3), (5, 3), (5, 4)):
         hessian[k, i] = hessian[i, k]
-
-
-@kernel(allocates=True)
-def basis(strains: Matrix, inverse_length: Vector, values: Matrix, gradients: Blocks) -> None:
-    """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
-    count = values.shape[1]
-    unit = np.zeros((1, count))
-    gradient = small_vector(6)
-    none = small_matrix(0, 6)
-    for i in range(strains.shape[0]):
-        for k in range(count):
-            unit[0, k] = 1.0
-            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, none)
-            unit[0, k] = 0.0
-            for r in range(6):
-                gradients[i, r, k] = gradient[r]

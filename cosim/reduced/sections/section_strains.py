@@ -36,6 +36,7 @@ from cosim.base.kernels import (
     zero_matrix,
 )
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
+from cosim.reduced.sections.section_gaps import add_gaps
 from cosim.soft.contact.contact_law import touch
 
 
@@ -46,6 +47,7 @@ class LoadedChain(NamedTuple):
         coefficients: (s, c), of the sections' energies.
         inverse_length: (s,) [1/m].
         near: (s,) the frame before each section; the far one is the next.
+        rims: (s, n, 2) [m], corners of square frames; (s, 0, 2) for others.
         mass: M (f, 4, 4), symmetric.
         load: (f, 4, 3) [N, N m], on the frames' points.
         far: (k,) frame at the far end of each cable segment; the near end is on the frame before.
@@ -59,6 +61,7 @@ class LoadedChain(NamedTuple):
     coefficients: Matrix
     inverse_length: Vector
     near: Indices
+    rims: Blocks
     mass: Blocks
     load: Blocks
     far: Indices
@@ -277,6 +280,7 @@ def add_sections(
         if not (c[s, LOW] <= place <= c[s, HIGH] and x[3] * x[3] + x[4] * x[4] <= c[s, BENT]):
             return np.inf
         energy += section_energy(c, s, x, inverse_length[s], g, h)
+        energy += add_gaps(c, s, x, chain.rims[s], g, h)
         _add_pull(frames, f, d, g, gradient, (lean, turn))
         if hessian:
             _add_stiffness(frames, f, d, h, work.diagonal, work.off)

@@ -1,0 +1,78 @@
+"""Square units fold on a chain as their film does: bends by cables, and the gas within."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Pose
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.config.rules import file_of
+from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.section_model import SectionBody
+from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.reduced.solve.newton import ChainSolver
+from cosim.soft.body.loads import Loads
+from cosim.soft.elements.cable import Cable
+from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.self_contact import SelfContact
+from cosim.soft.solve.state import Clamp, SoftState
+from cosim.stepping.parts import film_law
+
+UNITS = 3
+PRESSURE_Pa = 38e3
+TENSIONS_N = (0.5, 1.0, 2.0, 4.0)
+
+
+def test_square_units_fold_as_their_film_does() -> None:
+    scenario = load_scenario("gripper_lifts_roll")
+    robot = replace(file_of(scenario, "a finger"), copies=None, palm=None)
+    cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
+    robot = replace(robot, stack=replace(robot.stack, units=UNITS), cables=cables)
+    body = build_soft_body(robot, scenario.model)
+    body = body.with_other(Cable, *(replace(cable, directed=False, loss_N=0.0) for cable in body.cables))
+    law, clamp, system = film_law(scenario), Clamp.of_base(body), SoftSystem(body)
+    assert law is not None
+    smooth = replace(law, friction=0.0, throughout=True)
+    model = build_model(body, 45e3, smooth, effort=Effort(levels=7, samples=26, intervals=5))
+    assert model.failures == 0
+    section = SectionBody(body, model)
+    chain, frames = ChainSolver(section), section.straight(PRESSURE_Pa)
+    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    options = NewtonOptions(tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=60)
+    film = EquilibriumSolver(newton, clamp, options, SelfContact(body, smooth))
+    here = film.solve(SoftState.drawn(body, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
+    here = film.follow(here, Pose(), Loads((PRESSURE_Pa,), (0.0, 0.0)))
+    bends = []
+    for tension in TENSIONS_N:
+        loads = Loads((PRESSURE_Pa,), (tension, tension))
+        here = film.follow(here, Pose(), loads)
+        there = section.frames.fit(here.state.positions, Pose())
+        found = chain.solve(frames, np.arange(len(frames)) > 0, loads, 1e-6, 100)
+        assert found.outcome is Outcome.CONVERGED
+        frames = found.frames
+        # of unit to unit; half units hardly bend
+        both = [np.linalg.norm(section.frames.strains(each)[1:-1, 3:5], axis=1) for each in (there, frames)]
+        assert both[1] == pytest.approx(both[0], rel=0.08)
+        bends.append(float(np.degrees(np.arcsin(both[0].max()))))
+        gas = float(system.gas.enclosed_volumes(here.state.positions[None]).sum())
+        assert section.volumes(there[None], np.array([PRESSURE_Pa]))[0, 0] == pytest.approx(gas, rel=0.03)
+    assert bends[0] < 9.0  # before the sides meet
+    assert bends[-1] > 16.0  # units pressed flat on one another
+
+
+def test_only_whole_square_units_have_rims() -> None:
+    square = load_scenario("gripper_lifts_roll")
+    rims = RingFrames.of(build_soft_body(file_of(square, "fingers"), square.model)).rims
+    assert rims.shape == (27, 4, 2)
+    whole = np.tile([False, *[True] * 7, False], 3)
+    assert np.abs(rims[whole]) == pytest.approx(0.03, rel=1e-6)
+    assert not rims[~whole].any()
+    hexagon = load_scenario("ur5e_hexagon_arm")
+    assert RingFrames.of(build_soft_body(file_of(hexagon, "an arm"), hexagon.model)).rims.size == 0
