@@ -258,7 +258,7 @@ def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
     text = of_both().replace("position_m = [3.0, 0.0, 0.0]", "position_m = [0.6, 0.0, 0.0]")
     near = written(tmp_path, "near", text.replace("[3.3, 0.0, 0.6]", "[0.35, 0.0, 0.6]"))
     for changes in ({}, {"plan.collision": "refuse"}):  # to lead the flange around it would not help
-        with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm stands in .* in right/"):
+        with pytest.raises(ScenarioError, match=r"arm\.left\.start\.flange: the arm overlaps .* in right/"):
             build_arms(load_arms(near, changes).arms, lambda _text: None)
     assert main(["check", str(near)]) == 2
     assert f"{near}: arm.left.start.flange: the arm overlaps something" in capsys.readouterr().out

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base import kernels
+from cosim.base import compilation, kernels, numba_insides
 
 SOURCES = Path(kernels.__file__).parent
 MODULE = """
@@ -113,3 +113,14 @@ compilation.compile_modules = compile_modules
 
 def test_one_thread_is_one_process(package: Path) -> None:
     assert run(package, NUMBA_NUM_THREADS="1") == (VALUES, 0, 6, 0, 1)
+
+
+def test_the_announcement_knows_that_other_versions_of_numba_take_longer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said = []
+    for known in (True, False):
+        monkeypatch.setattr(numba_insides, "KNOWN", known)
+        said.append(compilation._sentence(65))
+    assert ["about 70 s of processor time" in line for line in said] == [True, False]
+    assert "about 290 s of processor time" in said[1]
