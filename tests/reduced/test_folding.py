@@ -27,7 +27,7 @@ from cosim.stepping.parts import film_law
 
 UNITS = 3
 PRESSURE_Pa = 38e3
-TENSIONS_N = (0.5, 1.0, 2.0, 4.0)
+TENSIONS_N = (0.25, 1.0, 2.0, 4.0)
 
 
 def test_square_units_fold_as_their_film_does() -> None:
