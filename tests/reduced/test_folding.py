@@ -34,6 +34,7 @@ def test_square_units_fold_as_their_film_does() -> None:
     scenario = load_scenario("gripper_lifts_roll")
     robot = replace(file_of(scenario, "a finger"), copies=None, palm=None)
     cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
+    assert robot.stack is not None
     robot = replace(robot, stack=replace(robot.stack, units=UNITS), cables=cables)
     body = build_soft_body(robot, scenario.model)
     body = body.with_other(Cable, *(replace(cable, directed=False, loss_N=0.0) for cable in body.cables))
