@@ -66,9 +66,9 @@ def curve() -> None:
     film = EquilibriumSolver(newton, clamp, options, contact, slides_max=2)
     chain = ChainSolver(SectionBody(body, section_model(scenario, print)))
     print("| gas [kPa] | tension [N] | film [deg] | section [deg] | off [%] | tip off [mm] |")
-    here = film.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), (0.0, 0.0), (0.0, 0.0, 0.0)))
+    flat = film.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), (0.0, 0.0), (0.0, 0.0, 0.0)))
     for pressure in PRESSURES_Pa:
-        frames = chain.section.straight(pressure)
+        here, frames = flat, chain.section.straight(pressure)
         for tension in TENSIONS_N.tolist():
             loads = Loads((pressure,), (tension, tension), (0.0, 0.0, 0.0))
             here = film.follow(here, Pose(), loads)

@@ -26,21 +26,22 @@ from cosim.soft.solve.state import Clamp, SoftState
 from cosim.stepping.parts import film_law
 
 UNITS = 3
-PRESSURE_Pa = 38e3
-TENSIONS_N = (0.5, 1.0, 2.0, 4.0)
+PRESSURE_Pa = 40e3  # the end of the small model: its splines over pressure are coarse
+TENSIONS_N = (0.25, 1.0, 2.0, 4.0)
 
 
 def test_square_units_fold_as_their_film_does() -> None:
     scenario = load_scenario("gripper_lifts_roll")
     robot = replace(file_of(scenario, "a finger"), copies=None, palm=None)
     cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
+    assert robot.stack is not None
     robot = replace(robot, stack=replace(robot.stack, units=UNITS), cables=cables)
     body = build_soft_body(robot, scenario.model)
     body = body.with_other(Cable, *(replace(cable, directed=False, loss_N=0.0) for cable in body.cables))
     law, clamp, system = film_law(scenario), Clamp.of_base(body), SoftSystem(body)
     assert law is not None
     smooth = replace(law, friction=0.0, throughout=True)
-    model = build_model(body, 45e3, smooth, effort=Effort(levels=7, samples=26, intervals=5))
+    model = build_model(body, PRESSURE_Pa, smooth, effort=Effort(levels=7, samples=45, intervals=5))
     assert model.failures == 0
     section = SectionBody(body, model)
     chain, frames = ChainSolver(section), section.straight(PRESSURE_Pa)
@@ -59,7 +60,7 @@ def test_square_units_fold_as_their_film_does() -> None:
         frames = found.frames
         # of unit to unit; half units hardly bend
         both = [np.linalg.norm(section.frames.strains(each)[1:-1, 3:5], axis=1) for each in (there, frames)]
-        assert both[1] == pytest.approx(both[0], rel=0.08)
+        assert both[1] == pytest.approx(both[0], rel=0.04, abs=0.02)
         bends.append(float(np.degrees(np.arcsin(both[0].max()))))
         gas = float(system.gas.enclosed_volumes(here.state.positions[None]).sum())
         assert section.volumes(there[None], np.array([PRESSURE_Pa]))[0, 0] == pytest.approx(gas, rel=0.03)

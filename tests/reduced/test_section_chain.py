@@ -14,7 +14,7 @@ from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.reduced.solve.newton import nothing_touched
 
 FRAMES = 4
-RIM = 0.3 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 class Loaded:
@@ -36,7 +36,7 @@ class Loaded:
         eyelets, tension = random.normal(0.0, 0.03, (FRAMES - 1, 2, 3)), random.uniform(1.0, 2.0, FRAMES - 1)
         length = np.full(FRAMES - 1, 50.0)
         cables = np.arange(1, FRAMES), eyelets, tension
-        rims = np.tile(RIM, (FRAMES - 1, 1, 1))
+        rims = np.tile(0.01 * SQUARE, (FRAMES - 1, 1, 1))
         sections = coefficients, length, np.arange(FRAMES - 1), rims
         self.chain = LoadedChain(*sections, mass, load, *cables, *nothing_touched())
 
@@ -121,10 +121,11 @@ def test_inner_forces_balance() -> None:
 
 def test_the_slopes_of_the_terms_are_theirs() -> None:
     strain, h = np.random.default_rng(3).normal(0.0, 0.1, (5, 6)), 1e-6
+    strain[:, 2] += 0.25  # rims that do not overlap
 
     def values(x: Array) -> tuple[Array, Array]:
         value, gradient = np.zeros((5, COEFFICIENTS)), np.zeros((5, 6, COEFFICIENTS))
-        basis(x, np.full(5, 10.0), RIM, value, gradient)
+        basis(x, np.full(5, 10.0), 0.3 * SQUARE, value, gradient)
         return value, gradient
 
     gradients = values(strain)[1]
