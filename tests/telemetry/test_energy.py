@@ -137,6 +137,7 @@ def test_ticks_in_pieces_close_the_balance_and_a_block_bounces_as_in_short_ticks
     assert snapshot.pieces is not None
     assert len(snapshot.pieces.positions) == 4
     np.testing.assert_array_equal(snapshot.pieces.positions[-1], snapshot.node_position)
+    assert not snapshot.pieces.positions.flags.writeable
     check_state(snapshot, snapshot, Snapshot)  # as a resumed run does with the last one
 
 

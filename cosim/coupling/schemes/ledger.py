@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias, final
 
-from cosim.base.frames import Array, Wrench
+from cosim.base.frames import Array, Shown, Wrench
 from cosim.errors import InputError
 
 
@@ -109,8 +109,8 @@ class LedgerEntry:
 
 @final
 @dataclass(frozen=True, eq=False)
-class TickPieces:
-    """Where the soft robot was at the ends of the pieces of one tick.
+class TickPieces(Shown):
+    """Where the soft robot was at the ends of the pieces of one tick; nobody can write to its arrays.
 
     Args:
         positions: (k, nodes, 3) [m], world.
