@@ -2,7 +2,7 @@
 
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] [--repeats 7] [--json FILE]
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --accuracy [--json FILE]
-    python benchmarks/real_time.py [NAME ...] --against KEY=VALUE [--repeats 3]
+    python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --against KEY=VALUE [--repeats 3] [--accuracy]
     python benchmarks/real_time.py --json FILE --before FILE --page docs/performance.md
 
 Without names: all that come with cosim; `--set` changes them all. The factor is simulated time over CPU time
@@ -17,7 +17,8 @@ tick a quarter as long, for dynamic scenarios in which the soft robot touches so
 
 `--against`: instead, CPU time of the loop over that with another value, such as
 `solver.integrator=implicit_euler`, without recording. Both are run in turn; median and range of the pairs.
-Without names: arms in motion that grasp nothing, and run in real time.
+Without names: arms in motion that grasp nothing, and run in real time. With `--accuracy`: the tip's largest
+distance from a run with BDF2 and a quarter of the shorter tick, and the root mean square, of both.
 
 `--json` keeps what was measured; a further call adds to it. `--page` writes the table of what a file holds
 into a page and measures nothing more than names ask for; `--before` puts the factors of an earlier file
@@ -205,6 +206,24 @@ def compare(name: str, changes: Mapping[str, Any], others: Mapping[str, Any], pa
     print(f"| {name} | {middle:.2f} | {min(found):.2f} to {max(found):.2f} | {cost} |", flush=True)
 
 
+def compare_accuracy(name: str, changes: Mapping[str, Any], others: Mapping[str, Any]) -> None:
+    """Print how far a scenario is from a finer run, with its values and with other ones."""
+    from cosim.app.driver import build_simulation, prepared
+    from cosim.config.loading import load_scenario
+    from cosim.trade.candidates import Candidate
+    from cosim.trade.measuring import compared, trace
+
+    both = [load_scenario(name, each or None) for each in (changes, {**changes, **others})]
+    fine = {"clock.tick_s": min(each.clock.tick_s for each in both) / 4.0, "solver.integrator": "bdf2"}
+    *runs, finest = (
+        trace(prepared(each, lambda _: None, recording=False), build_simulation)
+        for each in (*both, load_scenario(name, {**changes, **fine}))
+    )
+    found = [compared(Candidate(name, "time", {}), run, finest) for run in runs]
+    errors = (f"{1e3 * each.tip_error_m:.2f} ({1e3 * each.tip_rms_m:.2f})" for each in found)
+    print(f"| {name} | {' | '.join(errors)} |", flush=True)
+
+
 def row(name: str, found: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     """Return a line of the table."""
 
@@ -254,8 +273,12 @@ def main() -> None:
 
     changes = dict(parse_assignment(each) for each in options.changes)
     if options.against:
+        others = dict(map(parse_assignment, options.against))
         for name in options.names or _IN_MOTION:
-            compare(name, changes, dict(map(parse_assignment, options.against)), options.repeats)
+            if options.accuracy:
+                compare_accuracy(name, changes, others)
+            else:
+                compare(name, changes, others, options.repeats)
         return
     before = json.loads(options.before.read_text()) if options.before else {}
     kept = options.json is not None and options.json.exists()

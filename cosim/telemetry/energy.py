@@ -384,7 +384,9 @@ class EnergyFigures:
                 begun, pace = None, _Pace(both, parts.tick_s, self.ticks + at, gravity)
                 fill_motion(x[at:end], mass, twist[at:end], origin[at:end], pace, motion, sums[at:end])
             if end < len(x):
-                places, twists, origins = (np.require(each, None, ["C", "W"]) for each in batch.pieces[end])
+                known = batch.pieces[end]
+                shown = known.positions, known.twist, known.origin
+                places, twists, origins = (np.require(each, None, ["C", "W"]) for each in shown)
                 pace = _Pace(both, parts.tick_s / len(places), int(begun is not None), gravity)
                 begun, found = motion[[0, 2]], np.zeros((len(places), COLUMNS))
                 fill_motion(places, mass, twists, origins, pace, motion, found)

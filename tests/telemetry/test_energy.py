@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.base.state_check import check_state
 from cosim.recording.plots import plots_of
 from cosim.telemetry import energy_terms
 from cosim.telemetry.energy_terms import LOST, TERMS
+from cosim.telemetry.snapshot import Snapshot
 
 SCENARIO = """
 schema = 2
@@ -135,6 +137,8 @@ def test_ticks_in_pieces_close_the_balance_and_a_block_bounces_as_in_short_ticks
     assert snapshot.pieces is not None
     assert len(snapshot.pieces.positions) == 4
     np.testing.assert_array_equal(snapshot.pieces.positions[-1], snapshot.node_position)
+    assert not snapshot.pieces.positions.flags.writeable
+    check_state(snapshot, snapshot, Snapshot)  # as a resumed run does with the last one
 
 
 LOSSY: dict[str, Any] = {"solver__integrator": "bdf2", "soft_robot__film__loss_factor": 0.05}

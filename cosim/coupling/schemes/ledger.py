@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias, final
+from typing import Annotated, Literal, TypeAlias, final
 
-from cosim.base.frames import Array, Wrench
+from cosim.base.frames import Array, Shown, Wrench
 from cosim.errors import InputError
 
 
@@ -107,8 +107,10 @@ class LedgerEntry:
         return abs(self.power_error_W) / self.power_size_W if self.power_size_W > 0.0 else 0.0
 
 
-class TickPieces(NamedTuple):
-    """Where the soft robot was at the ends of the pieces of one tick.
+@final
+@dataclass(frozen=True, eq=False)
+class TickPieces(Shown):
+    """Where the soft robot was at the ends of the pieces of one tick; nobody can write to its arrays.
 
     Args:
         positions: (k, nodes, 3) [m], world.
@@ -116,6 +118,6 @@ class TickPieces(NamedTuple):
         origin: (k, 3) [m], of the flange.
     """
 
-    positions: Array
-    twist: Array
-    origin: Array
+    positions: Annotated[Array, ("k", "nodes", 3)]
+    twist: Annotated[Array, ("k", 6)]
+    origin: Annotated[Array, ("k", 3)]
