@@ -70,7 +70,8 @@ def section_model(
     body, largest, films = _one_way(body), largest_covered(scenario), film_law(scenario)
     if films is not None:  # friction has no energy; most samples have units that press
         films = replace(films, friction=0.0, throughout=True) if FilmFaces.of(body).can_meet else None
-    path = cache_directory() / f"section_model_{content_hash(body, largest, films)}.kept"
+    fold = "_folds" if robot.copies is not None else ""
+    path = cache_directory() / f"section_model_{content_hash(body, largest, films)}{fold}.kept"
     model = kept(path, unpacking(SectionModel))
     if model is None:
         tell(f"Building the section model of {robot.name}: up to two minutes, once; kept in {path}")
@@ -102,12 +103,14 @@ def _built(
         ScenarioError: the film has no smooth states to condense.
     """
     robot, coarse = file_of(scenario, "a section model"), None
+    fingers = robot.copies is not None
     if robot.stack is not None and robot.stack.refine:
         stack = replace(robot.stack, refine=robot.stack.refine - 1)
         robot = replace(robot, stack=stack, copies=None, palm=None)
         coarse = _one_way(build_soft_body(robot, scenario.model))
     try:
-        return build_model(body, largest_Pa, films, coarse)
+        # fingers fold around what they hold; one stack may hand over to its film where it folds
+        return build_model(body, largest_Pa, films, coarse, folds=fingers)
     except ConvergenceError as error:
         raise ScenarioError(
             "fidelity",

@@ -12,7 +12,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import GasTables, chain_points, combine_points, gas_volumes
 from cosim.reduced.sections.ring_frames import RingFrames
-from cosim.reduced.sections.section_energy import HIGH, PressureSpline
+from cosim.reduced.sections.section_energy import COEFFICIENTS, HIGH, POLYNOMIAL, PressureSpline
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
@@ -78,7 +78,8 @@ class SectionBody:
     """
 
     def __init__(self, body: SoftBody, model: SectionModel) -> None:
-        self.frames = RingFrames.of(body)
+        folds = bool(model.energy[:, :, POLYNOMIAL:COEFFICIENTS].any())
+        self.frames = replace(RingFrames.of(body), folds=folds)
         self.copies = self.frames.copies
         self.body, self.model = body, model.times(self.copies)
         model = self.model

@@ -41,7 +41,9 @@ def test_square_units_fold_as_their_film_does() -> None:
     law, clamp, system = film_law(scenario), Clamp.of_base(body), SoftSystem(body)
     assert law is not None
     smooth = replace(law, friction=0.0, throughout=True)
-    model = build_model(body, PRESSURE_Pa, smooth, effort=Effort(levels=7, samples=45, intervals=5))
+    model = build_model(
+        body, PRESSURE_Pa, smooth, effort=Effort(levels=7, samples=45, intervals=5), folds=True
+    )
     assert model.failures == 0
     section = SectionBody(body, model)
     chain, frames = ChainSolver(section), section.straight(PRESSURE_Pa)
@@ -70,10 +72,13 @@ def test_square_units_fold_as_their_film_does() -> None:
 
 def test_only_whole_square_units_have_rims() -> None:
     square = load_scenario("gripper_lifts_roll")
-    rims = RingFrames.of(build_soft_body(file_of(square, "fingers"), square.model)).rims
+    frames = RingFrames.of(build_soft_body(file_of(square, "fingers"), square.model))
+    assert frames.rims.size == 0  # unless they are asked to fold
+    rims = replace(frames, folds=True).rims
     assert rims.shape == (27, 4, 2)
     whole = np.tile([False, *[True] * 7, False], 3)
     assert np.abs(rims[whole]) == pytest.approx(0.03, rel=1e-6)
     assert not rims[~whole].any()
     hexagon = load_scenario("ur5e_hexagon_arm")
-    assert RingFrames.of(build_soft_body(file_of(hexagon, "an arm"), hexagon.model)).rims.size == 0
+    arm = RingFrames.of(build_soft_body(file_of(hexagon, "an arm"), hexagon.model))
+    assert replace(arm, folds=True).rims.size == 0

@@ -331,6 +331,7 @@ def build_model(
     films: FilmContactLaw | None = None,
     coarse: SoftBody | None = None,
     effort: Effort | None = None,
+    folds: bool = False,
 ) -> SectionModel:
     """Return the section model of a body.
 
@@ -341,13 +342,14 @@ def build_model(
         coarse: the same on a mesh whose every triangle `body` divides into four: all poses are sampled there,
             and some of them followed from there to `body`; None: all poses are sampled on `body`.
         effort: how much is sampled.
+        folds: whether square units bend until they press flat on one another.
 
     Raises:
         InputError: there is no section model of such a body.
         MeshError: `coarse` is not that mesh.
     """
     first = coarse or body
-    frames = RingFrames.of(first)
+    frames = replace(RingFrames.of(first), folds=folds)
     effort = effort or Effort.of(frames)
     spline = PressureSpline(largest_Pa, effort.intervals)
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
@@ -355,7 +357,7 @@ def build_model(
     samples = Sampler(first, frames, films).collect(work, _SEED)
     model = fit_model(samples, frames, spline)
     if coarse is not None:
-        frames = RingFrames.of(body)
+        frames = replace(RingFrames.of(body), folds=folds)
         finer = Sampler(body, frames, films).finer(samples, parents(coarse, body))
         model = fit_model(finer, frames, spline, model)
     return replace(model, tips=_tips(body, model, films))

@@ -50,6 +50,7 @@ class RingFrames:
         before: (n,) the frame before each node; the next one is before + 1.
         fraction: (n,) how far on the way from that frame to the next it is drawn, 0 to 1.
         copies: how many chains there are.
+        folds: whether square units have rims, see `rims`.
     """
 
     rings: tuple[IntArray, ...]
@@ -59,6 +60,7 @@ class RingFrames:
     before: IntArray
     fraction: Array
     copies: int = 1
+    folds: bool = False
 
     @classmethod
     def of(cls, body: SoftBody) -> RingFrames:
@@ -138,7 +140,7 @@ class RingFrames:
             first, second = corners[max(near - 1, 0)], corners[near]
             if near and len(first) and len(second) and np.allclose(first, second, rtol=_SAME):
                 result[s] = second
-        return result if result.any() else result[:, :0]
+        return result if self.folds and result.any() else result[:, :0]
 
     @property
     def bases(self) -> Mask:
