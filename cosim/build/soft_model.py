@@ -110,7 +110,7 @@ def _built(
         coarse = _one_way(build_soft_body(robot, scenario.model))
     try:
         # fingers fold around what they hold; one stack may hand over to its film where it folds
-        return build_model(body, largest_Pa, films, coarse, folds=fingers)
+        return build_model(body, largest_Pa, films, coarse, None, fingers)
     except ConvergenceError as error:
         raise ScenarioError(
             "fidelity",

@@ -62,7 +62,9 @@ def test_recordings_draw_a_refined_film_on_the_mesh_before_refining(
     coarse, path = body(), tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
 
-    def build(fine: SoftBody, _largest_Pa: float, _films: object, middle: SoftBody | None) -> SectionModel:
+    def build(
+        fine: SoftBody, _largest_Pa: float, _films: object, middle: SoftBody | None, *_: object
+    ) -> SectionModel:
         nodes = section().model.nodes
         if middle is not None:
             nodes = nodes[:, parents(coarse, middle)].mean(axis=2)[:, parents(middle, fine)].mean(axis=2)
