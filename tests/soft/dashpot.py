@@ -80,6 +80,6 @@ class DashpotTable(ElementTable):
     def element(self, body: SoftBody) -> Dashpots:
         for ring, place in self.ends:
             if not 0 <= place < len(body.rings.get(ring, ())):
-                raise InputError(f"a dashpot ends at node {place} of ring '{ring}'; there is none")
+                raise InputError(f"ring '{ring}' has no node {place}, where a dashpot ends")
         nodes = np.array([[body.rings[ring][place] for ring, place in self.ends]])
         return Dashpots(nodes, np.array([self.damping_Ns_m]))
