@@ -125,8 +125,9 @@ class FilmTable:
                 least = f"{LEAST_STIFFNESS_N_m / self.thickness_m:g}"
                 yield (
                     key,
-                    f"is {modulus:g}; must be at least {least} with thickness_m = {self.thickness_m:g}: a softer "
-                    "film bears no load. Give it in Pa (plastics have some 1e9, silicone 1e6), or more thickness",
+                    f"is {modulus:g}; must be at least {least} with thickness_m = {self.thickness_m:g}: a "
+                    "softer film bears no load. Give it in Pa (plastics have some 1e9, silicone 1e6), or a "
+                    "larger thickness",
                 )
 
     @rule
