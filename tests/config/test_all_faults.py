@@ -168,6 +168,10 @@ WRONG_FABRICS: dict[str, tuple[dict[str, Any], dict[str, Any], str, str]] = {
         {"law": "neo_hookean", "young_modulus_Pa": 1e6}, {}, "poisson_ratio", "is incompressible: give 0.5",
     ),
     "shear": ({}, {**FABRIC, "shear_modulus_Pa": 0.0}, "fabric.shear_modulus_Pa", "above 0"),
+    "limp film": ({"young_modulus_Pa": 0.0035}, {}, "young_modulus_Pa", "at least 5000 with thickness_m"),
+    "limp weft": (
+        {"poisson_ratio": 0.0}, {**FABRIC, "modulus_weft_Pa": 4e3}, "fabric.modulus_weft_Pa", "at least 5000",
+    ),
 }  # fmt: skip
 
 
@@ -184,3 +188,12 @@ def test_wrong_fabrics_are_refused_by_key(case: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         load_scenario("ur5e_hexagon_arm", {"soft_robot": robot})
     assert message in dict(caught.value.faults)[f"soft_robot.film.{key}"]
+
+
+def test_the_least_modulus_as_told_is_accepted() -> None:
+    changes = {"soft_robot.film.thickness_m": 3e-4, "soft_robot.film.young_modulus_Pa": 1.3}
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("ur5e_hexagon_arm", changes)
+    told = dict(caught.value.faults)["soft_robot.film.young_modulus_Pa"]
+    least = float(told.partition("must be at least ")[2].split()[0])
+    load_scenario("ur5e_hexagon_arm", {**changes, "soft_robot.film.young_modulus_Pa": least})

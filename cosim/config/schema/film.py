@@ -14,6 +14,8 @@ FABRIC_LAWS: Final = ("plain", "tension_field")
 """Laws of a film that is a fabric."""
 SHEET_LAWS: Final = ("plain", "tension_field", "edge_strain", "wrinkling")
 """Laws of an isotropic film that stretches little."""
+LEAST_STIFFNESS_N_m: Final = 1.0
+"""Of modulus times thickness: 1 N per metre doubles its length. The softest silicone has it at 20 um."""
 
 
 @final
@@ -110,6 +112,23 @@ class FilmTable:
         if (self.young_modulus_Pa is None) is (self.fabric is None):
             given = "neither is" if self.fabric is None else "both are"
             yield "young_modulus_Pa", f"give this or film.fabric; {given} given"
+
+    @rule
+    def _bears_loads(self) -> Told:
+        given = {"young_modulus_Pa": self.young_modulus_Pa}
+        if self.fabric is not None:
+            warp, weft = self.fabric.modulus_warp_Pa, self.fabric.modulus_weft_Pa
+            given = {"fabric.modulus_warp_Pa": warp, "fabric.modulus_weft_Pa": weft}
+        for key, modulus in given.items():
+            # with room for the bound as it is printed
+            if modulus is not None and modulus * self.thickness_m < (1.0 - 1e-5) * LEAST_STIFFNESS_N_m:
+                least = f"{LEAST_STIFFNESS_N_m / self.thickness_m:g}"
+                yield (
+                    key,
+                    f"is {modulus:g}; must be at least {least} with thickness_m = {self.thickness_m:g}: a "
+                    "softer film bears no load. Give it in Pa (plastics have some 1e9, silicone 1e6), or a "
+                    "larger thickness",
+                )
 
     @rule
     def _resists_all_strains(self) -> Told:
