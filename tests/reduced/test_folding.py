@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,16 +13,17 @@ from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
 from cosim.reduced.fit.fitting import Effort, build_model
-from cosim.reduced.section_model import SectionBody
+from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.reduced.sections.ring_frames import RingFrames
 from cosim.reduced.solve.newton import ChainSolver
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.self_contact import SelfContact
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
 from cosim.stepping.parts import film_law
 
@@ -30,7 +32,9 @@ PRESSURE_Pa = 40e3  # the end of the small model: its splines over pressure are 
 TENSIONS_N = (0.25, 1.0, 2.0, 4.0)
 
 
-def test_square_units_fold_as_their_film_does() -> None:
+@cache
+def finger() -> tuple[SectionModel, SoftBody, FilmContactLaw]:
+    """Return the model of a short finger, the film of which it is, and the contact of its units."""
     scenario = load_scenario("gripper_lifts_roll")
     robot = replace(file_of(scenario, "a finger"), copies=None, palm=None)
     cables = tuple(replace(cable, units=(1, UNITS)) for cable in robot.cables)
@@ -38,18 +42,26 @@ def test_square_units_fold_as_their_film_does() -> None:
     robot = replace(robot, stack=replace(robot.stack, units=UNITS), cables=cables)
     body = build_soft_body(robot, scenario.model)
     body = body.with_other(Cable, *(replace(cable, directed=False, loss_N=0.0) for cable in body.cables))
-    law, clamp, system = film_law(scenario), Clamp.of_base(body), SoftSystem(body)
+    law = film_law(scenario)
     assert law is not None
     smooth = replace(law, friction=0.0, throughout=True)
-    model = build_model(
-        body, PRESSURE_Pa, smooth, effort=Effort(levels=7, samples=45, intervals=5), folds=True
-    )
-    assert model.failures == 0
-    section = SectionBody(body, model)
-    chain, frames = ChainSolver(section), section.straight(PRESSURE_Pa)
-    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    effort = Effort(levels=7, samples=45, intervals=5)
+    return build_model(body, PRESSURE_Pa, smooth, effort=effort, folds=True), body, smooth
+
+
+def film_of_finger() -> EquilibriumSolver:
+    _, body, smooth = finger()
+    clamp = Clamp.of_base(body)
+    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
     options = NewtonOptions(tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=60)
-    film = EquilibriumSolver(newton, clamp, options, SelfContact(body, smooth))
+    return EquilibriumSolver(newton, clamp, options, SelfContact(body, smooth))
+
+
+def test_square_units_fold_as_their_film_does() -> None:
+    model, body, _ = finger()
+    assert model.failures == 0
+    section, system, film = SectionBody(body, model), SoftSystem(body), film_of_finger()
+    chain, frames = ChainSolver(section), section.straight(PRESSURE_Pa)
     here = film.solve(SoftState.drawn(body, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
     here = film.follow(here, Pose(), Loads((PRESSURE_Pa,), (0.0, 0.0)))
     bends = []
@@ -68,6 +80,19 @@ def test_square_units_fold_as_their_film_does() -> None:
         assert section.volumes(there[None], np.array([PRESSURE_Pa]))[0, 0] == pytest.approx(gas, rel=0.03)
     assert bends[0] < 9.0  # before the sides meet
     assert bends[-1] > 16.0  # units pressed flat on one another
+
+
+@pytest.mark.parametrize("pull_m_s2", [0.0, 9.81, -3.0])
+def test_units_without_gas_bear_themselves(pull_m_s2: float) -> None:
+    """Hanging or pressed together; a half unit of whose film no shortened sample was known fell together."""
+    model, body, _ = finger()
+    section, loads = SectionBody(body, model), Loads((0.0,), (0.0, 0.0), (0.0, 0.0, pull_m_s2))
+    here = film_of_finger().solve(SoftState.drawn(body, Pose()), Pose(), loads)
+    there = section.frames.fit(here.state.positions, Pose())
+    found = ChainSolver(section).solve(there, np.arange(len(there)) > 0, loads, 1e-6, 100)
+    assert found.outcome is Outcome.CONVERGED
+    lengths = [section.frames.strains(each)[:, 2] for each in (there, found.frames)]
+    assert lengths[1] == pytest.approx(lengths[0], rel=0.1)
 
 
 def test_only_whole_square_units_have_rims() -> None:

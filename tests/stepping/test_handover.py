@@ -89,7 +89,7 @@ def run_of(
     given |= {name.replace("__", "."): value for name, value in changes.items()}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / str(share)))
-        patch.setattr(soft_model, "build_model", lambda *_: narrowed(share, stiffer))
+        patch.setattr(soft_model, "build_model", lambda *_, **__: narrowed(share, stiffer))
         scenario = with_fidelity_chosen(load_scenario(path, given), lambda _text: None)
         return build_simulation(scenario)
 
@@ -230,7 +230,8 @@ def seen_ticks(snapshots: list[Snapshot]) -> Any:
         flange_position=column(lambda shot: shot.world_from_flange.translation),
         flange_rotation=np.array([shot.world_from_flange.rotation for shot in snapshots]),
         flange_twist=column(lambda shot: [shot.flange_twist.linear, shot.flange_twist.angular]),
-        contact_work_J=none, self_contact_work_J=none, eyelets_J=none, pieces={},
+        contact_work_J=none, self_contact_work_J=none, eyelets_J=none,
+        pieces={k: shot.pieces for k, shot in enumerate(snapshots) if shot.pieces},
     )  # fmt: skip
 
 

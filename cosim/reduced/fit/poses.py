@@ -26,6 +26,7 @@ class WorkingRange:
         tension_N: axial force up to which sections are stretched.
         samples: at each pressure, besides straight and almost straight ones.
         compression: largest shortening of a section over its length without load; less at low pressure.
+        least_compression: the same of square frames with hardly any gas.
         bend: largest angle between neighbouring frames, relative to that at which their rims would meet.
         fold: the same of square frames, at the length of the free film, or at half of that at the largest
             pressure if it is more.
@@ -38,6 +39,7 @@ class WorkingRange:
     tension_N: float
     samples: int
     compression: float = 0.35
+    least_compression: float = 0.1
     bend: float = 0.75
     fold: float = 0.9
     twist: float = 0.02
