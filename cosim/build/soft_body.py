@@ -488,7 +488,8 @@ def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmT
     """Return a value (m,) of the film of each triangle."""
     found = np.full(len(mesh.triangles), value(robot.film))
     for name, film in _own_films(robot).items():
-        found[mesh.face_groups[name]] = value(film)
+        if name in mesh.face_groups:  # a name that is in none is refused with the body
+            found[mesh.face_groups[name]] = value(film)
     return found
 
 
