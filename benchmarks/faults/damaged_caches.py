@@ -131,7 +131,7 @@ def try_all(seed: int, folder: Path, ways: int = WAYS) -> list[str]:
     scenario = load_scenario("ur5e_hexagon_arm")
     model = made_up_model(random)
     replaced: tuple[Any, Any] = soft_model, report
-    replaced[0].build_model = lambda *_, **__: model
+    replaced[0].build_model = lambda *_: model
     # numbers that a file holds in few digits
     figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_candidates(scenario)]
     rows = [Measured(member, *own) for member, own in zip(short_candidates(scenario), figures, strict=True)]

@@ -45,7 +45,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the scenario of the small arm; its model is not built again."""
     (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, PHASES), encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     return tmp_path / "small.toml"
 
 

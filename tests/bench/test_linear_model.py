@@ -28,7 +28,7 @@ AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 @pytest.fixture(autouse=True)
 def _small_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
 
 
 @cache

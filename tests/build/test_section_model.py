@@ -32,7 +32,7 @@ duration_s = 0.02
 
 def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     run = cosim.run(path)
@@ -50,9 +50,7 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     assert 0.001 < middle < 0.2
     assert middle < most
     assert f"({1e2 * max(row['bending'][1] for row in held_out):.0f} % at" in run.stage.report
-    monkeypatch.setattr(
-        soft_model, "build_model", lambda *_, **__: pytest.fail("the model has been built before")
-    )
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: pytest.fail("the model has been built before"))
     assert cosim.run(path).summary["section_model"] == figures
     assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
 
@@ -65,7 +63,7 @@ def test_recordings_draw_a_refined_film_on_the_mesh_before_refining(
     path.write_text(SCENARIO, encoding="utf-8")
 
     def build(
-        fine: SoftBody, _largest_Pa: float, _films: object, middle: SoftBody | None, **_: object
+        fine: SoftBody, _largest_Pa: float, _films: object, middle: SoftBody | None, *_: object
     ) -> SectionModel:
         nodes = section().model.nodes
         if middle is not None:
@@ -90,7 +88,7 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     built: list[float] = []
 
-    def build(_body: SoftBody, largest_Pa: float, *_: object, **__: object) -> SectionModel:
+    def build(_body: SoftBody, largest_Pa: float, *_: object) -> SectionModel:
         built.append(largest_Pa)
         spline = section().model.spline._replace(largest_Pa=largest_Pa)
         return replace(section().model, spline=spline)
@@ -138,7 +136,7 @@ def test_a_model_that_loses_its_equilibria_needs_a_handover(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     lost = replace(section().model, tips=section().model.tips * (1.0, float("inf"), 1.0))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: lost)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: lost)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"'hexagon_arm' does not hold: .*or model\.handover = true"):
@@ -152,7 +150,7 @@ def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     off = 0.06 / section().model.tip_error
     far = replace(section().model, tips=section().model.tips * (1.0, off, 1.0))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: far)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: far)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"by up to 6% of its length, more than 5%, .*; take fidelity"):
@@ -162,7 +160,7 @@ def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
     path = tmp_path / "three_units.toml"
     wind = "duration_s = 0.1\nincrements = 4\ncable_shortening_m = { right = 0.004 }"
     path.write_text(SCENARIO.replace("duration_s = 0.02", wind), encoding="utf-8")
@@ -176,7 +174,7 @@ def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_film_without_smooth_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(*_: object, **__: object) -> SectionModel:
+    def lost(*_: object) -> SectionModel:
         raise ConvergenceError("the stiffener has buckled", 1.0, 25)
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

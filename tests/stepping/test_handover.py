@@ -89,7 +89,7 @@ def run_of(
     given |= {name.replace("__", "."): value for name, value in changes.items()}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / str(share)))
-        patch.setattr(soft_model, "build_model", lambda *_, **__: narrowed(share, stiffer))
+        patch.setattr(soft_model, "build_model", lambda *_: narrowed(share, stiffer))
         scenario = with_fidelity_chosen(load_scenario(path, given), lambda _text: None)
         return build_simulation(scenario)
 

@@ -53,7 +53,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     file.write_text(SCENARIO, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
-        patch.setattr(soft_model, "build_model", lambda *_, **__: section().model)
+        patch.setattr(soft_model, "build_model", lambda *_: section().model)
         yield file
 
 

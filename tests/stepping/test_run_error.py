@@ -253,7 +253,7 @@ def test_a_section_model_is_compared_with_its_film_at_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: framed_section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: framed_section().model)
     path = tmp_path / "bent.toml"
     path.write_text(on_a_ur5e(25e3, BENT, FRAMED, published=False), encoding="utf-8")
     rows, film = (phases(path, fidelity=model, mode="quasistatic") for model in ("section", "lumped"))

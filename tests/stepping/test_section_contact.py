@@ -80,7 +80,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def kept(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_, **__: section().model)
+    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
 
 
 @cache
