@@ -9,8 +9,8 @@ besides the observation, from the tip to the achieved goal and on to the desired
 millimetres is a small part of raw coordinates.
 
 A grasp is learned on the paper's mesh, which takes half the time, and judged on the drawn one. In training an
-action holds for 0.2 s: by chance it then closes and lifts now and then. Success rises and falls on the way: of
-all looks at ten episodes of their own, the policy of the best one is kept.
+action holds for 0.2 s: by chance it then closes and lifts now and then. Success rises and falls on the way:
+of all looks at ten episodes of their own, the policy of the best one is kept.
 """
 
 from __future__ import annotations
