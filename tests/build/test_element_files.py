@@ -129,7 +129,7 @@ def test_wrong_values_are_told_with_their_place(tmp_path: Path, wrong: tuple[str
 @pytest.mark.usefixtures("known")
 def test_nodes_that_are_not_there_are_refused(tmp_path: Path) -> None:
     away = scenario(tmp_path, DASHPOT.format(damping=1.0).replace("unit_2.outer", "unit_99.outer"))
-    with pytest.raises(InputError, match=r"node 0 of ring 'unit_99\.outer'"):
+    with pytest.raises(InputError, match=r"ring 'unit_99\.outer' has no node 0"):
         build_soft_body(away.soft_robot, away.model)
 
 
