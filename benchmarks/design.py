@@ -105,7 +105,7 @@ def without_derivatives(study: DesignStudyTable, most: int) -> DesignProblem:
 
 
 def main() -> None:
-    """Print what is asked of each study."""
+    """Solve the studies that are named, and print what came of each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("studies", nargs="*", help="by name; all unless given")
     parser.add_argument("--most", type=int, default=300, help="designs that COBYQA may solve")

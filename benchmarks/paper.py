@@ -135,7 +135,7 @@ def variants(name: str, steps: Mapping[str, Callable[[Scenario], Scenario] | Non
     """Return rows of Markdown: what changes of the default robot do to a figure's numbers.
 
     Of STEPS the last column has the causes of large differences. Of FRAMES it has the code's number, and what
-    is within NEAR of that, or of the published model's where there is none, is bold.
+    is within NEAR of that is bold. Without a number of the code, the published model's counts.
     """
     found: dict[str, dict[str, float]] = {}
     for step, change in steps.items():

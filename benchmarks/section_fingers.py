@@ -113,7 +113,7 @@ def grasp(name: str, given: dict[str, Any], fidelity: str, until_s: float) -> st
 
 
 def main() -> None:
-    """Print what is asked for."""
+    """Print the curve of a finger, or the grasps."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--curve", action="store_true")
     parser.add_argument("--until", type=float, default=np.inf, help="end of the runs [s]")
