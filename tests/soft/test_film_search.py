@@ -112,6 +112,20 @@ def test_a_point_that_comes_from_beside_is_found_over_its_triangle() -> None:
     assert here > 1000
 
 
+@pytest.mark.parametrize("turn_rad", [0.0, 0.02])
+def test_films_that_were_quiet_are_seen_to_press_as_soon_as_they_do(turn_rad: float) -> None:
+    body, rng, told = hexagon_arm(3), np.random.default_rng(0), list[bool]()
+    x, films = inflated_positions(3).copy(), SelfContact(body, FilmContactLaw(ContactLaw()))
+    last = np.unique(films.faces.triangles[films.faces.unit == 2])
+    for k in range(100):  # the last unit comes up to the others, and all are carried along
+        x[last] += 2e-5 * rng.normal(size=(len(last), 3)) + (0.0, 0.0, 1e-4 * (k % 13 < 9))
+        turn = rotation_from_vector(k * turn_rad * np.array((0.6, 0.0, 0.8)))
+        carried = np.ascontiguousarray((x + 0.01 * k) @ turn.T)
+        told.append(films.press_at_rest(carried))
+        assert told[-1] == SelfContact(body, FilmContactLaw(ContactLaw())).press_at_rest(carried)
+    assert 70 < told.index(True) < 95
+
+
 def test_lists_serve_units_that_are_carried_and_not_units_that_leave() -> None:
     films, x = crumpled(0, 1.0)
     faces, lists = films.faces, films.contacts.lists

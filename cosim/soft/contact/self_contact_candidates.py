@@ -59,9 +59,10 @@ class NearList(NamedTuple):
     """Triangles near points, and how long that serves.
 
     Args:
-        first: (p + 1,), where the triangles of each point begin.
-        listed: these, of each point ascending.
+        first: (p + 1,), where the triangles of each point begin; of the long list in the order of its boxes.
+        listed: these; in the short list ascending.
         before: (n, 3) [m], the nodes when the list was made.
+        radius: (u,) [m], of each unit then.
         allowed: (u, u) [m], how far two units may have moved against each other since; symmetric.
         bounds: (2,) [m], distances in front of a triangle and behind it to which the list holds; negative
             before there is one.
@@ -70,12 +71,14 @@ class NearList(NamedTuple):
     first: Indices
     listed: Indices
     before: Matrix
+    radius: Vector
     allowed: Matrix
     bounds: Vector
 
 
-_MARGIN_M = 4e-3  # more room lengthens the list, less makes it anew more often
-_POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 8  # neighbours in the numbering
+_MARGIN_M, _MARGIN_AT_REST_M = 4e-3, 0.5e-3
+"""More room lengthens the list, less makes it anew more often. States at rest are often far apart."""
+_POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 16
 VALLEY: Final = int(Relation.VALLEY)
 
 
@@ -91,8 +94,11 @@ class FilmRows(NamedTuple):
         relation: (faces, faces), see `Relation`.
         start: (p + 1,), where the triangles around each point begin.
         around: these.
-        points_from: (a + 1,), of each box the first point; those of one are of one face.
-        triangles_from: (c + 1,), the same of triangles.
+        order: (p,) points, neighbours together.
+        place: (p,) of each point in it.
+        points_from: (a + 1,), where those of each box begin in it; they are of one face.
+        triangle_order: (t,), the same of triangles.
+        triangles_from: (c + 1,), where those of each box begin in it.
         unit_nodes: of all units.
         units_from: (u + 1,), where those of each begin.
     """
@@ -105,20 +111,35 @@ class FilmRows(NamedTuple):
     relation: IndexTable
     start: Indices
     around: Indices
+    order: Indices
+    place: Indices
     points_from: Indices
+    triangle_order: Indices
     triangles_from: Indices
     unit_nodes: Indices
     units_from: Indices
 
     @classmethod
-    def of(cls, faces: FilmFaces, points: FilmPoints) -> FilmRows:
-        """Return those of a film."""
+    def of(cls, faces: FilmFaces, points: FilmPoints, positions: Array) -> FilmRows:
+        """Return those of a film, from its drawn nodes (n, 3) [m]."""
         films, units = np.column_stack([faces.face, faces.unit]), faces.unit_nodes
-        runs = _runs(points.home[:, 0], _POINTS_OF_BOX), _runs(faces.face, _TRIANGLES_OF_BOX)
+        places = (points.weights[:, :, None] * positions[points.nodes]).sum(axis=1)
+        order = _neighbours(points.home[:, 0], places)
+        triangle_order = _neighbours(faces.face, positions[faces.triangles].mean(axis=1))
         return cls(
             points.nodes, points.weights, points.home, faces.triangles, films, faces.relation,
-            *points.around, *runs, np.concatenate(units), np.cumsum([0, *map(len, units)], dtype=np.int64),
+            *points.around, order, np.argsort(order), _runs(points.home[order, 0], _POINTS_OF_BOX),
+            triangle_order, _runs(faces.face[triangle_order], _TRIANGLES_OF_BOX),
+            np.concatenate(units), np.cumsum([0, *map(len, units)], dtype=np.int64),
         )  # fmt: skip
+
+
+def _neighbours(face: IntArray, places: Array) -> IntArray:
+    """Return the order of places (k, 3) of faces (k,), along a curve of Morton's in each face."""
+    low = places.min(axis=0)
+    cells = ((places - low) * (1023.0 / max(float(np.ptp(places, axis=0).max()), 1e-12))).astype(np.int64)
+    bits = (cells[:, :, None] >> np.arange(10)) & 1
+    return np.lexsort(((bits << (3 * np.arange(10) + np.arange(3)[:, None])).sum(axis=(1, 2)), face))
 
 
 def _runs(face: IntArray, most: int) -> IntArray:
@@ -149,70 +170,93 @@ def _square_between(
 
 @device_function
 def _list_point(
-    rows: FilmRows,
-    p: int,
-    point: Vector,
-    boxes: tuple[Matrix, Matrix],
-    near: Indices,
-    limit: float,
-    listed: Indices,
-    total: int,
+    rows: FilmRows, p: int, near: tuple[Indices, Vector], limit: float, listed: Indices, total: int
 ) -> int:
-    """Add the triangles of a point to the list; return how many entries there are then."""
-    x, y, z = point[0], point[1], point[2]
-    triangles, bundles = boxes
-    for entry in range(near.shape[0]):
-        if _square_between(bundles, near[entry], x, y, z, x, y, z) > limit:
-            continue
-        begin, end = rows.triangles_from[near[entry]], rows.triangles_from[near[entry] + 1]
-        # across a valley a point counts nothing that it hangs on
-        valley = rows.relation[rows.homes[p, 0], rows.films[begin, 0]] == VALLEY
-        for t in range(begin, end):
-            if _square_between(triangles, t, x, y, z, x, y, z) > limit:
-                continue
-            shares = False
-            for a in range(9 if valley else 0):
-                shares |= rows.nodes[p, a // 3] == rows.triangles[t, a % 3]
-            if not shares:
-                if total < listed.shape[0]:
-                    listed[total] = t
-                total += 1
+    """Add the triangles of a point to the list; return how many entries there are then.
+
+    Near are their numbers, doubled, and 1 more across a valley; and their squared distances.
+    """
+    triangles, squares = near
+    for entry in range(triangles.shape[0]):
+        t, lists = triangles[entry] >> 1, squares[entry] <= limit
+        if lists and triangles[entry] & 1:  # there a point counts nothing that it hangs on
+            for a in range(3):
+                for b in range(3):
+                    lists &= rows.nodes[p, a] != rows.triangles[t, b]
+        if total < listed.shape[0]:
+            listed[total] = t
+        total += 1 if lists else 0
     return total
+
+
+@device_function
+def _find_near(
+    rows: FilmRows, face: int, own: Vector, boxes: tuple[Matrix, Matrix], limit: float, near: Indices
+) -> int:
+    """Fill the places of triangles that points of a face can meet, in a box `own`; return how many."""
+    triangles, bundles = boxes
+    corners, found = (own[0], own[1], own[2], own[3], own[4], own[5]), 0
+    for k in range(bundles.shape[0]):
+        begin, end = rows.triangles_from[k], rows.triangles_from[k + 1]
+        other = rows.films[rows.triangle_order[begin], 0]
+        if rows.relation[face, other] != 0 and _square_between(bundles, k, *corners) <= limit:
+            for place in range(begin, end):
+                if _square_between(triangles, place, *corners) <= limit:
+                    near[found] = place
+                    found += 1
+    return found
+
+
+@device_function
+def _fill_squares(columns: Matrix, count: int, point: Vector, squares: Vector) -> None:
+    """Fill the squared distances of the first boxes from a point: side by side, as processors like it."""
+    x, y, z = point[0], point[1], point[2]
+    for e in range(count):
+        along = max(columns[0, e] - x, x - columns[3, e], 0.0)
+        across = max(columns[1, e] - y, y - columns[4, e], 0.0)
+        beyond = max(columns[2, e] - z, z - columns[5, e], 0.0)
+        squares[e] = along * along + across * across + beyond * beyond
 
 
 @allocating
 def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: Indices) -> int:
-    """Fill each point's triangles, in ascending order; return how many there are.
+    """Fill each point's triangles; return how many there are.
 
-    None are written beyond the room of the list.
+    None are written beyond the room of the list; where there is none at all, more than there are is returned.
     """
     points, triangles = np.empty((rows.nodes.shape[0], 6)), np.empty((rows.triangles.shape[0], 6))
     bundles, own = np.empty((rows.triangles_from.shape[0] - 1, 6)), np.empty(6)
-    near, total, limit = np.empty(bundles.shape[0], np.int64), 0, room * room
-    for p in range(points.shape[0]):  # boxes of points have no size
-        fill_point(x, rows.nodes[p], rows.weights[p], points[p])
+    near, total, limit = np.empty(triangles.shape[0], np.int64), 0, room * room
+    columns, squares = np.empty((6, triangles.shape[0])), np.empty(triangles.shape[0])
+    for k in range(points.shape[0]):  # boxes of points have no size
+        fill_point(x, rows.nodes[rows.order[k]], rows.weights[rows.order[k]], points[k])
         for r in range(3):
-            points[p, 3 + r] = points[p, r]
-    for t in range(triangles.shape[0]):
-        a, b, c = rows.triangles[t, 0], rows.triangles[t, 1], rows.triangles[t, 2]
+            points[k, 3 + r] = points[k, r]
+    for k in range(triangles.shape[0]):
+        corners = rows.triangles[rows.triangle_order[k]]
+        a, b, c = corners[0], corners[1], corners[2]
         for r in range(3):
-            triangles[t, r] = min(x[a, r], x[b, r], x[c, r])
-            triangles[t, 3 + r] = max(x[a, r], x[b, r], x[c, r])
+            triangles[k, r] = min(x[a, r], x[b, r], x[c, r])
+            triangles[k, 3 + r] = max(x[a, r], x[b, r], x[c, r])
     for k in range(bundles.shape[0]):
         _enclose(triangles, rows.triangles_from[k], rows.triangles_from[k + 1], bundles[k])
     for box in range(rows.points_from.shape[0] - 1):
-        begin, end, found = rows.points_from[box], rows.points_from[box + 1], 0
+        begin, end = rows.points_from[box], rows.points_from[box + 1]
         _enclose(points, begin, end, own)
-        corners = own[0], own[1], own[2], own[3], own[4], own[5]
-        for k in range(bundles.shape[0]):  # which runs of triangles can meet these points
-            other = rows.films[rows.triangles_from[k], 0]
-            can = rows.relation[rows.homes[begin, 0], other] != 0
-            if can and _square_between(bundles, k, *corners) <= limit:
-                near[found] = k
-                found += 1
-        for p in range(begin, end):
-            first[p] = total
-            total = _list_point(rows, p, points[p], (triangles, bundles), near[:found], limit, listed, total)
+        face = rows.homes[rows.order[begin], 0]
+        found = _find_near(rows, face, own, (triangles, bundles), limit, near)
+        if listed.shape[0] == 0:
+            total += found * (end - begin)
+            continue
+        for e in range(found):
+            for r in range(6):
+                columns[r, e] = triangles[near[e], r]
+            t = rows.triangle_order[near[e]]
+            near[e] = 2 * t + (rows.relation[face, rows.films[t, 0]] == VALLEY)
+        for k in range(begin, end):
+            first[k] = total
+            _fill_squares(columns, found, points[k], squares)
+            total = _list_point(rows, rows.order[k], (near[:found], squares), limit, listed, total)
     first[rows.nodes.shape[0]] = total
     return total
 
@@ -226,12 +270,14 @@ class FilmLists(NamedTuple):
         long: made of the film.
         short: made of the long one.
         quiet: without entries: how long nothing of the short one is over a triangle, see `keep_quiet`.
+        seen: (n, 3) [m], the nodes when that was last seen to hold.
+        slack: (1,) [m], how much further two units might then have moved against each other.
         points: that have an entry in the short list.
         used: triangles that have one.
         counts: (2,), how many points and triangles these are.
         sides: (t, 13), see `_measure_side`; scratch.
         lowest: (t, 6), see `_fill_plane` and `_fill_lowest`; scratch.
-        moved: (u, 2) [m], deviation and radius of each unit; scratch.
+        moved: (u,) [m], deviation of each unit; scratch.
         went: (u, u) [m], how far two units have moved against each other, in the upper triangle; scratch.
         rigid: (u, 5, 3), mean now and before of each unit, and its rotation in between; scratch.
     """
@@ -241,12 +287,14 @@ class FilmLists(NamedTuple):
     long: NearList
     short: NearList
     quiet: NearList
+    seen: Matrix
+    slack: Vector
     points: Indices
     used: Indices
     counts: Indices
     sides: Matrix
     lowest: Matrix
-    moved: Matrix
+    moved: Vector
     went: Matrix
     rigid: Blocks
 
@@ -256,26 +304,27 @@ class FilmLists(NamedTuple):
         points, triangles, units = len(rows.nodes), len(rows.triangles), len(rows.units_from) - 1
         long, short, quiet = (
             NearList(
-                np.zeros(points + 1, np.int64), np.empty(each * points, np.int64), np.empty((nodes, 3)),
-                np.empty((units, units)), np.full(2, -1.0),
+                np.zeros(points + 1, np.int64), np.empty(0, np.int64), np.empty((nodes, 3)),
+                np.empty(units), np.empty((units, units)), np.full(2, -1.0),
             )
-            for each in (8, 8, 0)
+            for _ in range(3)
         )  # fmt: skip
         places = np.zeros(points, np.int64), np.zeros(triangles, np.int64), np.zeros(2, np.int64)
-        scratch = np.empty((triangles, 13)), np.empty((triangles, 6)), np.empty((units, 2))
-        lists = long, short, quiet
+        scratch = np.empty((triangles, 13)), np.empty((triangles, 6)), np.empty(units)
+        lists = long, short, quiet, np.empty((nodes, 3)), np.zeros(1)
         return cls(rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3)))
 
-    def made(self, positions: Array, room_m: float) -> FilmLists:
+    def made(self, positions: Array, room_m: float, moves: bool) -> FilmLists:
         """Return the lists with a new long one, with more room where that is too little.
 
         Args:
             positions: (n, 3) [m], of the nodes.
             room_m: largest distance of a point from a triangle that is asked for.
+            moves: whether it is to serve the next steps as well.
         """
         lists = self
-        while (needed := make_lists(positions, lists, room_m)) > len(lists.long.listed):
-            listed = (np.empty(2 * needed, np.int64) for _ in range(2))
+        while (needed := make_lists(positions, lists, room_m, moves)) > len(lists.long.listed):
+            listed = (np.empty(needed + needed // 2, np.int64) for _ in range(2))
             long, short = (
                 near._replace(listed=room) for near, room in zip((self.long, self.short), listed, strict=True)
             )
@@ -283,28 +332,52 @@ class FilmLists(NamedTuple):
         return lists
 
 
+@device_function
+def _fitted(start: Indices, unit: int) -> tuple[int, int, int]:
+    """Return from which node of a unit on, up to which, and every how many a rigid motion is fitted to."""
+    return start[unit], start[unit + 1], max(1, (start[unit + 1] - start[unit]) // _FITTED)
+
+
+@device_function
+def _keep(x: Matrix, rows: FilmRows, near: NearList) -> None:
+    """Fill the nodes when a list is made, and the radius of each unit around the mean of what is fitted."""
+    copy_rows(x, near.before)
+    for unit in range(near.radius.shape[0]):
+        begin, end, step = _fitted(rows.units_from, unit)
+        share, u, v, w, most = 1.0 / len(range(begin, end, step)), 0.0, 0.0, 0.0, 0.0
+        for k in range(begin, end, step):
+            n = rows.unit_nodes[k]
+            u, v, w = u + share * x[n, 0], v + share * x[n, 1], w + share * x[n, 2]
+        for k in range(begin, end):
+            n = rows.unit_nodes[k]
+            most = max(most, (x[n, 0] - u) ** 2 + (x[n, 1] - v) ** 2 + (x[n, 2] - w) ** 2)
+        near.radius[unit] = np.sqrt(most)
+
+
 @kernel(allocates=True)
-def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
+def make_lists(x: Matrix, lists: FilmLists, room_m: float, moves: bool) -> int:
     """Make a new long list; return how many entries it has, where that is no more than there is room for.
 
     Args:
         x: (n, 3) [m].
         lists: filled.
         room_m: largest distance of a point from a triangle that is asked for [m].
+        moves: whether it is to serve the next steps as well.
     """
     rows, long, short, longest = lists.rows, lists.long, lists.short, 0.0
+    margin = _MARGIN_M if moves else _MARGIN_AT_REST_M
     for t in range(rows.triangles.shape[0]):
         for k in range(3):
             a, b = rows.triangles[t, k], rows.triangles[t, (k + 1) % 3]
             u, v, w = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1], x[a, 2] - x[b, 2]
             longest = max(longest, u * u + v * v + w * w)
-    room = room_m + _MARGIN_M + 2.0 * BEYOND_EDGES * np.sqrt(longest)
+    room = room_m + margin + 2.0 * BEYOND_EDGES * np.sqrt(longest)
     needed = _fill_list(x, rows, room, long.first, long.listed)
     for near in (long, short, lists.quiet):
         near.bounds[0], near.bounds[1] = -1.0, -1.0
     if needed > long.listed.shape[0]:
         return needed
-    boxes, least = np.empty((rows.units_from.shape[0] - 1, 6)), _MARGIN_M / FEET_FOLLOW - _MOTION_M
+    boxes, least = np.empty((rows.units_from.shape[0] - 1, 6)), margin / FEET_FOLLOW - _MOTION_M
     for unit in range(boxes.shape[0]):
         low, high = boxes[unit], boxes[unit, 3:]
         low[:3], high[:] = np.inf, -np.inf
@@ -317,16 +390,16 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float) -> int:
             low, high = boxes[b], boxes[b, 3:]
             square = _square_between(boxes, a, low[0], low[1], low[2], high[0], high[1], high[2])
             further = max(np.sqrt(square) - room, 0.0) if lists.meet[a, b] else np.inf
-            allowed = (_MARGIN_M + further) / FEET_FOLLOW
+            allowed = (margin + further) / FEET_FOLLOW
             # where the long list has pairs, it leaves a little to the short one, far from there half
             short.allowed[a, b] = min(0.5 * allowed, allowed - least)
             long.allowed[a, b] = max(0.5 * allowed, least)
-    copy_rows(x, long.before)
+    _keep(x, rows, long)
     long.bounds[0], long.bounds[1] = room_m, room_m
     return needed
 
 
-_MOTION_M: Final = 0.2e-3  # more of it lengthens the short list, less makes it anew more often
+_MOTION_M: Final = 0.3e-3  # more of it lengthens the short list, less makes it anew more often
 _FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what is asked for
 
 
@@ -404,12 +477,12 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
         _fill_plane(x, rows.triangles[t], lowest[t])
         lists.used[t] = 0
     for p in range(rows.nodes.shape[0]):
-        short.first[p] = count
-        if long.first[p] == long.first[p + 1]:
+        short.first[p], begin, end = count, long.first[rows.place[p]], long.first[rows.place[p] + 1]
+        if begin == end:
             continue
         fill_point(x, rows.nodes[p], rows.weights[p], place)
         px, py, pz = place[0], place[1], place[2]
-        for entry in range(long.first[p], long.first[p + 1]):
+        for entry in range(begin, end):
             t = long.listed[entry]
             d = lowest[t, 0] * px + lowest[t, 1] * py + lowest[t, 2] * pz - lowest[t, 3]
             if not -behind - across <= d <= furthest:  # which most are too far from
@@ -421,7 +494,11 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
                 _measure_side(x, rows.triangles[t], sides[t])
                 _fill_lowest(sides[t], lowest[t])
             if least_weight(sides[t], px, py, pz) >= lowest[t, 4] + lowest[t, 5] * abs(d):
-                short.listed[count], lists.used[t] = t, _LISTED
+                lists.used[t], at = _LISTED, count
+                while at > short.first[p] and short.listed[at - 1] > t:  # ascending
+                    short.listed[at] = short.listed[at - 1]
+                    at -= 1
+                short.listed[at] = t
                 count += 1
         if count > short.first[p]:
             lists.points[points] = p
@@ -433,7 +510,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
             lists.counts[1] += 1
     lists.went[:] = 0.0
     short.bounds[0], short.bounds[1] = reach, behind
-    copy_rows(x, short.before)
+    _keep(x, rows, short)
 
 
 @device_function
@@ -447,29 +524,52 @@ def units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> bool
     minors, rigid = small_matrix(3, 3), lists.rigid
     units = start.shape[0] - 1
     for a in range(units):
-        some = start[a], start[a + 1], max(1, (start[a + 1] - start[a]) // _FITTED)
-        fit_motion(x, before, nodes, some, rigid[a], minors)
-        moved[a, 0], furthest = deviation(x, before, nodes, start[a], start[a + 1], rigid[a]), 0.0
-        for k in range(start[a], start[a + 1]):
-            n, square = nodes[k], 0.0
-            for r in range(3):
-                square += (before[n, r] - rigid[a, 1, r]) ** 2
-            furthest = max(furthest, square)
-        moved[a, 1] = np.sqrt(furthest)
+        fit_motion(x, before, nodes, _fitted(start, a), rigid[a], minors)
+        moved[a] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
         fits = False
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
-            went = moved[a, 0] + moved[b, 0] + rigid_difference(rigid[a], rigid[b], moved[b, 1])
+            went = moved[a] + moved[b] + rigid_difference(rigid[a], rigid[b], near.radius[b])
             if not went <= allowed:
                 if not fits:
                     fit_motion(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
-                    moved[a, 0] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+                    moved[a] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
                     fits = True
-                went = moved[a, 0] + deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
+                went = moved[a] + deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
             if not went <= allowed:
                 return False
             lists.went[a, b] = went
+    return True
+
+
+@device_function
+def stays_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> bool:
+    """Return whether still nothing of the film is over a triangle, as `keep_quiet` has it.
+
+    Most often no node has gone far since that was last seen, besides a rigid motion of all: two units have
+    moved by no more than twice as much against each other.
+
+    Args:
+        x: (n, 3) [m].
+        lists: filled.
+        reach: largest distance in front of a triangle that is asked for [m].
+        behind: the same behind it [m].
+    """
+    quiet, nodes, slack, rigid = lists.quiet, lists.rows.unit_nodes, np.inf, lists.rigid[0]
+    if not (reach <= quiet.bounds[0] and behind <= quiet.bounds[1]):
+        return False
+    some = 0, nodes.shape[0], max(1, nodes.shape[0] // _FITTED)
+    fit_motion(x, lists.seen, nodes, some, rigid, small_matrix(3, 3))
+    if 2.0 * deviation(x, lists.seen, nodes, 0, nodes.shape[0], rigid) <= lists.slack[0]:
+        return True
+    if not units_stay(x, lists, quiet, 0.0):
+        return False
+    for a in range(lists.went.shape[0]):
+        for b in range(a + 1, lists.went.shape[0]):
+            slack = min(slack, quiet.allowed[a, b] - lists.went[a, b])
+    copy_rows(x, lists.seen)
+    lists.slack[0] = slack
     return True
 
 
@@ -530,5 +630,5 @@ def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None
                 beside = min((-BEYOND_EDGES - weight) / (1.36 + 2.6 * steepest * abs(d)), 0.1) / steepest
                 free = max(max(d - reach, -behind - d) / FEET_FOLLOW, beside)
                 quiet.allowed[a, b] = min(quiet.allowed[a, b], max(free, 0.0))
-    quiet.bounds[0], quiet.bounds[1] = reach, behind
-    copy_rows(x, quiet.before)
+    quiet.bounds[0], quiet.bounds[1], lists.slack[0] = reach, behind, -1.0
+    _keep(x, rows, quiet)

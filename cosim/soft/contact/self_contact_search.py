@@ -163,7 +163,7 @@ class FilmLook:
         faces = FilmFaces.of(body)
         points = FilmPoints.of(faces, body.positions)
         self._body, self._can_meet = body, faces.can_meet
-        self._lists = FilmLists.room(FilmRows.of(faces, points), faces.units_meet, body.nodes)
+        self._lists = FilmLists.room(FilmRows.of(faces, points, body.positions), faces.units_meet, body.nodes)
         self._out = np.zeros((2 * len(points), 2), np.int64)
 
     def overlap(self, positions: Array) -> FilmOverlap | None:
@@ -175,7 +175,7 @@ class FilmLook:
         if not self._can_meet:
             return None
         while (count := find_over(positions, self._lists, 0.0, BEHIND_M, self._out)) < 0:
-            self._lists = self._lists.made(positions, BEHIND_M)
+            self._lists = self._lists.made(positions, BEHIND_M, False)
         if count > len(self._out):
             self._out = np.zeros((2 * count, 2), np.int64)
             return self.overlap(positions)

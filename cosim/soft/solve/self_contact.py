@@ -33,7 +33,13 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
 from cosim.soft.contact.rigid_motion import furthest_from_mean
-from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, keep_quiet, make_lists, units_stay
+from cosim.soft.contact.self_contact_candidates import (
+    FilmLists,
+    FilmRows,
+    keep_quiet,
+    make_lists,
+    stays_quiet,
+)
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, pair_work, settle_pairs
@@ -184,15 +190,14 @@ def films_press(at: int, x: Matrix, velocity: Matrix, ahead: float, through: flo
     """
     films = record_at(at, FilmContacts)
     lists, reach, behind = films.lists, 0.5 * films.pairs.widths[0], through
-    quiet = lists.quiet
-    if reach <= quiet.bounds[0] and through <= quiet.bounds[1] and units_stay(x, lists, quiet, 0.0):
+    if stays_quiet(x, lists, reach, through):
         return 0
     if ahead * furthest_from_mean(velocity) > through:
         behind = BEHIND_M
     asked = x, lists, reach, behind, films.hits[:0]
     count = _find_over(films.calls[_OVER], asked)
     if count < 0:
-        if _make_lists(films.calls[_MAKE], (x, lists, behind)) > lists.long.listed.shape[0]:
+        if _make_lists(films.calls[_MAKE], (x, lists, behind, ahead > 0.0)) > lists.long.listed.shape[0]:
             return -1
         count = _find_over(films.calls[_OVER], asked)
     if count == 0:
@@ -216,9 +221,9 @@ class SelfContact:
         self._overlooked: SoftState | None = None
         self._last: tuple[SoftState, float, FilmPairs | None] | None = None  # of the last step
         self.work_J = 0.0
-        self._store = RecordStore(FilmContacts)
+        self._store, rows = RecordStore(FilmContacts), FilmRows.of(self.faces, points, body.positions)
         self.contacts = FilmContacts(
-            FilmLists.room(FilmRows.of(self.faces, points), self.faces.units_meet, body.nodes),
+            FilmLists.room(rows, self.faces.units_meet, body.nodes),
             _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
             *self._room(len(points)), np.zeros(3, np.int64), np.empty((body.nodes, 3)),
             np.array([address_of(each) for each in called]), not law.throughout,
@@ -261,7 +266,7 @@ class SelfContact:
 
     def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
         while (count := films_press(self.at, x, velocities, ahead_s, through_m)) < 0:
-            self.contacts = self.contacts._replace(lists=self.contacts.lists.made(x, BEHIND_M))
+            self.contacts = self.contacts._replace(lists=self.contacts.lists.made(x, BEHIND_M, ahead_s > 0.0))
         return count > 0
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
@@ -347,7 +352,7 @@ class SelfContact:
             else:
                 drift = np.linalg.norm(velocities - velocities.mean(axis=0), axis=1).max()
                 room = max(rest_m + ahead_s * float(drift), BEHIND_M)
-                lists = self.contacts.lists.made(x, room)
+                lists = self.contacts.lists.made(x, room, True)
                 self.contacts = self.contacts._replace(lists=lists)
         films = self.contacts
         if not count:
