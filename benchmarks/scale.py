@@ -35,7 +35,7 @@ from cosim.config.schema.scenario import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, SoftState

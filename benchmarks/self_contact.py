@@ -34,7 +34,7 @@ from cosim.config.loading import load_scenario
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import CoupledPattern
 from cosim.soft.solve.compilation import compile_kernels

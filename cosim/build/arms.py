@@ -77,7 +77,7 @@ def cell_of(scene: SceneTable) -> Cell:
     Raises:
         ScenarioError: its file is not usable.
     """
-    from cosim.rigid.build.cells import read_cell
+    from cosim.rigid.build.compiled_scene import read_cell
 
     with blamed_on("scene.mjcf"):
         return read_cell(Path(scene.mjcf))

@@ -56,19 +56,18 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules += (eyelets,)
     if film and _has_losses(scenario.soft_robot):
-        from cosim.soft.elements import strain_rate
-        from cosim.soft.film import strain_rates
+        from cosim.soft.film import rate_kernels
 
-        modules += (strain_rate, strain_rates)
+        modules += (rate_kernels,)
     if not scenario.model.closed:
         from cosim.soft.published import open_caps
 
         modules += (open_caps,)
     if scenario.fidelity == "section":
-        from cosim.reduced.sections import assembly, section_energy, section_gaps
+        from cosim.reduced.sections import assembly, section_energy
         from cosim.reduced.solve import chain_step, newton
 
-        modules += (assembly, section_energy, section_gaps, chain_step, newton)
+        modules += (assembly, section_energy, chain_step, newton)
     return modules if scenario.robot == NO_ARM else modules + exchange_modules(scenario)
 
 

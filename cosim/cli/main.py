@@ -335,7 +335,7 @@ def _identify(options: argparse.Namespace) -> int:
 def _design(options: argparse.Namespace) -> int:
     from cosim.bench import page  # here, because they load numpy and pydantic
     from cosim.bench.design import design, design_lines
-    from cosim.config.design_studies import load_design_study
+    from cosim.config.benches import load_design_study
 
     study = load_design_study(options.study)
     verify, searches = not options.unverified, study.starts * max(1, len(study.choice))

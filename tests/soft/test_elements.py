@@ -11,7 +11,7 @@ import pytest
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.kept_parts import content_name
 from cosim.errors import InputError, MeshError
-from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.reduced.section_model import RingFrames
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads

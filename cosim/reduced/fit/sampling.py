@@ -21,7 +21,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.poses import Lengths, Poses, WorkingRange
-from cosim.reduced.sections.ring_frames import RingFrames, frames_from_strains, strains
+from cosim.reduced.section_model import RingFrames, frames_from_strains, strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Sums
