@@ -151,7 +151,7 @@ def main() -> int:
         "--motion", action="store_true", help="also the mean tick of a smooth motion (minutes)"
     )
     options = parser.parse_args()
-    from cosim.soft.solve.compilation import compile_kernels
+    from cosim.build.kernel_modules import compile_kernels
 
     compile_kernels(print)
     rows = measured("units", {units: body_of(Extreme(units=units)) for units in UNITS}, options.motion)

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from cosim.results.episodes import LearningEpisode as LearningEpisode
     from cosim.results.episodes import episode_of as episode_of
     from cosim.results.episodes import write_episodes as write_episodes
-    from cosim.results.joint_table import JointTable as JointTable
+    from cosim.results.exports import JointTable as JointTable
     from cosim.results.result import RunResult as RunResult
     from cosim.sweeps.sweeping import SweepOutcome as SweepOutcome
     from cosim.sweeps.sweeping import SweepProgress as SweepProgress
@@ -92,7 +92,7 @@ _NAMES = {
         "UnreachableError WorkerError"
     ),
     "cosim.results.episodes": "LearningEpisode episode_of write_episodes",
-    "cosim.results.joint_table": "JointTable",
+    "cosim.results.exports": "JointTable",
     "cosim.results.result": "RunResult",
     "cosim.sweeps.sweeping": "sweep SweepOutcome SweepProgress",
     "cosim.sweeps.table": "open_sweep plot_sweep",

@@ -20,7 +20,7 @@ from cosim.base.frames import Array, IntArray, rotations_from_quaternions
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.results.joint_table import PAYLOAD, JointTable, TOLD_EVERY_s, sample_times
+from cosim.results.exports import PAYLOAD, JointTable, TOLD_EVERY_s, sample_times
 from cosim.results.result import RunResult
 from cosim.telemetry.snapshot import RunInfo
 

@@ -21,7 +21,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command
 from cosim.errors import InputError, SolverError
-from cosim.results.joint_table import JointTable
+from cosim.results.exports import JointTable
 from cosim.results.result import RunResult, figure_kind, result_of
 from cosim.telemetry.tick_batch import TickBatch
 

@@ -32,10 +32,9 @@ from cosim.recording.blueprint import (
     scene_eye,
 )
 from cosim.recording.colours import series_colours
-from cosim.recording.columns import PlotBuffer, time_columns
 from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.recording.recorder import Recorder, RecordingPart
-from cosim.recording.scene import Scene, log_rigid_meshes
+from cosim.recording.scene import PlotBuffer, Scene, log_rigid_meshes, time_columns
 from cosim.telemetry.cameras import segment_names
 from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch

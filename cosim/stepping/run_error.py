@@ -41,11 +41,10 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
+from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh, SourceFilm
 from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
-from cosim.coupling.soft_sides.source_film import SourceFilm
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_paths import wanted_tip
 from cosim.soft.beams.beam_rings import stiffener_strain

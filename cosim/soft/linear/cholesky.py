@@ -29,8 +29,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_check import KnownStates, check_state
-from cosim.soft.linear import multifrontal_kernels
-from cosim.soft.linear.elimination_tree import COLUMNS, FrontTree, dissect
+from cosim.soft.linear import fronts
 from cosim.soft.linear.envelope_kernels import (
     TileEntries,
     TileFactor,
@@ -40,6 +39,7 @@ from cosim.soft.linear.envelope_kernels import (
     list_entries,
     substitute,
 )
+from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree, dissect
 from cosim.soft.linear.linear_solver import (
     NODE,
     TILED,
@@ -50,7 +50,6 @@ from cosim.soft.linear.linear_solver import (
     lower_entries,
     numbering,
 )
-from cosim.soft.linear.multifrontal_kernels import FrontLists, FrontRoom
 from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
 _TILE: Final = 4
@@ -337,7 +336,7 @@ class DissectedCholesky(LinearSolver):
         groups: list[IntArray] | None = None,
     ) -> None:
         super().__init__(pattern, free)
-        compile_modules(logging.getLogger("cosim").info, (multifrontal_kernels,))
+        compile_modules(logging.getLogger("cosim").info, (fronts,))
         self.groups = groups = _dissected(self, far) if groups is None else groups
         number = numbering(self.free, self.free_nodes[np.concatenate(groups)])
         self._dofs = equations(number)
@@ -363,19 +362,15 @@ class DissectedCholesky(LinearSolver):
         self._source, self._place = (part[order].astype(np.uint64) for part in (source, place))
         entry_first = np.searchsorted(front[order], np.arange(len(tree.first)))
         starts = (tree.first, tree.start, tree.rest_first, tree.child_first, tree.run_first, entry_first)
-        fronts = np.stack([*starts, np.append(tree.left, 0)], axis=1)
-        lists = (part.astype(np.uint64) for part in (fronts, tree.children, tree.runs, tree.rows))
+        table = np.stack([*starts, np.append(tree.left, 0)], axis=1)
+        lists = (part.astype(np.uint64) for part in (table, tree.children, tree.runs, tree.rows))
         self._lists, self._rest = FrontLists(*lists), tree.rest.astype(np.uint64)
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
         if self._lent:
             self._store, self._lent = np.empty_like(self._store), False
         room = FrontRoom(self._work, self._spare, self._stack, self._store)
-        return bool(
-            multifrontal_kernels.factorise(
-                blocks.reshape(-1), self._source, self._place, shift, self._lists, room
-            )
-        )
+        return bool(fronts.factorise(blocks.reshape(-1), self._source, self._place, shift, self._lists, room))
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
@@ -393,8 +388,6 @@ class DissectedCholesky(LinearSolver):
         result = np.zeros((len(loads), 3 * self.pattern.nodes))
         for load, found in zip(loads.reshape(len(loads), -1), result, strict=True):
             x = load[self._dofs]
-            multifrontal_kernels.substitute(
-                self._store, self._lists.fronts, self._rest, self._here, self._there, x
-            )
+            fronts.substitute(self._store, self._lists.fronts, self._rest, self._here, self._there, x)
             found[self._dofs] = x
         return result.reshape(len(loads), -1, 3)
