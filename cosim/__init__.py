@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from cosim.app.ended_run import picture as picture
     from cosim.app.motion import payload_torque as payload_torque
     from cosim.app.motion import plan_path as plan_path
+    from cosim.app.motion import replay as replay
     from cosim.app.motion import run_path as run_path
     from cosim.app.progress import ProgressBar as ProgressBar
-    from cosim.app.replay import replay as replay
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.app.twin import Prediction as Prediction
@@ -73,9 +73,8 @@ _NAMES = {
     "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",
-    "cosim.app.motion": "payload_torque plan_path run_path",
+    "cosim.app.motion": "payload_torque plan_path replay run_path",
     "cosim.app.progress": "ProgressBar",
-    "cosim.app.replay": "replay",
     "cosim.app.simulation": "SavedState Simulation",
     "cosim.app.twin": "Prediction Twin",
     "cosim.base.frames": "Pose",

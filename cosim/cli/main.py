@@ -364,7 +364,7 @@ def _overrides(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from cosim.app.replay import drawn, replay  # here, because they load numpy
+    from cosim.app.motion import drawn, replay  # here, because they load numpy
     from cosim.base.resources import writing
     from cosim.results.exports import JointTable
     from cosim.results.result import figure_kind

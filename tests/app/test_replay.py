@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.replay import APPROACH_s, Replayed, SETTLE_s
+from cosim.app.motion import APPROACH_s, Replayed, SETTLE_s
 from cosim.build import soft_model
 from cosim.cli.main import main
 from cosim.errors import InputError
