@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from cosim.build.arms import find_arm
 from cosim.rigid.build.compiled_scene import compile_model
 from cosim.rigid.build.description import SceneDescription
-from cosim.rigid.build.drawn_arm import drawing_of
+from cosim.rigid.build.mjcf_arm import drawing_of
 
 ARM = find_arm("ur5e")
 LINKS = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link")

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.build.kernel_modules import compile_kernels
 from cosim.build.options import fidelity_body
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
@@ -41,7 +42,6 @@ from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.loads import Loads
 from cosim.soft.geometry import polygonal_stack
 from cosim.soft.geometry.polygonal_stack import Ring
-from cosim.soft.solve.compilation import compile_kernels
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
 from cosim.soft.targets.tip_search import find_tensions

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
 from cosim.bench.design import DesignProblem, design, design_lines, search
-from cosim.config.design_studies import DesignStudyTable, load_design_study
+from cosim.config.benches import DesignStudyTable, load_design_study
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "design.md"
 CLOSE = 0.01

@@ -24,10 +24,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cosim.base.frames import Pose
+from cosim.build.kernel_modules import compile_kernels
 from cosim.errors import ConvergenceError
 from cosim.soft.elements.material import FilmLaw
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.solve.compilation import compile_kernels
 from cosim.verification.stacks import (
     FILM,
     FIVE_HEXAGONS_BANDS,

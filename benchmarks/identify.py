@@ -30,7 +30,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from cosim.bench.curves import Curves
+from cosim.bench.equilibria import Curves
 from cosim.bench.fitting import Fit, identify, spread_of
 from cosim.bench.page import series_lines, value_lines
 from cosim.config.benches import BenchTable, Series, load_bench

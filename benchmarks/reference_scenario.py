@@ -62,7 +62,7 @@ def watch() -> Stopwatch:
     from cosim.kinematics.arm import Arm
     from cosim.recording.rerun_recorder import RerunRecorder
     from cosim.rigid.scene.scene import RigidScene
-    from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+    from cosim.soft.linear.cholesky import EnvelopeCholesky
     from cosim.soft.solve.assembly import SoftSystem
     from cosim.stepping.parts import Parts
 

@@ -35,7 +35,7 @@ from cosim.config.schema.scenario import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, SoftState
@@ -151,7 +151,7 @@ def main() -> int:
         "--motion", action="store_true", help="also the mean tick of a smooth motion (minutes)"
     )
     options = parser.parse_args()
-    from cosim.soft.solve.compilation import compile_kernels
+    from cosim.build.kernel_modules import compile_kernels
 
     compile_kernels(print)
     rows = measured("units", {units: body_of(Extreme(units=units)) for units in UNITS}, options.motion)

@@ -30,14 +30,14 @@ import numpy as np
 from benchmarks.measure.calls import least_ms
 from cosim.app.driver import build_simulation
 from cosim.base.frames import Array
+from cosim.build.kernel_modules import compile_kernels
 from cosim.config.loading import load_scenario
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.point_kernels import feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import CoupledPattern
-from cosim.soft.solve.compilation import compile_kernels
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact

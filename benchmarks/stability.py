@@ -171,7 +171,7 @@ def main() -> int:
         return 1 if symmetric_table() else 0
     if options.statics is not None:
         return 1 if static_table(options.statics) else 0
-    from cosim.soft.solve.compilation import compile_kernels
+    from cosim.build.kernel_modules import compile_kernels
 
     compile_kernels(print)
     began, results = time.process_time(), []

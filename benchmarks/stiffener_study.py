@@ -32,6 +32,7 @@ import numpy as np
 from benchmarks.measure.stability import negative_pivots
 from cosim import run
 from cosim.base.frames import Pose, rotation_from_vector
+from cosim.build.kernel_modules import compile_kernels
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -42,7 +43,6 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.compilation import compile_kernels
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions

@@ -22,10 +22,10 @@ from statistics import median
 from typing import Final
 
 import cosim
-from cosim.config.schema import film, objects, pattern, phase, scenario, sensor, soft_robot, stack
+from cosim.config.schema import film, objects, pattern, phase, scenario, soft_robot
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-SCHEMA: Final = (film, objects, pattern, phase, scenario, sensor, soft_robot, stack)
+SCHEMA: Final = (film, objects, pattern, phase, scenario, soft_robot)
 MEDIAN_MAX, MOST_MAX, PHRASES_MAX = 16, 30, 10
 PHRASES: Final = {
     1: r"\banew\b",

@@ -23,14 +23,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 
+from cosim.build.kernel_modules import compile_kernels
 from cosim.build.soft_body import build_soft_body
-from cosim.config.schema.film import FilmTable
+from cosim.config.schema.film import FilmTable, NeckTable, StackTable
 from cosim.config.schema.scenario import ModelTable
 from cosim.config.schema.soft_robot import HingeTable, MassTable, SoftRobotTable, StiffenerTable
-from cosim.config.schema.stack import NeckTable, StackTable
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.compilation import compile_kernels
 from cosim.verification.stacks import OpenSpecimen, tilt_stiffness
 
 FRAME_STIFFNESS_N_M = 1e6

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from cosim.app.ended_run import picture as picture
     from cosim.app.motion import payload_torque as payload_torque
     from cosim.app.motion import plan_path as plan_path
+    from cosim.app.motion import replay as replay
     from cosim.app.motion import run_path as run_path
     from cosim.app.progress import ProgressBar as ProgressBar
-    from cosim.app.replay import replay as replay
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.app.twin import Prediction as Prediction
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from cosim.results.episodes import LearningEpisode as LearningEpisode
     from cosim.results.episodes import episode_of as episode_of
     from cosim.results.episodes import write_episodes as write_episodes
-    from cosim.results.joint_table import JointTable as JointTable
+    from cosim.results.exports import JointTable as JointTable
     from cosim.results.result import RunResult as RunResult
     from cosim.sweeps.sweeping import SweepOutcome as SweepOutcome
     from cosim.sweeps.sweeping import SweepProgress as SweepProgress
@@ -73,9 +73,8 @@ _NAMES = {
     "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",
-    "cosim.app.motion": "payload_torque plan_path run_path",
+    "cosim.app.motion": "payload_torque plan_path replay run_path",
     "cosim.app.progress": "ProgressBar",
-    "cosim.app.replay": "replay",
     "cosim.app.simulation": "SavedState Simulation",
     "cosim.app.twin": "Prediction Twin",
     "cosim.base.frames": "Pose",
@@ -92,7 +91,7 @@ _NAMES = {
         "UnreachableError WorkerError"
     ),
     "cosim.results.episodes": "LearningEpisode episode_of write_episodes",
-    "cosim.results.joint_table": "JointTable",
+    "cosim.results.exports": "JointTable",
     "cosim.results.result": "RunResult",
     "cosim.sweeps.sweeping": "sweep SweepOutcome SweepProgress",
     "cosim.sweeps.table": "open_sweep plot_sweep",

@@ -30,7 +30,7 @@ from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
 from cosim.base.files import cache_directory, files_read
 from cosim.base.kept_parts import KeptParts
-from cosim.build.kernel_modules import contact_modules, kernel_modules
+from cosim.build.kernel_modules import compile_kernels, contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
 from cosim.config.several_arms import ArmsScenario, of_arm
 from cosim.errors import OutputError, SolverError
@@ -473,8 +473,6 @@ def prepared(
     Raises:
         ScenarioError: no fidelity meets its `[auto]`.
     """
-    from cosim.soft.solve.compilation import compile_kernels  # here, so that wrong input needs no engine
-
     compile_kernels(tell, _modules(scenario, recording))
     chosen = with_fidelity_chosen(scenario, tell, kept)
     touched = contact_modules() if contact and scenario.robot != NO_ARM else ()

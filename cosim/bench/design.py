@@ -16,8 +16,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario
 from cosim.bench.outputs import outputs_of
-from cosim.config.benches import FreeTable
-from cosim.config.design_studies import DesignStudyTable, GoalTable, LimitTable
+from cosim.config.benches import DesignStudyTable, FreeTable, GoalTable, LimitTable
 from cosim.config.loading import load_scenario
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario

@@ -1,4 +1,4 @@
-"""Equilibria under rows of loads as a robot's values change, and their exact Jacobian."""
+"""Equilibria under rows of loads as a robot's values change, their exact Jacobian, and a bench's curves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cosim.bench.parameters import (
     with_values,
 )
 from cosim.build.options import dynamic_options, fidelity_body, static_options
-from cosim.config.benches import FreeTable
+from cosim.config.benches import BenchTable, FreeTable, Series
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
@@ -245,3 +245,57 @@ class Equilibria:
                 if of in ("", each):
                     loads = with_load(loads, kind, place, value, chambers)
         return loads
+
+
+@final
+class Curves:
+    """The model's values of all measured rows.
+
+    Attributes: `rows`, their equilibria.
+
+    Args:
+        bench: checked.
+        series: its curves.
+
+    Raises:
+        InputError: a parameter, load or quantity does not exist, or a start is outside its bounds.
+    """
+
+    def __init__(self, bench: BenchTable, series: Sequence[Series]) -> None:
+        rows = [
+            LoadRow(
+                f"series.{entry.table.name}.loads", f"series.{entry.table.name}, row {row + 1}",
+                entry.table.name, {name: values[row] for name, values in entry.loads.items()},
+            )
+            for entry in series for row in range(len(entry.values))
+        ]  # fmt: skip
+        self.rows = Equilibria(bench_scenario(bench.scenario, bench.set), bench.parameter, rows)
+        self._names = list(dict.fromkeys(entry.table.quantity for entry in series))
+        own = [self._names.index(entry.table.quantity) for entry in series for _ in entry.values]
+        self._own = np.arange(len(rows)), np.array(own)
+        for entry in series:
+            if len(outputs_of([entry.table.quantity], self.rows.model)) != 1:
+                raise ScenarioError(
+                    f"series.{entry.table.name}.quantity", "means several numbers; name one, such as by .z"
+                )
+
+    def at(self, values: Array) -> Array:
+        """Return the model's values (rows,) of all series.
+
+        Raises:
+            ConvergenceError: a row has no equilibrium.
+        """
+        self.rows.solve(values)
+        return np.asarray(self.rows.read(self._names)[self._own])
+
+    def jacobian(self, quantities: Sequence[str] = ()) -> Array:
+        """Return the derivatives (rows, parameters) where `at` was called last; of other quantities if named.
+
+        At a kink of the forces, as where film begins to wrinkle, they are those across it.
+
+        Args:
+            quantities: of all rows, one for each instead of its own; (quantities, rows, parameters).
+        """
+        if quantities:
+            return np.moveaxis(self.rows.jacobian(quantities, kinks=True), 1, 0)
+        return np.asarray(self.rows.jacobian(self._names, kinks=True)[self._own])

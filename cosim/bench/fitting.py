@@ -20,7 +20,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask
 from cosim.bench.checks import Identifiability, identifiability, oddities
-from cosim.bench.curves import Curves
+from cosim.bench.equilibria import Curves
 from cosim.config.benches import BenchTable, Series
 from cosim.config.toml.keys import unit_of
 from cosim.errors import ConvergenceError, InputError

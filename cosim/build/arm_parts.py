@@ -36,8 +36,7 @@ from cosim.plan.motion import CellMotion, JointPath
 from cosim.plan.plan import Plan
 from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
-from cosim.rigid.build.description import Geometry, Joint, SceneDescription, SceneObject
-from cosim.rigid.build.pair_friction import PairFriction
+from cosim.rigid.build.description import Geometry, Joint, PairFriction, SceneDescription, SceneObject
 from cosim.rigid.scene.arms import SceneOfArms
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody

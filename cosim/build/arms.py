@@ -16,8 +16,7 @@ import numpy as np
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
 from cosim.config.arms.arm_files import arm_source, read_urdf
-from cosim.config.arms.arm_table import BaseTable
-from cosim.config.arms.moving_base import on_moving_base
+from cosim.config.arms.arm_table import BaseTable, on_moving_base
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
@@ -77,7 +76,7 @@ def cell_of(scene: SceneTable) -> Cell:
     Raises:
         ScenarioError: its file is not usable.
     """
-    from cosim.rigid.build.cells import read_cell
+    from cosim.rigid.build.compiled_scene import read_cell
 
     with blamed_on("scene.mjcf"):
         return read_cell(Path(scene.mjcf))

@@ -1,4 +1,4 @@
-"""Which kernels a scenario needs beside those of every run, for compilation ahead of it."""
+"""Which kernels every run needs, and which a scenario needs beside them, for compilation ahead of it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,37 @@ def _has_losses(robot: AnySoftRobot) -> bool:
     return robot.film.loss_factor > 0.0 or any(_has_losses(part.robot) for part in robot.attachments)
 
 
+def common_modules() -> tuple[ModuleType, ...]:
+    """Return the modules with kernels of every run: those of all known elements, and of what sums them."""
+    from cosim.soft.body import places
+    from cosim.soft.contact import obstacle_contact, point_kernels
+    from cosim.soft.elements import mass_terms, pressure
+    from cosim.soft.elements.element import kinds_known
+    from cosim.soft.film import film_terms
+    from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
+    from cosim.soft.solve import film_step, state, step_begin
+
+    return (
+        places, obstacle_contact, point_kernels, envelope_kernels, film_step, film_terms, state, mass_terms,
+        pattern, pressure, secant_pairs, step_begin,
+        *dict.fromkeys(sys.modules[kind.__module__] for kind in kinds_known()),
+    )  # fmt: skip
+
+
+def compile_kernels(
+    announce: Callable[[str], None] = lambda _text: None, more: tuple[ModuleType, ...] = ()
+) -> None:
+    """Compile the kernels of every run, or load them from numba's cache on disk.
+
+    Args:
+        announce: told in one sentence, before the wait, when they have to be compiled.
+        more: modules with further kernels.
+    """
+    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+
+    compile_modules(announce, (*common_modules(), *more))
+
+
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
@@ -43,10 +74,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             modules += (energy,)
     if scenario.touches_itself and film:  # a section model is built without a run, and kept
         from cosim.soft.contact import self_contact_pairs
-        from cosim.soft.linear import multifrontal_kernels  # pairs of films may make matrices wide
+        from cosim.soft.linear import fronts  # pairs of films may make matrices wide
         from cosim.soft.solve import self_contact
 
-        modules += (self_contact_pairs, self_contact, multifrontal_kernels)
+        modules += (self_contact_pairs, self_contact, fronts)
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 
@@ -56,19 +87,18 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules += (eyelets,)
     if film and _has_losses(scenario.soft_robot):
-        from cosim.soft.elements import strain_rate
-        from cosim.soft.film import strain_rates
+        from cosim.soft.film import rate_kernels
 
-        modules += (strain_rate, strain_rates)
+        modules += (rate_kernels,)
     if not scenario.model.closed:
         from cosim.soft.published import open_caps
 
         modules += (open_caps,)
     if scenario.fidelity == "section":
-        from cosim.reduced.sections import assembly, section_energy, section_gaps
+        from cosim.reduced.sections import assembly, section_energy
         from cosim.reduced.solve import chain_step, newton
 
-        modules += (assembly, section_energy, section_gaps, chain_step, newton)
+        modules += (assembly, section_energy, chain_step, newton)
     return modules if scenario.robot == NO_ARM else modules + exchange_modules(scenario)
 
 

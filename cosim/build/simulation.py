@@ -44,9 +44,8 @@ from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
 from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
-from cosim.stepping.arms_run import ArmsRun
 from cosim.stepping.carrier import Carrier, HeldBase
-from cosim.stepping.dynamic import DynamicSimulation
+from cosim.stepping.dynamic import ArmsRun, DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.run_error import ErrorFinder

@@ -24,7 +24,7 @@ from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern
-from cosim.config.schema.film import FilmTable
+from cosim.config.schema.film import FilmTable, StackTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
 from cosim.config.schema.soft_robot import (
@@ -37,7 +37,6 @@ from cosim.config.schema.soft_robot import (
     SoftRobotTable,
     StiffenerTable,
 )
-from cosim.config.schema.stack import StackTable
 from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import Faults
 from cosim.errors import MeshError, ScenarioError
@@ -51,10 +50,8 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.elements.material import Film
-from cosim.soft.geometry.creases import rest_angles
-from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh, refine, rest_angles
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import (
     check_mesh,
     directed_edges,

@@ -20,7 +20,7 @@ from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, wr
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
 from cosim.config.arms.arm_files import is_arm_file, read_arm_table
-from cosim.config.arms.package_files import is_of_menagerie
+from cosim.config.arms.robot_tree import is_of_menagerie
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import load_file, load_scenario
 from cosim.config.schema.scenario import NO_ARM, Scenario
@@ -30,10 +30,9 @@ from cosim.config.toml.parsing import SCHEMA
 from cosim.config.toml.reading import blamed_on
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
-from cosim.results.exports import COLLECTION, write_csv, write_film
+from cosim.results.exports import COLLECTION, USD, check_usd, write_csv, write_film, write_usd
 from cosim.results.result import RunResult, figure_kind
 from cosim.results.ros_bag import BAG, check_bags, write_bag
-from cosim.results.usd import USD, check_usd, write_usd
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")

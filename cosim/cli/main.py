@@ -174,7 +174,7 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
 
 def _twin(options: argparse.Namespace) -> int:
     from cosim.app.simulation import Simulation  # here, because they load numpy
-    from cosim.cli.twin import twin_command
+    from cosim.cli.running import twin_command
 
     with _live_view(options, recording=True) as live:
         simulation = Simulation(options.scenario, overrides={**_overrides(options), "phase": []})
@@ -281,7 +281,7 @@ def _export(options: argparse.Namespace) -> int:
 
 def _export_path(options: argparse.Namespace) -> int:
     from cosim.app.motion import payload_torque, plan_path, run_path  # here, because they load numpy
-    from cosim.results.joint_table import check_name
+    from cosim.results.exports import check_name
 
     for file in options.files:
         check_name(file)
@@ -335,7 +335,7 @@ def _identify(options: argparse.Namespace) -> int:
 def _design(options: argparse.Namespace) -> int:
     from cosim.bench import page  # here, because they load numpy and pydantic
     from cosim.bench.design import design, design_lines
-    from cosim.config.design_studies import load_design_study
+    from cosim.config.benches import load_design_study
 
     study = load_design_study(options.study)
     verify, searches = not options.unverified, study.starts * max(1, len(study.choice))
@@ -364,9 +364,9 @@ def _overrides(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from cosim.app.replay import drawn, replay  # here, because they load numpy
+    from cosim.app.motion import drawn, replay  # here, because they load numpy
     from cosim.base.resources import writing
-    from cosim.results.joint_table import JointTable
+    from cosim.results.exports import JointTable
     from cosim.results.result import figure_kind
 
     if options.plot is not None:

@@ -1,13 +1,19 @@
-"""`cosim run`: from the command line's words to an exit code, with its progress line."""
+"""`cosim run` and `cosim twin`: from the command line's words to an exit code, with a progress line."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO, final
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final, TextIO, final
+from uuid import uuid4
+
+import numpy as np
 
 from cosim.app.checkpoint import check_resumable, tick_to_resume
 from cosim.app.driver import (
@@ -28,16 +34,18 @@ from cosim.base.kept_parts import KeptParts
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config.loading import load_scenario
 from cosim.config.rules import check_ends
-from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.scenario import RecordingTable, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
+from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.telemetry.closing import closing_lines, quiet_line
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
+    from cosim.app.twin import Followed, Prediction
     from cosim.cli.viewing import LiveView
 
 
@@ -241,3 +249,83 @@ def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *,
     if quiet:
         tell(quiet_line(summary, directory))
     return 0
+
+
+_REDRAW_S: Final = 0.2
+_RETOLD_S: Final = 1.0
+
+
+def twin_command(
+    simulation: Followed,
+    streams: Sequence[str],
+    settings: RecordingTable,
+    out: Path | None,
+    live: LiveView | None,
+) -> int:
+    """Follow a robot until its streams end, or Ctrl-C; return the exit code.
+
+    Args:
+        simulation: that follows.
+        streams: see `open_stream`.
+        settings: of a recording.
+        out: file of the recording; None: none.
+        live: shows what is predicted; None: the line on the screen alone.
+
+    Raises:
+        InputError: a stream is wrong.
+        SolverError: the physics could not be solved.
+    """
+    from cosim.app.twin import Twin  # here: `cosim run` follows no robot
+
+    with ExitStack() as stack, Interruption() as interruption:
+        twin = stack.enter_context(Twin(simulation, streams))
+        show: list[Callable[[Prediction], None]] = [_line()]
+        if live is not None or out is not None:
+            path = out or Path(stack.enter_context(TemporaryDirectory())) / RECORDING
+            make = rerun_recorder if live is None else live.recorder
+            recorder = make(path, settings, RecordingPart(uuid4().hex))
+            recorder.open(simulation.stage)
+            stack.callback(lambda: recorder.close(repr(twin), "completed"))
+            show.append(_recorded(recorder))
+        interruption.open(simulation.stage)
+        try:
+            for prediction in twin:
+                for each in show:
+                    each(prediction)
+                if interruption.reason() is not None:
+                    break
+        finally:
+            draw("\n" * sys.stderr.isatty(), sys.stderr)
+            tell(repr(twin))
+    return 0
+
+
+def _recorded(recorder: Recorder) -> Callable[[Prediction], None]:
+    return lambda prediction: recorder.record(TickBatch.of([prediction.snapshot]))
+
+
+def prediction_line(seen: Prediction) -> str:
+    """Return the line on the screen: time of the robot, tip, sag, wrench on the flange, latency."""
+    snapshot = seen.snapshot
+    tip = ", ".join(f"{1e3 * value:.1f}" for value in snapshot.tip_position)
+    wrench = snapshot.ledger.wrench
+    force, torque = np.linalg.norm(wrench.force), np.linalg.norm(wrench.torque)
+    return (
+        f"{seen.time_s:.2f} s  tip ({tip}) mm  sag {1e3 * snapshot.sag_m:.1f} mm  flange {force:.2f} N "
+        f"{torque:.3f} N m  latency {1e3 * seen.latency_s:.1f} ms"
+    )
+
+
+def _line() -> Callable[[Prediction], None]:
+    """Return what draws the line, again and again on a terminal, once a second elsewhere."""
+    terminal = sys.stderr.isatty()
+    start, end, every_s = ("\r\x1b[K", "", _REDRAW_S) if terminal else ("", "\n", _RETOLD_S)
+    shown = [0.0]
+
+    def show(prediction: Prediction) -> None:
+        now = time.perf_counter()
+        if now - shown[0] >= every_s:
+            shown[0] = now
+            draw(f"{start}{prediction_line(prediction)}{end}", sys.stderr)
+
+    return show

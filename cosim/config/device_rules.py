@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from cosim.config.schema.objects import JOINTS, CameraTable, SensorTable
 from cosim.config.schema.phase import SETPOINTS, PhaseTable
 from cosim.config.schema.scenario import NO_ARM, ControllerTable, Scenario
-from cosim.config.schema.sensor import JOINTS, CameraTable, SensorTable
 from cosim.config.toml.keys import listing, unknown_name_message
 from cosim.config.toml.reading import Told, rule, rules_of
 

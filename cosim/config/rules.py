@@ -9,6 +9,7 @@ from typing import Final, final
 from cosim.base.resources import list_arms
 from cosim.config.arms.arm_files import is_arm_path, unknown_arm
 from cosim.config.device_rules import DEVICE_RULES
+from cosim.config.schema.film import FIRST_RING
 from cosim.config.schema.objects import ObjectTable, WireTable
 from cosim.config.schema.phase import (
     CELL_KEYS,
@@ -24,7 +25,6 @@ from cosim.config.schema.phase import (
 )
 from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario, unknown_cables
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.stack import FIRST_RING
 from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.reading import Fault, Faults, Told, check, rule, rules_of
 from cosim.errors import ScenarioError

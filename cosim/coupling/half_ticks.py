@@ -18,7 +18,7 @@ from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import BodyLoads
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
-from cosim.rigid.scene.native import BEGIN, FACTORISE, FINISH, NativeScene
+from cosim.rigid.scene.bodies import BEGIN, FACTORISE, FINISH, NativeScene
 
 LEVER_M = 0.1  # torques count as forces at this lever
 SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding

@@ -20,7 +20,7 @@ from cosim.base.frames import Array, Pose, Wrench, cross, length, rotations_from
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.devices.device_report import ActuationReport
-from cosim.devices.winch import CableDrive
+from cosim.devices.drives import CableDrive
 from cosim.errors import InputError
 from cosim.plan.motion import JointReference
 from cosim.plan.plan import ChamberGas, RobotCommand, SoftCommand

@@ -43,10 +43,21 @@ from cosim.devices.controller import (
     over,
 )
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
+from cosim.devices.drives import (
+    CableDrive,
+    CableDriveState,
+    DelayLine,
+    LiveOrders,
+    Order,
+    Pump,
+    PumpDrive,
+    PumpDriveState,
+    PumpState,
+    drums_of,
+    orders_of,
+)
 from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral, TipFollower
-from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpDriveState, PumpState
 from cosim.devices.sensor import Sensors, SensorsState, sensor_report
-from cosim.devices.winch import CableDrive, CableDriveState, LiveOrders, Order, drums_of, orders_of
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
     ChamberGas,

@@ -18,8 +18,8 @@ from typing import Annotated, Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Wrench, read_only
+from cosim.config.schema.objects import SensorTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.sensor import SensorTable
 from cosim.devices.controller import Measurement
 from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError, ScenarioError

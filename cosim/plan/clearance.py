@@ -233,7 +233,7 @@ class _Watch:
     """Watches pairs of solids along a way; `nearest` is the nearest that any has come so far."""
 
     def __init__(self, solids: tuple[Solid, ...], pairs: IntArray) -> None:
-        from cosim.kinematics.clearance import Clearance  # here: a scene without an arm does not wait for it
+        from cosim.kinematics.arm import Clearance  # here: a scene without an arm does not wait for it
 
         self._solids, self._pairs = solids, pairs
         self._clearance = Clearance(solids)

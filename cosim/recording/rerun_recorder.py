@@ -1,4 +1,7 @@
-"""Writes a run as a Rerun recording."""
+"""Writes a run as a Rerun recording.
+
+One recording of several arms: each writes as if it were alone, below its own name.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any, Final, cast, final
@@ -17,16 +21,155 @@ import rerun as rr
 from cosim.base.frames import IntArray
 from cosim.coupling.soft_sides.handover import Handover
 from cosim.errors import InputError, OutputError
-from cosim.recording.arm_streams import ArmsStream, ArmStream
-from cosim.recording.blueprint import RunViews, blueprint, close_eye, log_stress_legend, scene_eye
-from cosim.recording.camera_views import CameraViews, camera_paths
+from cosim.recording.blueprint import (
+    TICKS,
+    TIMELINE,
+    RunViews,
+    blueprint,
+    close_eye,
+    log_stress_legend,
+    path_of_arm,
+    scene_eye,
+)
 from cosim.recording.colours import series_colours
-from cosim.recording.columns import PlotBuffer, time_columns
 from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.recording.recorder import Recorder, RecordingPart
-from cosim.recording.scene import Scene, log_rigid_meshes
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.recording.scene import PlotBuffer, Scene, log_rigid_meshes, time_columns
+from cosim.telemetry.cameras import segment_names
+from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
+
+_JPEG: Final = 90
+_DRAWN_AT_M: Final = 0.15
+"""Distance from a camera at which its picture is drawn: there ends what is drawn of its field of view."""
+
+
+def camera_paths(name: str) -> tuple[str, str, str]:
+    """Return the entities of a camera's colours, depths and segments; the first is below its place."""
+    part = rr.escape_entity_path_part(name)
+    return f"/world/cameras/{part}/rgb", f"/cameras/{part}/depth", f"/cameras/{part}/segments"
+
+
+@final
+class CameraViews:
+    """Writes the pictures of cameras.
+
+    Args:
+        stream: to write to.
+        stage: what is run.
+        tick_ns: length of a tick [ns].
+    """
+
+    def __init__(self, stream: rr.RecordingStream, stage: RunInfo, tick_ns: int) -> None:
+        self._stream, self._tick_ns = stream, tick_ns
+        names = list(segment_names(stage.body_names).items())
+        for camera in stage.cameras:
+            rgb, _, segments = camera_paths(camera.name)
+            width, height = camera.size
+            pinhole = rr.Pinhole(
+                focal_length=camera.focal_length, width=width, height=height,
+                camera_xyz=rr.ViewCoordinates.RUB, image_plane_distance=_DRAWN_AT_M,
+            )  # fmt: skip
+            stream.log(rgb.removesuffix("/rgb"), pinhole, static=True)
+            stream.log(segments, rr.AnnotationContext(names), static=True)
+
+    def send(self, tick: int, image: CameraImage) -> None:
+        """Write a picture that was taken after a tick."""
+        stream, (rgb, depth, segments) = self._stream, camera_paths(image.camera)
+        stream.set_time(TIMELINE, duration=np.timedelta64(tick * self._tick_ns, "ns"))
+        stream.set_time(TICKS, sequence=tick)
+        placed = rr.Transform3D(translation=image.position, mat3x3=image.rotation)
+        stream.log(rgb.removesuffix("/rgb"), placed)
+        stream.log(rgb, rr.Image(image.rgb).compress(jpeg_quality=_JPEG))
+        stream.log(depth, rr.DepthImage(np.where(np.isfinite(image.depth_m), image.depth_m, 0.0), meter=1.0))
+        stream.log(segments, rr.SegmentationImage(image.segments.astype(np.uint16)))
+        stream.reset_time()
+
+
+_RIGID = "/world/rigid/"
+
+
+@final
+class ArmsStream:
+    """The stream of all arms.
+
+    Args:
+        stream: to write to.
+        arms: their names; the first one writes what all share: bodies, name and properties of the recording.
+        live: whether a viewer follows.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, arms: Sequence[str], *, live: bool) -> None:
+        self.stream, self._live = stream, live
+        self._views: dict[str, RunViews | None] = dict.fromkeys(arms)
+        self._open = set(arms)
+
+    def of(self, arm: str) -> ArmStream:
+        """Return the stream of one arm."""
+        return ArmStream(self, arm, shared=arm == next(iter(self._views)))
+
+    def show(self, views: RunViews) -> None:
+        """Lay the recording out, once the views of all arms are known."""
+        self._views[views.arm] = views
+        known = [each for each in self._views.values() if each is not None]
+        if len(known) == len(self._views):
+            self.stream.send_blueprint(blueprint(known, live=self._live))
+
+    def leave(self, arm: str) -> bool:
+        """Let an arm write no more; return whether it was the last one."""
+        self._open.discard(arm)
+        return not self._open
+
+
+@final
+class ArmStream:
+    """What one arm writes to, in place of a `rr.RecordingStream`.
+
+    Args:
+        group: of all arms.
+        arm: its name.
+        shared: whether it writes what all share.
+    """
+
+    def __init__(self, group: ArmsStream, arm: str, *, shared: bool) -> None:
+        self._group, self._arm, self._shared = group, arm, shared
+
+    def log(self, path: str, entity: Any, **options: Any) -> None:
+        """Log an entity of the arm."""
+        if self._shared or not path.startswith(_RIGID):
+            self._group.stream.log(path_of_arm(self._arm, path), entity, **options)
+
+    def send_columns(self, path: str, *columns: Any) -> None:
+        """Write columns of an entity of the arm."""
+        if self._shared or not path.startswith(_RIGID):
+            self._group.stream.send_columns(path_of_arm(self._arm, path), *columns)
+
+    def send_recording_name(self, name: str) -> None:
+        """Name the recording."""
+        if self._shared:
+            self._group.stream.send_recording_name(name.removesuffix(f": {self._arm}"))
+
+    def send_property(self, name: str, values: Any) -> None:
+        """Write a property of the recording."""
+        if self._shared:
+            self._group.stream.send_property(name, values)
+
+    def show(self, views: RunViews) -> None:
+        """Lay out the views of the arm."""
+        self._group.show(replace(views, arm=self._arm))
+
+    def leave(self) -> bool:
+        """Write no more; return whether no arm does."""
+        return self._group.leave(self._arm)
+
+    def flush(self) -> None:
+        """Bring all to the file."""
+        self._group.stream.flush()
+
+    def disconnect(self) -> None:
+        """End the file."""
+        self._group.stream.disconnect()
+
 
 APPLICATION_ID: Final = "cosim"
 FRAMES_PER_S: Final = 60.0

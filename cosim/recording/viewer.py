@@ -1,4 +1,7 @@
-"""Rerun's viewer as its own process: in a window, in a browser, or without a display."""
+"""Rerun's viewer, and pictures and videos that it makes of a recording.
+
+A run's recording as a video file.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,20 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
+from types import TracebackType
 from typing import IO, Any, Final, Literal, final
 from urllib.parse import quote
 
+import numpy as np
+import rerun
 import rerun_cli
+from rerun.experimental import ViewerClient
 
+from cosim.base.extras import encoded, encoder
 from cosim.errors import InputError, OutputError
 
 LOOPBACK: Final = "127.0.0.1"
@@ -179,3 +187,167 @@ def _free_port(wanted: int) -> int:
                 continue
             return int(tried.getsockname()[1])
     raise OutputError(f"no port of {LOOPBACK} is free")
+
+
+SIZE: Final = (1600, 900)
+_TIMELINE: Final = "sim_time"
+_WAIT_S: Final = 120.0
+_PAUSE_S: Final = 0.1
+
+
+@final
+class Pictures:
+    """Takes pictures of a recording while entered.
+
+    Args:
+        recordings: files of one run, in order.
+        size: (2,) of the pictures [pixels].
+        view: name of the only view to show, such as "Scene"; None for all of them, as laid out.
+
+    Raises:
+        InputError: on entering: there is no such view; the text names those there are.
+        OutputError: the same: there is no driver to draw with, the recording cannot be read, or rerun-sdk is
+            too old.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Path], size: tuple[int, int] = SIZE, view: str | None = None
+    ) -> None:
+        self._recordings, self._size, self._view = recordings, size, view
+        self._viewer: Viewer | None = None
+        self._client: Any = None
+        self.end_s = 0.0
+
+    def __enter__(self) -> Pictures:
+        if not hasattr(ViewerClient, "get_state"):
+            raise OutputError(
+                f"pictures and videos need rerun-sdk 0.41 or later, {rerun.__version__} is installed: "
+                "pip install 'rerun-sdk>=0.41'; recordings and live views work as they are"
+            )
+        self._viewer = start_viewer("nowhere", self._recordings, size=self._size)
+        try:
+            self._client = self._connected()
+            self.end_s = self._loaded()
+            if self._view is not None:
+                self._show_only(self._view)
+            self._wait_until_drawn()
+        except BaseException:
+            self._viewer.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._viewer is not None, "entered before"
+        self._viewer.stop()
+
+    def at(self, time_s: float) -> bytes:
+        """Return the picture at a simulated time, as a PNG.
+
+        Args:
+            time_s: seconds; after the end stands the last picture.
+
+        Raises:
+            OutputError: the viewer has ended.
+        """
+        moment = np.timedelta64(round(min(time_s, self.end_s) * 1e9), "ns")
+        self._asked(lambda: self._client.set_time(_TIMELINE, duration=moment, play_state="paused"))
+        return bytes(self._asked(self._client.take_screenshot))
+
+    def _asked(self, ask: Any) -> Any:
+        """Return what the viewer answers; it is asked again while it is not ready.
+
+        Raises:
+            OutputError: it has ended, or does not answer in time.
+        """
+        assert self._viewer is not None, "entered before"
+        until = time.monotonic() + _WAIT_S
+        while True:
+            try:
+                return ask()
+            except ConnectionError as error:
+                self._viewer.check()
+                if time.monotonic() > until:
+                    raise OutputError(f"Rerun's viewer does not answer: {error}") from error
+                time.sleep(_PAUSE_S)
+
+    def _connected(self) -> Any:
+        assert self._viewer is not None, "entered before"
+        address = self._viewer.address
+        client = self._asked(lambda: ViewerClient.connect(address))
+        self._asked(client.get_state)
+        return client
+
+    def _loaded(self) -> float:
+        """Wait for the recording, and return where its time ends, in seconds.
+
+        Raises:
+            OutputError: it cannot be read, or has no frames.
+        """
+        until = time.monotonic() + _WAIT_S
+        while time.monotonic() < until:
+            state = self._asked(self._client.get_state)
+            ends = [line.end for one in state.recordings for line in one.timelines if line.name == _TIMELINE]
+            if ends and state.views and not state.loading:
+                return float(max(ends)) * 1e-9
+            faults = [entry.message for entry in self._asked(self._client.get_logs) if entry.level == "ERROR"]
+            if faults:
+                raise OutputError(f"{self._recordings[0]}: cannot be read: {faults[0]}")
+            time.sleep(_PAUSE_S)
+        raise OutputError(f"{self._recordings[0]}: holds no frame of a run")
+
+    def _show_only(self, name: str) -> None:
+        views = {view.name: view.view_id for view in self._asked(self._client.get_state).views}
+        if name not in views:
+            raise InputError(f"there is no view '{name}'; there are {', '.join(sorted(views))}")
+        layout = self._asked(lambda: self._client.get_blueprint("recording")).blueprint
+        layout.setdefault("/viewport", {}).setdefault("ViewportBlueprint", {})["maximized"] = views[name]
+        self._asked(lambda: self._client.set_blueprint(layout, "recording"))
+
+    def _wait_until_drawn(self) -> None:
+        """Wait until two pictures in a row are the same: data are still fetched once they are loaded."""
+        before, until = b"", time.monotonic() + _WAIT_S
+        while (now := self.at(self.end_s)) != before and time.monotonic() < until:
+            before = now
+            time.sleep(_PAUSE_S)
+
+
+def write_video(
+    recordings: Sequence[Path],
+    path: Path,
+    *,
+    size: tuple[int, int] = SIZE,
+    view: str | None = None,
+    frames_per_s: float = 25.0,
+    speed: float = 1.0,
+    shown: Callable[[int, int], None] = lambda done, frames: None,
+) -> int:
+    """Write a video of a recording, from its begin to its end, and return how many frames it has.
+
+    Args:
+        recordings: files of one run, in order.
+        path: of the video; what it ends with says its kind, such as .mp4. Nothing is there until all is done.
+        size: (2,) of a frame [pixels]; both even.
+        view: name of the only view to show; None for all of them, as laid out.
+        frames_per_s: of the video.
+        speed: simulated seconds per second of the video.
+        shown: told how many of how many frames are drawn.
+
+    Raises:
+        InputError: a value cannot be used, there is no such view, or imageio-ffmpeg is not installed.
+        OutputError: there is no driver to draw with, or the file cannot be written.
+    """
+    if not (0.0 < frames_per_s < np.inf and 0.0 < speed < np.inf):
+        raise InputError(f"{frames_per_s:g} frames per second, speed {speed:g}: both must be above 0")
+    if min(size) < 2 or any(length % 2 for length in size):
+        raise InputError(f"size {size[0]}x{size[1]}: width and height must be even numbers")
+    encoder()  # told of before anything is drawn
+    step_s = speed / frames_per_s
+    source = ["-f", "image2pipe", "-c:v", "png", "-framerate", f"{frames_per_s:g}"]
+    with Pictures(recordings, size, view) as pictures, encoded(path, source) as write:
+        times = np.arange(0.0, pictures.end_s + 0.5 * step_s, step_s)
+        for count, time_s in enumerate(times, 1):
+            write(pictures.at(float(time_s)))
+            shown(count, len(times))
+    return len(times)

@@ -1,4 +1,10 @@
-"""The condensed model of one stack of units: what the film between rings answers, over its working range."""
+"""The condensed model of a stack of units over its working range, and the frames of the rings in between.
+
+Outer rings carry the cables' eyelets and stay flat while the film between them is inflated and bent. The
+frame of a ring has its origin at the mean of the nodes and the axes R that fit them best, sum_i R D_i x
+(x_i - r) = 0 with D_i the drawn offsets: the ring may breathe and warp, its frame is still that of the whole.
+A frame is four points (4, 3): origin and unit axes.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +14,259 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
+from cosim.base.frames import Array, IntArray, Mask, Pose, cross_matrix
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import GasTables, chain_points, combine_points, gas_volumes
-from cosim.reduced.sections.ring_frames import RingFrames
 from cosim.reduced.sections.section_energy import COEFFICIENTS, HIGH, POLYNOMIAL, PressureSpline
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
+
+POINTS = 4
+_SAME = 1e-3  # of a radius
+
+
+def points_of(pose: Pose) -> Array:
+    """Return the four points of a pose."""
+    return np.vstack([pose.translation, pose.rotation.T])
+
+
+def carried(frames: Array, motion: Pose) -> Array:
+    """Return the frames (f, 4, 3) moved rigidly by a motion, world to world."""
+    result = frames @ motion.rotation.T
+    result[:, 0] += motion.translation
+    return np.ascontiguousarray(result)
+
+
+@final
+@dataclass(frozen=True)
+class RingFrames:
+    """Which rings are frames, and how the other nodes go with them.
+
+    Frame 0 is the flange. Of one stack it holds the first ring of the centre line, and the chain begins
+    there. Copies have chains side by side; each begins at a frame that goes with the flange.
+
+    Args:
+        rings: nodes of frames 1, 2, ...; of a frame at which a copy begins none: the flange holds it.
+        shapes: their drawn offsets (m, 3) [m] from the mean.
+        drawn: (f, 4, 3), all frames as drawn, in the flange frame.
+        near: (s,) the frame before each section; the next one is near + 1.
+        before: (n,) the frame before each node; the next one is before + 1.
+        fraction: (n,) how far on the way from that frame to the next it is drawn, 0 to 1.
+        copies: how many chains there are.
+        folds: whether square units have rims, see `rims`.
+    """
+
+    rings: tuple[IntArray, ...]
+    shapes: tuple[Array, ...]
+    drawn: Array
+    near: IntArray
+    before: IntArray
+    fraction: Array
+    copies: int = 1
+    folds: bool = False
+
+    @classmethod
+    def of(cls, body: SoftBody) -> RingFrames:
+        """Return the frames of a body.
+
+        Raises:
+            InputError: it has no rings for frames, is not held at the first of its centre, or feels rates.
+        """
+        copies = len(body.copies)
+        if not copies and any("/" in name for name in body.rings):
+            raise InputError(
+                "section models are of one stack of units or its copies; this one is attached to"
+            )
+        for element in (element for element in body.elements if element.remembers_steps):
+            raise InputError(f"section models have no rates; this soft robot has {element.label}")
+        own = len(body.base) // max(copies, 1)
+        first = body.rings[body.center_rings[0]] if body.center_rings else body.base[:0]
+        if not body.frame_rings or set(body.base[:own].tolist()) != set(first.tolist()):
+            raise InputError(
+                "section models need frame rings, and a base at the first ring of the centre: a stack of "
+                "units held at unit_1.hole"
+            )
+        rings = (*(body.rings[name] for name in body.frame_rings), body.tip)
+        if not copies:
+            return cls._of_stack(body.positions, rings)
+        one = body.positions[: body.nodes // copies]
+        return cls._of_stack(body.copies[0].inverse().apply(one), rings)._copied(body.copies)
+
+    @classmethod
+    def _of_stack(cls, positions: Array, rings: tuple[IntArray, ...]) -> RingFrames:
+        """Return the frames of one stack along the z axis, with nodes (n, 3) [m]."""
+        shapes = tuple(positions[ring] - positions[ring].mean(axis=0) for ring in rings)
+        drawn = np.zeros((len(rings) + 1, POINTS, 3))
+        drawn[:, 1:] = np.eye(3)
+        drawn[1:, 0] = [positions[ring].mean(axis=0) for ring in rings]
+        heights = drawn[:, 0, 2]
+        z = positions[:, 2]
+        before = np.clip(np.searchsorted(heights, z, side="right") - 1, 0, len(rings) - 1)
+        fraction = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
+        for f, ring in enumerate(rings, start=1):  # on its own frame, whatever rounding says of its height
+            before[ring], fraction[ring] = min(f, len(rings) - 1), float(f == len(rings))
+        return cls(rings, shapes, drawn, np.arange(len(rings)), before.astype(np.int64), fraction)
+
+    def _copied(self, poses: tuple[Pose, ...]) -> RingFrames:
+        """Return the frames of copies of one stack, at poses in the flange frame."""
+        nodes, own = len(self.before), len(self)
+        begins = 1 + own * np.arange(len(poses))
+        none, still = np.zeros(0, np.int64), np.zeros((0, 3))
+        rings = [ring for k in range(len(poses)) for ring in (none, *(r + nodes * k for r in self.rings))]
+        drawn = np.concatenate([points_of(Pose())[None], *(carried(self.drawn, pose) for pose in poses)])
+        return RingFrames(
+            tuple(rings),
+            (still, *self.shapes) * len(poses),
+            drawn,
+            (begins[:, None] + self.near).ravel(),
+            (begins[:, None] + self.before).ravel(),
+            np.tile(self.fraction, len(poses)),
+            len(poses),
+        )
+
+    @property
+    def chains(self) -> list[slice]:
+        """The frames of each chain, base to tip."""
+        own = len(self.near) // self.copies + 1
+        first = len(self) - own * self.copies
+        return [slice(first + own * k, first + own * (k + 1)) for k in range(self.copies)]
+
+    @cached_property
+    def rims(self) -> Array:
+        """Corners (s, 4, 2) [m] of the frames of each section: of squares alike, zero of half units.
+
+        Of other units (s, 0, 2).
+        """
+        corners = [_square(shape) for shape in self.shapes]
+        result = np.zeros((len(self.near), 4, 2))
+        for s, near in enumerate(self.near.tolist()):
+            first, second = corners[max(near - 1, 0)], corners[near]
+            if near and len(first) and len(second) and np.allclose(first, second, rtol=_SAME):
+                result[s] = second
+        return result if self.folds and result.any() else result[:, :0]
+
+    @property
+    def bases(self) -> Mask:
+        """(f,) the frames without a ring, which go with the flange."""
+        return np.array([True, *(len(ring) == 0 for ring in self.rings)])
+
+    def strains(self, frames: Array) -> Array:
+        """Return the strains (s, 6) of all sections of frames (f, 4, 3)."""
+        return strains(frames[self.near], frames[self.near + 1])
+
+    def strained(self, frames: Array, values: Array) -> Array:
+        """Return frames (f, 4, 3) with other strains (s, 6), each chain from where it begins."""
+        result = frames.copy()
+        for chain, own in zip(self.chains, np.split(values, self.copies), strict=True):
+            result[chain] = frames_from_strains(frames[chain.start], own)
+        return result
+
+    def __len__(self) -> int:
+        return len(self.rings) + 1
+
+    def fit(self, positions: Array, flange: Pose) -> Array:
+        """Return the frames (f, 4, 3) of a film at node positions (n, 3) [m]."""
+        frames = np.empty((len(self), POINTS, 3))
+        frames[0] = points_of(flange)
+        for f, (ring, shape) in enumerate(zip(self.rings, self.shapes, strict=True), start=1):
+            if not len(ring):
+                frames[f] = carried(self.drawn[f : f + 1], flange)[0]
+                continue
+            center = positions[ring].mean(axis=0)
+            u, _, v = np.linalg.svd((positions[ring] - center).T @ shape)
+            # a ring is flat: the sign of its third axis is that of a rotation
+            u[:, 2] *= np.linalg.det(u @ v)
+            frames[f] = np.vstack([center, (u @ v).T])
+        return frames
+
+    def measures(self, frames: Array) -> list[Array]:
+        """Return for each ring the linear measure J (6, m, 3) of its frame's motion: (dr, phi) = J dx.
+
+        phi = K^-1 sum_i R D_i x dx_i with K = sum_i |D_i|^2 1 - (R D_i)(R D_i)^T; its transpose spreads a
+        force and a moment over the ring so that they do no work on what the ring deforms.
+
+        Args:
+            frames: (f, 4, 3), orientations R.
+        """
+        found = []
+        for frame, shape in zip(frames[1:], self.shapes, strict=True):
+            arm = shape @ frame[1:]
+            measure = np.empty((6, len(arm), 3))
+            measure[:3] = np.eye(3)[:, None, :] / len(arm)
+            inverse = np.linalg.inv((arm**2).sum() * np.eye(3) - arm.T @ arm)
+            measure[3:] = (inverse @ np.array([cross_matrix(a) for a in arm])).transpose(1, 0, 2)
+            found.append(measure)
+        return found
+
+    def carried(self, positions: Array, frames: Array, moved: Array) -> Array:
+        """Return the film carried along as its frames move, each node by the two frames beside it.
+
+        Args:
+            positions: (n, 3) [m].
+            frames: (f, 4, 3), its frames.
+            moved: (f, 4, 3), where they go.
+        """
+        result = np.zeros_like(positions)
+        for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
+            local = np.einsum("nar,nr->na", frames[frame, 1:], positions - frames[frame, 0])
+            there = moved[frame, 0] + np.einsum("na,nar->nr", local, moved[frame, 1:])
+            result += weight[:, None] * there
+        return result
+
+    def masses(self, node_mass: Array, positions: Array) -> Array:
+        """Return the mass matrix (f, 4, 4) of each frame's points, nodes shared by the frames beside them.
+
+        A node's share sits in the plane of the frame: between two frames alike it then has its height.
+
+        Args:
+            node_mass: (n,) [kg].
+            positions: (n, 3) [m], drawn shape.
+        """
+        result = np.zeros((len(self), POINTS, POINTS))
+        for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
+            local = np.einsum("nr,nar->na", positions - self.drawn[frame, 0], self.drawn[frame, 1:])
+            point = np.concatenate([np.ones((len(local), 1)), local], axis=1)
+            point[:, 3] = 0.0
+            np.add.at(result, frame, np.einsum("n,na,nb->nab", weight * node_mass, point, point))
+        return result
+
+
+def _square(shape: Array) -> Array:
+    """Return the corners (4, 2) [m] of a ring (m, 3) around them; (0, 2) if it is no square."""
+    radius = np.linalg.norm(shape[:, :2], axis=1)
+    corners = shape[radius > (1.0 - _SAME) * radius.max(initial=0.0), :2]
+    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+    square = len(corners) == 4 and abs(corners[0] @ corners[1]) < _SAME * radius.max() ** 2
+    return corners if square else np.zeros((0, 2))
+
+
+def strains(before: Array, after: Array) -> Array:
+    """Return the strains (s, 6) of sections between frames (s, 4, 3) and the next ones; see `chain`."""
+    step = (after[:, 0] - before[:, 0])[:, None, :]
+    a, b = before[:, 1:], after[:, 1:]
+    stretch = 0.5 * ((a + b) * step).sum(axis=2)
+    turn = np.einsum("sir,sjr->sij", a, b)
+    skew = 0.5 * np.stack(
+        [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
+    )
+    return np.concatenate([stretch, skew], axis=1)
+
+
+def frames_from_strains(first: Array, values: Array) -> Array:
+    """Return the chain of frames (s + 1, 4, 3) that begins with `first` (4, 3) and has strains (s, 6)."""
+    from cosim.base.frames import rotation_from_vector
+
+    frames = [first]
+    for value in values:
+        axes = frames[-1][1:].T
+        sine = float(np.linalg.norm(value[3:]))
+        turn = rotation_from_vector(value[3:] * (np.arcsin(sine) / sine if sine > 0.0 else 1.0))
+        # u = ((1 + turn) / 2)^T step, seen from the frame before
+        step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
+        frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))
+    return np.array(frames)
+
 
 STRAINS: Final = ("shear", "length", "bending", "twist")
 """Kinds of strain in `SectionModel.held_out`."""

@@ -1,10 +1,10 @@
-"""The dynamic mode: carrier and soft body advance by ticks of the clock, as many at once as they can."""
+"""The dynamic mode: carrier and soft body advance by ticks of the clock; several arms by the same clock."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, final
 
@@ -352,3 +352,56 @@ class DynamicSimulation(SteppedRun):
             raise InputError("the saved state is of a quasistatic run, this one is dynamic")
         self._ahead, self._error = None, None
         self._undecided_in, self._speed = state.undecided_in, state.speed
+
+
+_SHOWN: Final = 64
+"""Ticks that are shown together."""
+
+
+@final
+class ArmsRun:
+    """Steps the runs of several arms in lockstep.
+
+    Args:
+        runs: by the arm's name; all have as many ticks.
+        step: takes the rigid half of a tick, once all arms have begun theirs.
+    """
+
+    def __init__(self, runs: Mapping[str, DynamicSimulation], step: Callable[[], None]) -> None:
+        self.runs = dict(runs)
+        self._step = step
+
+    def batches(self) -> Iterator[tuple[str, TickBatch]]:
+        """Yield the state at rest of each arm, then the ticks of each, some of one phase at a time.
+
+        Raises:
+            SolverError: the physics could not be solved; the ticks before it have been yielded.
+        """
+        gathered: dict[str, list[TickBatch]] = {name: [] for name in self.runs}
+        try:
+            for name in self.runs:
+                self._take(name, gathered)
+            yield from self._shown(gathered, least=1)
+            for _ in range(next(iter(self.runs.values())).stage.ticks):
+                for run in self.runs.values():
+                    run.begin_tick()
+                self._step()
+                for name in self.runs:
+                    self._take(name, gathered)
+                yield from self._shown(gathered, least=_SHOWN)
+        except (Exception, KeyboardInterrupt):
+            yield from self._shown(gathered, least=1)
+            raise
+
+    def _take(self, name: str, gathered: dict[str, list[TickBatch]]) -> None:
+        try:
+            gathered[name] += self.runs[name].batches(1, 1)
+        except SolverError as error:
+            raise error.at(f"arm '{name}'") from error.__cause__
+
+    def _shown(self, gathered: dict[str, list[TickBatch]], least: int) -> Iterator[tuple[str, TickBatch]]:
+        """Yield what has been gathered of arms, where it is enough or ends a phase."""
+        for name, batches in gathered.items():
+            if batches and (len(batches) >= least or self.runs[name].at_edge):
+                gathered[name] = []
+                yield name, TickBatch.joined(batches)

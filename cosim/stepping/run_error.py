@@ -1,4 +1,4 @@
-"""How far the figures at the ends of a run's phases may be off, worked out at its end: mesh, tick and solver.
+"""How far the figures at the ends of a run's phases may be off, by mesh, tick and solver.
 
 Mesh: the state at rest under the loads of the phase's end is found on the run's mesh and on that refined
 once; their difference, times a factor that was calibrated (docs/run_error.md). Tensions that a target was
@@ -7,10 +7,24 @@ reached with are searched for again on both.
 Section models: besides, the difference of the chain at rest to the film that it was condensed from, which
 is at rest under the same loads; what follows is of that film, and of no ticks.
 
-Tick: the exact swing of each of the lowest modes under the forces of the run, see `tick_error`.
+Tick: the exact swing of each of the lowest modes under the forces of the run, as below.
 
 Solver: a residual of the tolerance in each component, independent of one another, moves the tip by
 tolerance |K^-1 g|, g the tip's gradient.
+
+Near the state at rest at a phase's end the body swings in its lowest modes, each by itself, y its share:
+y'' + a y' + w^2 y = f, with damping a, frequency w, and whatever force f there is. How the run has moved says
+which force that was: its integrator has solved the same for its share x, with differences in place of
+derivatives. The same force, linear within a tick, is answered exactly, from the start of the run on; by how
+much the two swings are apart at the end is the error of the mode. A body that is hardly filled yet swings
+more slowly than at the end; so the same is done with lower frequencies, and the largest error counts.
+
+Modes: Ritz vectors of the tip's answers to pulls on it, of the answers to their inertia, and so on.
+Source: Wilson, Yuan and Dickens, Dynamic analysis by direct superposition of Ritz vectors, Earthquake
+Engineering and Structural Dynamics 10 (1982).
+
+Of each tick there is kept what mass times position is along polynomials in the drawn positions: that is
+enough to read off the shares of modes that are known only later.
 """
 
 from __future__ import annotations
@@ -27,22 +41,141 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
+from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh, SourceFilm
 from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
-from cosim.coupling.soft_sides.source_film import SourceFilm
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_paths import wanted_tip
 from cosim.soft.beams.beam_rings import stiffener_strain
+from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import WHOLE, Branching
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.stability import material_losses
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
 from cosim.soft.targets.tip_target import TipTarget
 from cosim.stepping.parts import Parts
-from cosim.stepping.tick_error import Modes, Swings, tip_pulls
 from cosim.telemetry.snapshot import RunErrors
 from cosim.telemetry.tick_batch import TickBatch
+
+_POWERS: Final = 8  # of the height: of long stacks more see no more of the modes
+_ROUNDS: Final = 4  # of three Ritz vectors each
+_SLOWER: Final = (1.0, 0.7)  # times the frequencies at the end: half the stiffness
+_DAMPED: Final = 0.99  # share of the critical damping that a mode has at most
+
+
+def tip_pulls(body: SoftBody) -> Array:
+    """Return forces (3, n, 3) that pull the tip by 1 N along each axis."""
+    pull = np.zeros((3, body.nodes, 3))
+    for axis in range(3):
+        pull[axis, body.tip, axis] = 1.0 / len(body.tip)
+    return pull
+
+
+@final
+@dataclass(frozen=True)
+class Modes:
+    """Lowest modes of a body at a state at rest.
+
+    Args:
+        rest: (n, 3) [m], the nodes there.
+        frequency: (k,) [rad/s], circular.
+        shape: (k, n, 3), with a mass of 1 kg.
+        losses: (k,) [1/s], of materials; see `material_losses`.
+    """
+
+    rest: Array
+    frequency: Array
+    shape: Array
+    losses: Array
+
+    @classmethod
+    def of(cls, side: SoftArm, rest: Equilibrium) -> Modes | None:
+        """Return those at a state at rest; None where its tangent is not positive definite."""
+        solver, body, state = side.equilibrium_solver.solver, side.body, rest.state
+        frame = rest.world_from_flange.rotation
+        if not solver.factorise(state.positions, state.memory, rest.loads, None, frame):
+            return None
+        mass, like = np.repeat(body.node_mass, 3), (3, body.nodes, 3)
+        answers = solver.linear.solve_all(tip_pulls(body)).reshape(3, -1)
+        basis, of_inertia = np.zeros((0, mass.size)), np.zeros((0, mass.size))
+        for _ in range(_ROUNDS):
+            for answer in answers:
+                vector = answer
+                for _again in range(2):  # rounding leaves a part of the others
+                    vector = vector - (basis * mass @ vector) @ basis
+                basis = np.vstack([basis, vector / np.sqrt(mass @ vector**2)])
+            answers = solver.linear.solve_all((basis[-3:] * mass).reshape(like)).reshape(3, -1)
+            of_inertia = np.vstack([of_inertia, answers])
+        flexibility = basis * mass @ of_inertia.T
+        values, parts = np.linalg.eigh((flexibility + flexibility.T) / 2.0)
+        shapes = (parts.T @ basis).reshape(-1, body.nodes, 3)
+        shapes = shapes[values > 0.0]
+        losses = np.array(material_losses(solver.system, state.positions, shapes))
+        return cls(state.positions, 1.0 / np.sqrt(values[values > 0.0]), shapes, losses)
+
+
+@final
+class Swings:
+    """Keeps how a body moves, tick by tick, and compares that with exact swings.
+
+    Args:
+        body: that moves.
+        tick_s: [s].
+        options: of the ticks.
+    """
+
+    def __init__(self, body: SoftBody, tick_s: float, options: StepOptions) -> None:
+        self._tick_s, self._options = tick_s, options
+        low, high = body.positions.min(axis=0), body.positions.max(axis=0)
+        x, y, height = (2.0 * (body.positions - low) / np.where(high > low, high - low, 1.0) - 1.0).T
+        powers, root = np.polynomial.legendre.legvander(height, _POWERS - 1), np.sqrt(body.node_mass)
+        functions = np.concatenate([powers * across[:, None] for across in (np.ones_like(x), x, y)], axis=1)
+        self._along = np.linalg.qr(root[:, None] * functions)[0].T * root
+        self._moved: list[Array] = []
+
+    def observe(self, shapes: Array) -> None:
+        """Take in shapes (k, n, 3) [m], one a tick, in order; the first of all is at rest."""
+        self._moved.extend(self._along @ shapes)
+
+    @property
+    def ticks(self) -> int:
+        """How many were taken in."""
+        return len(self._moved)
+
+    def apart(self, modes: Modes, ticks: int) -> Array:
+        """Return shapes (k, n, 3) [m]: by how much each mode's swing is off.
+
+        Args:
+            modes: of the body.
+            ticks: after how many.
+        """
+        moved = np.stack(self._moved[:ticks]) - self._along @ modes.rest
+        share = np.tensordot(moved, self._along @ modes.shape, ((1, 2), (1, 2)))
+        away = [self._apart(share, slower * modes.frequency, modes.losses) for slower in _SLOWER]
+        return np.asarray(np.max(away, axis=0)[:, None, None] * modes.shape)
+
+    def _apart(self, x: Array, frequency: Array, losses: Array) -> Array:
+        """Return how far swings (ticks, k) are off at the end, as amplitudes, at frequencies (k,)."""
+        h, declared = self._tick_s, (self._options.damping_per_s + losses) / 2.0
+        damping = np.minimum(declared, _DAMPED * frequency)
+        speed = self._derivative(np.concatenate([np.repeat(x[:1], 4, axis=0), x]))
+        force = self._derivative(speed)[-len(x) :] + 2.0 * damping * speed[-len(x) :] + frequency**2 * x
+        turning = np.sqrt(frequency**2 - damping**2)
+        root = -damping + 1j * turning  # of swing = y' - conj(root) y, which is swing' = root swing + f
+        grown = np.exp(root * h)
+        whole, rising = (grown - 1.0) / root, (grown - 1.0 - root * h) / (root**2 * h)
+        swing = -root.conj() * x[0]
+        for push in whole * force[:-1] + rising * np.diff(force, axis=0):
+            swing = grown * swing + push
+        return np.asarray(np.abs(swing - speed[-1] + root.conj() * x[-1]) / turning)
+
+    def _derivative(self, x: Array) -> Array:
+        """Return the derivative (n - 1 or n - 2, k) of shares (n, k), as the integrator has it."""
+        if self._options.integrator == "implicit_euler":
+            return np.asarray(np.diff(x, axis=0) / self._tick_s)
+        return np.asarray((3.0 * x[2:] - 4.0 * x[1:-1] + x[:-2]) / (2.0 * self._tick_s))
+
 
 FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
 FACTORS: Final = dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.9), strict=True))

@@ -34,7 +34,7 @@ from cosim.base.files import changed_file, files_read
 from cosim.base.kept_parts import KeptParts, code_identity, content_name
 from cosim.base.resources import is_file, writing
 from cosim.base.state_check import check_state
-from cosim.build.kernel_modules import kernel_modules
+from cosim.build.kernel_modules import compile_kernels, kernel_modules
 from cosim.config.loading import load_scenario, register_installed, register_module
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
@@ -59,7 +59,6 @@ def warm_up(scenario: Scenario) -> None:
 @cache
 def _compile(names: tuple[str, ...]) -> None:
     import cosim.build.simulation  # noqa: F401  # the engines: a run waits for them, too
-    from cosim.soft.solve.compilation import compile_kernels  # here: it loads the kernels
 
     announce = logging.getLogger("cosim").warning
     compile_kernels(announce, tuple(sys.modules[name] for name in names))

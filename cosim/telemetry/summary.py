@@ -13,8 +13,14 @@ from cosim.base.frames import Array
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
 from cosim.telemetry import figures
-from cosim.telemetry.closing import error_line, swing_lines, swing_warnings
-from cosim.telemetry.handovers import handover_figures, handover_line, with_handovers
+from cosim.telemetry.closing import (
+    error_line,
+    handover_figures,
+    handover_line,
+    swing_lines,
+    swing_warnings,
+    with_handovers,
+)
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 

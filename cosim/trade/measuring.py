@@ -35,13 +35,12 @@ from typing import Final, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.build.kernel_modules import contact_modules, kernel_modules
+from cosim.build.kernel_modules import compile_kernels, contact_modules, kernel_modules
 from cosim.config.loading import load_scenario, resolve
 from cosim.config.schema.phase import FlangePoseTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.errors import CosimError, ScenarioError
 from cosim.plan.motion import rotation_from_direction
-from cosim.soft.solve.compilation import compile_kernels
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch

@@ -38,8 +38,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.hinge import shell_stiffness
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import add_cap_force
+from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack, with_finer_holes
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver

@@ -11,10 +11,10 @@ from typing import Any, final
 
 from cosim._version import __version__
 from cosim.errors import InputError, SolverError
-from cosim.verification import cables, fabrics, films, pouches, shells, stacks, strips, time_steps, vibrations
+from cosim.verification import cables, films, pouches, shells, stacks, strips, vibrations
 from cosim.verification.case import Case, Figure
 
-_FAMILIES = (strips, cables, shells, pouches, films, fabrics, stacks, vibrations, time_steps)
+_FAMILIES = (strips, cables, shells, pouches, films, stacks, vibrations)
 
 CASES: tuple[Case, ...] = tuple(
     value for module in _FAMILIES for value in vars(module).values() if isinstance(value, Case)

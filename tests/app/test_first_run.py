@@ -16,11 +16,10 @@ import pytest
 
 import cosim
 from cosim.app import driver
-from cosim.build.kernel_modules import contact_modules, kernel_modules
+from cosim.build.kernel_modules import common_modules, contact_modules, kernel_modules
 from cosim.config.loading import load_scenario
 from cosim.coupling import open_ticks
 from cosim.recording import colours
-from cosim.soft.solve import compilation
 from tests.compiled import all_modules
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,7 +97,7 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     others += (replace(lumped, soft_robot=lossy),)
     some = (*kernel_modules(lumped), *(module for other in others for module in kernel_modules(other)))
     named: list[str] = []
-    for module in (*compilation.common_modules(), *some, *contact_modules(), open_ticks, colours):
+    for module in (*common_modules(), *some, *contact_modules(), open_ticks, colours):
         own = (value for value in kernels_of(module) if value.__module__ == module.__name__)
         named += [f"{value.__module__}.{value.__name__}" for value in own]
     assert set(compiled()) == set(named)
@@ -131,7 +130,7 @@ def test_python_is_told_what_takes_long(
         announce("Compiling.")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(compilation, "compile_kernels", slow)
+    monkeypatch.setattr(driver, "compile_kernels", slow)
     with pytest.raises(KeyboardInterrupt):
         start("ur5e_hexagon_arm", overrides={"contact.self_contact": True})
     assert "cosim.soft.contact.self_contact_search" in told

@@ -18,7 +18,7 @@ from cosim.base.frames import rotations_from_quaternions
 from cosim.build import soft_model
 from cosim.cli.main import main
 from cosim.errors import InputError
-from cosim.results.joint_table import PAYLOAD, JointTable, sample_times
+from cosim.results.exports import PAYLOAD, JointTable, sample_times
 from tests.small_section import on_a_ur5e, section
 
 PHASES = """

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.replay import APPROACH_s, Replayed, SETTLE_s
+from cosim.app.motion import APPROACH_s, Replayed, SETTLE_s
 from cosim.build import soft_model
 from cosim.cli.main import main
 from cosim.errors import InputError
-from cosim.results.joint_table import JointTable
+from cosim.results.exports import JointTable
 from tests.small_section import on_a_ur5e, section
 
 DELAY_s, NOISE_RAD = 0.04, 2e-3

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.bench.design import DesignProblem, DesignTask, design, design_lines, solve_choice
 from cosim.bench.page import write_designs
-from cosim.config.design_studies import DesignStudyTable, load_design_study
+from cosim.config.benches import DesignStudyTable, load_design_study
 from cosim.config.loading import load_soft_robot
 from cosim.errors import InputError, ScenarioError
 from tests.derivatives import differences, relative_error

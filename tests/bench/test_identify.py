@@ -11,7 +11,7 @@ import pytest
 import cosim
 from cosim.base.frames import Array
 from cosim.bench.checks import identifiability, oddities
-from cosim.bench.curves import Curves
+from cosim.bench.equilibria import Curves
 from cosim.bench.fitting import Fit, Identified, identify, spread_of
 from cosim.bench.page import page_text, series_lines, write_results
 from cosim.config.benches import BenchTable, Series, SeriesTable, UnknownTable, load_bench

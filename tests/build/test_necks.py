@@ -12,9 +12,9 @@ from benchmarks.tilt import STEPS_KPA, tilt_stiffness, unit
 from cosim.base.frames import Array, IntArray
 from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario
+from cosim.config.schema.film import NeckTable
 from cosim.config.schema.scenario import ModelTable
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.schema.stack import NeckTable
 from cosim.errors import ScenarioError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.hinge import shell_stiffness

@@ -18,7 +18,7 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.scene.native import NativeScene
+from cosim.rigid.scene.bodies import NativeScene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from cosim.config.schema.scenario import WinchTable
-from cosim.devices.winch import WinchState
+from cosim.devices.drives import WinchState
 
 TICK_s = 2e-3
 STIFFNESS = 5e3

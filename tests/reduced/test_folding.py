@@ -13,8 +13,7 @@ from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
 from cosim.reduced.fit.fitting import Effort, build_model
-from cosim.reduced.section_model import SectionBody, SectionModel
-from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

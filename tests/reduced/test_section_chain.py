@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.reduced.section_model import carried
 from cosim.reduced.sections.assembly import assemble, change_frames
-from cosim.reduced.sections.ring_frames import carried
-from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline
-from cosim.reduced.sections.section_gaps import basis
+from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.reduced.solve.newton import nothing_touched
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import ConvergenceError, OutOfRangeError
-from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.ring_frames import frames_from_strains, strains
+from cosim.reduced.section_model import SectionBody, frames_from_strains, strains
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
 from cosim.reduced.solve.clamp import check_pressure, place_in_range
 from tests.small_section import section

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import MeshError
-from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.named_mesh import NamedMesh, refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import (
     check_mesh,
     dihedral_angle,

@@ -9,9 +9,8 @@ from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver, by_component
-from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions

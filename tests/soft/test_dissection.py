@@ -13,14 +13,13 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.linear import multifrontal_cholesky as dissected_cholesky
-from cosim.soft.linear.elimination_tree import FrontTree, dissect, least_cuts, length_left
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear import cholesky as dissected_cholesky
+from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky, cholesky
+from cosim.soft.linear.fronts import FrontTree, dissect, least_cuts, length_left
 from cosim.soft.linear.linear_solver import LinearSolver
-from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky, cholesky
 from cosim.soft.linear.pattern import CoupledPattern
 from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import FILM, hexagon_arm

@@ -10,8 +10,9 @@ import pytest
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.kept_parts import content_name
+from cosim.build.kernel_modules import common_modules
 from cosim.errors import InputError, MeshError
-from cosim.reduced.sections.ring_frames import RingFrames
+from cosim.reduced.section_model import RingFrames
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
@@ -21,7 +22,6 @@ from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.compilation import common_modules
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState, StepOptions

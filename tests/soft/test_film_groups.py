@@ -14,8 +14,8 @@ from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, dense, derivative_errors

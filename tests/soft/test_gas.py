@@ -14,7 +14,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU, LowRank
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver

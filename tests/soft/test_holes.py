@@ -11,9 +11,8 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.errors import MeshError
-from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.named_mesh import NamedMesh, refine
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import dihedral_angle, interior_hinges, triangle_area
 from tests.soft.enclosed_volume import enclosed_volume
 

@@ -7,9 +7,8 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.errors import InputError, SolverError
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky
 from cosim.soft.linear.linear_solver import FactorState, GeneralLU, LinearSolver, negative_pivots
-from cosim.soft.linear.multifrontal_cholesky import DissectedCholesky
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from cosim.soft.published.open_caps import OpenCapSolver
 from tests.derivatives import dense

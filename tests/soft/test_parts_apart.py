@@ -18,7 +18,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.film.step_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.kept_factor import KeptEnvelope
 from cosim.soft.linear.pattern import BlockPattern, ranges_apart
 from cosim.soft.solve import assembly

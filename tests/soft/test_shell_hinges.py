@@ -18,9 +18,8 @@ from cosim.soft.elements.hinge import (
     mean_square_angle,
     shell_stiffness,
 )
-from cosim.soft.geometry.named_mesh import NamedMesh
+from cosim.soft.geometry.named_mesh import NamedMesh, refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import interior_hinges, triangle_area
 from tests.soft.bodies import FILM
 

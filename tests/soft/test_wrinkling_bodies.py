@@ -16,8 +16,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.refinement import refine
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.assembly import SoftSystem
 from tests.bare_film import bare_film

@@ -15,7 +15,7 @@ from cosim.errors import ConvergenceError
 from cosim.soft.solve.state import Integrator
 from cosim.verification.case import Case, Figure, observed_order
 from cosim.verification.suite import CASES, run_case
-from cosim.verification.time_steps import THEORY
+from cosim.verification.vibrations import THEORY
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "verification.md"
 

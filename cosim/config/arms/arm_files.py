@@ -18,8 +18,8 @@ import numpy as np
 from cosim.base.arm_file import ArmFile, LinkShape
 from cosim.base.frames import Array, Pose
 from cosim.base.resources import arm_path, is_file, list_arms
-from cosim.config.arms import package_files
-from cosim.config.arms.arm_table import ArmTable, add_adapter
+from cosim.config.arms import robot_tree
+from cosim.config.arms.arm_table import ArmTable, add_adapter, on_moving_base
 from cosim.config.arms.chain import (
     chain_to,
     check_chain,
@@ -29,7 +29,6 @@ from cosim.config.arms.chain import (
     numbers,
     replace_unreadable,
 )
-from cosim.config.arms.moving_base import on_moving_base
 from cosim.config.arms.robot_tree import link_of, read_robot
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.parsing import parse
@@ -258,7 +257,7 @@ _TABLE_FILE: Final = "arm.toml"
 
 def is_arm_path(robot: str) -> bool:
     """Return whether what names an arm leads to a file: whether it ends like one, or is of the Menagerie."""
-    return package_files.is_of_menagerie(robot) or Path(robot).suffix.lower() in ARM_SUFFIXES
+    return robot_tree.is_of_menagerie(robot) or Path(robot).suffix.lower() in ARM_SUFFIXES
 
 
 def is_arm_file(path: Path) -> bool:
@@ -287,7 +286,7 @@ def with_arm_path(robot: str, folder: Path) -> str:
     if not is_arm_path(robot):
         return robot
     path = folder / robot
-    if package_files.is_of_menagerie(robot):
+    if robot_tree.is_of_menagerie(robot):
         place = robot
     elif is_file(path):
         place = str(path.resolve())
@@ -315,9 +314,9 @@ def arm_source(robot: str) -> ArmSource:
         if robot not in list_arms():
             raise InputError(unknown_arm(robot))
         return _from_table(arm_path(robot))
-    if package_files.is_of_menagerie(robot):
-        found = package_files.menagerie_file(robot)
-        return ArmSource(robot.removeprefix(package_files.PREFIX), found, ArmTable(file=found.name))
+    if robot_tree.is_of_menagerie(robot):
+        found = robot_tree.menagerie_file(robot)
+        return ArmSource(robot.removeprefix(robot_tree.PREFIX), found, ArmTable(file=found.name))
     path = Path(robot)
     if not is_file(path):
         raise InputError(f"arm file {path} does not exist")
@@ -368,21 +367,21 @@ def _package_folder(path: Path, number: int) -> Path:
 
 def _from_table(path: Path) -> ArmSource:
     table = read_arm_table(path)
-    if table.drawn_as is not None and not package_files.is_of_menagerie(table.drawn_as):
+    if table.drawn_as is not None and not robot_tree.is_of_menagerie(table.drawn_as):
         raise ScenarioError(
             "robot.drawn_as",
-            f"'{table.drawn_as:.80}' is no model of the Menagerie; write {package_files.PREFIX}MODEL",
+            f"'{table.drawn_as:.80}' is no model of the Menagerie; write {robot_tree.PREFIX}MODEL",
         )
     folders = tuple(
         _package_folder(path.parent / folder, k) for k, folder in enumerate(table.package_paths, start=1)
     )
     name = path.resolve().parent.name if path.name == _TABLE_FILE else path.stem
     try:
-        file = package_files.found_file(table.file, path, folders)
+        file = robot_tree.found_file(table.file, path, folders)
     except InputError as error:
-        if package_files.DATA_PACKAGE in table.file and package_files.packaged_share() is None:
+        if robot_tree.DATA_PACKAGE in table.file and robot_tree.packaged_share() is None:
             raise InputError(
-                f"arm {name!r} is read from the package {package_files.DATA_PACKAGE}, which is not installed"
+                f"arm {name!r} is read from the package {robot_tree.DATA_PACKAGE}, which is not installed"
                 "; install it"
             ) from None
         raise InputError(f"arm file {path}: file {error}") from None

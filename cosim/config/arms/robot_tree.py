@@ -1,14 +1,26 @@
-"""Reads a URDF, which may be anybody's, and checks that its links and joints form one tree."""
+"""Reads a robot's file, which may be anybody's, checks its tree, and finds the files that it names.
+
+Finds arms of MuJoCo Menagerie on this machine; nothing is downloaded.
+
+Looked for in a checkout (`MENAGERIE_ROOT`), in what the package mujoco-menagerie has fetched
+(`MENAGERIE_CACHE_DIR`), and in what robot_descriptions has cloned (`ROBOT_DESCRIPTIONS_CACHE`), by the
+variables and default places of these packages.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
+from importlib import metadata
 from pathlib import Path
 from typing import Final
 
 from cosim.base.files import read_text
 from cosim.base.resources import is_file
+from cosim.config.toml.keys import listing, unknown_name_message
 from cosim.errors import InputError
 
 MOST_LINKS: Final = 500
@@ -151,3 +163,133 @@ def _check_root(link: str, above: dict[str, str], path: Path) -> None:
         if name in seen:
             raise InputError(f"arm file {path}: link {name!r} carries itself: its joints form a circle")
         seen.add(name)
+
+
+PREFIX: Final = "menagerie:"
+
+_SCENE: Final = "scene.xml"
+_COMPLETE: Final = ".complete"
+_FETCHED: Final = re.compile(r"(.+)-[0-9a-f]{16}")
+
+
+def is_of_menagerie(robot: str) -> bool:
+    """Return whether what names an arm is a model of the Menagerie."""
+    return robot.startswith(PREFIX)
+
+
+def menagerie_file(robot: str) -> Path:
+    """Return the MJCF of an arm.
+
+    Args:
+        robot: "menagerie:MODEL", or "menagerie:MODEL/FILE" where a model has several; FILE without ending.
+
+    Raises:
+        InputError: the model is not on this machine, or it is not clear which of its files is meant.
+    """
+    model, _, file = robot.removeprefix(PREFIX).partition("/")
+    folders = _models()
+    if model not in folders:
+        here = unknown_name_message("model", model, tuple(sorted(folders))) if folders else "none is there"
+        raise InputError(
+            f"{robot} is not on this machine ({here}); fetch it once with pip install 'cosim[robots]' and "
+            f"mujoco-menagerie prefetch {model}, or let MENAGERIE_ROOT name a checkout of mujoco_menagerie"
+        )
+    folder = folders[model]
+    if file:
+        return _named(robot, folder, file)
+    included = _included(folder / _SCENE)
+    found = [included] if included is not None else sorted(set(folder.glob("*.xml")) - {folder / _SCENE})
+    if len(found) != 1:
+        raise InputError(f"{robot}: which of its files? {PREFIX}{model}/FILE is one of {_names(folder)}")
+    return found[0].resolve()
+
+
+def _named(robot: str, folder: Path, file: str) -> Path:
+    path = folder / f"{file}.xml"
+    if not is_file(path):
+        raise InputError(f"{robot}: {folder} has no file {path.name}; there are: {_names(folder)}")
+    return path.resolve()
+
+
+def _names(folder: Path) -> str:
+    return listing(sorted(path.stem for path in folder.glob("*.xml")))
+
+
+def _included(scene: Path) -> Path | None:
+    """Return the first file that a scene includes: the robot; None without a scene."""
+    if not is_file(scene):
+        return None
+    include = read_xml(scene).find("include")
+    return None if include is None else scene.parent / include.get("file", "")
+
+
+def _models() -> dict[str, Path]:
+    """Return the folders of models by name; a checkout counts before what was fetched, that before clones."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    clones = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or cache / "robot_descriptions").expanduser()
+    fetched = Path(os.environ.get("MENAGERIE_CACHE_DIR") or cache / "mujoco_menagerie")
+    found = {path.parent.name: path.parent for path in _sorted(clones / "mujoco_menagerie", "*/*.xml")}
+    for complete in _sorted(fetched / "models", f"*/{_COMPLETE}"):
+        match = _FETCHED.fullmatch(complete.parent.name)
+        if match:
+            found[match[1]] = complete.parent
+    root = os.environ.get("MENAGERIE_ROOT")
+    return found | {path.parent.name: path.parent for path in _sorted(Path(root or os.devnull), "*/*.xml")}
+
+
+def _sorted(folder: Path, pattern: str) -> list[Path]:
+    """Return the files in a folder that may not be there, oldest first."""
+    return sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime) if folder.is_dir() else []
+
+
+DATA_PACKAGE: Final = "example-robot-data"
+_SCHEMES: Final = ("package://", "model://")
+
+
+def found_file(name: str, beside: Path, package_folders: tuple[Path, ...] = ()) -> Path:
+    """Return the absolute path of a file that another file names.
+
+    A package is looked for in the given folders, in those above the file that names it, and among the robots
+    of example-robot-data.
+
+    Args:
+        name: relative to the other file, absolute, package://NAME/..., or menagerie:MODEL.
+        beside: the file that names it.
+        package_folders: which hold folders of packages.
+
+    Raises:
+        InputError: it is nowhere; the message lists where it was looked for.
+    """
+    if is_of_menagerie(name):
+        return menagerie_file(name)
+    looked = _candidates(name, beside, package_folders)
+    for candidate in looked:
+        if is_file(candidate):
+            return candidate.resolve()
+    places = ", ".join(map(str, looked[:4])) + (", ..." if len(looked) > 4 else "")
+    hint = "; name the folder that holds the package in package_paths of an arm.toml"
+    raise InputError(f"{name!r} not found (looked for {places}){hint if '://' in name else ''}")
+
+
+def packaged_share() -> Path | None:
+    """Return the folder that holds the folder example-robot-data; None where it is not installed."""
+    candidates = [Path(sys.prefix) / "share"]
+    try:
+        files = metadata.distribution(DATA_PACKAGE)
+        candidates.insert(0, Path(str(files.locate_file("cmeel.prefix/share"))))
+    except metadata.PackageNotFoundError:
+        pass
+    return next((path for path in candidates if (path / DATA_PACKAGE / "robots").is_dir()), None)
+
+
+def _candidates(name: str, beside: Path, package_folders: tuple[Path, ...]) -> list[Path]:
+    scheme = next((scheme for scheme in _SCHEMES if name.startswith(scheme)), None)
+    if scheme is None:
+        return [beside.parent / name.removeprefix("file://")]
+    inside = name.removeprefix(scheme)
+    package, _, rest = inside.partition("/")
+    share = packaged_share()
+    above = beside.resolve().parents
+    folders = [*package_folders, *above, *([] if share is None else [share])]
+    own = [folder / rest for folder in above if folder.name == package]
+    return [*own, *(folder / inside for folder in folders)]

@@ -19,9 +19,8 @@ from annotated_types import Interval, Len
 
 from cosim.config.arms.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
-from cosim.config.schema.objects import ObjectTable, SceneTable, WireTable
+from cosim.config.schema.objects import CameraTable, ObjectTable, SceneTable, SensorTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
-from cosim.config.schema.sensor import CameraTable, SensorTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import (
     Count,

@@ -19,8 +19,7 @@ from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
 from cosim.base.resources import is_file
-from cosim.config.schema.film import FilmTable
-from cosim.config.schema.stack import FIRST_RING, StackTable
+from cosim.config.schema.film import FIRST_RING, FilmTable, StackTable
 from cosim.config.toml.keys import (
     Colour,
     Count,

@@ -9,8 +9,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
 from cosim.rigid.distance.shapes import ShapeBounds
-from cosim.rigid.scene.bodies import Bodies
-from cosim.rigid.scene.native import Foresight
+from cosim.rigid.scene.bodies import Bodies, Foresight
 from cosim.soft.contact.obstacle_contact import TouchedPlanes
 
 AHEAD_TICKS: Final = 2.0

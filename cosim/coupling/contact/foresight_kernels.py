@@ -12,7 +12,7 @@ from typing import Any
 from cosim.base.kernels import Indices, Vector, device_function, kernel, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import Leads, fill_speed, fill_velocity
-from cosim.rigid.scene.native import ACCELERATE, CONSTRAIN, REBEGIN, REFACTORISE, REFINISH, VELOCITIES
+from cosim.rigid.scene.bodies import ACCELERATE, CONSTRAIN, REBEGIN, REFACTORISE, REFINISH, VELOCITIES
 
 
 @device_function

@@ -10,9 +10,8 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
-from cosim.reduced.section_model import SectionBody
+from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainScheme, ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range, rates_from_nodes, upright
 from cosim.reduced.solve.newton import ChainSolver, ChainTask

@@ -1,7 +1,10 @@
-"""The same soft body on a mesh whose triangles are divided into four, at rest under the same loads.
+"""Films that a run's error is measured by: on a finer mesh, and where a chain of sections stands for one.
 
-Its solution starts from the shape on the run's mesh: nodes where those are, new ones halfway along their
-edges. Where Newton's method finds none from there, a damped body slides on to where it comes to rest.
+The solution on a finer mesh starts from the shape on the run's: nodes where those are, new ones halfway
+along their edges. Where Newton's method finds none from there, a damped body slides until it rests.
+
+At the end of a phase the film is put into the chain's shape, and both come to rest under the same loads: how
+far they are apart then is the error of the section model.
 """
 
 from __future__ import annotations
@@ -12,13 +15,15 @@ from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Mask
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.base.frames import Array, Mask, Pose
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
 from cosim.errors import ConvergenceError
+from cosim.reduced.solve.clamp import FrameClamp, film_clamp
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import parents
-from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 ITERATIONS_MAX = 600
 """Of each try to find a state at rest, on either mesh."""
@@ -134,3 +139,48 @@ class FinerMesh:
         clamp, rest = before
         kept = clamp.without(np.flatnonzero(~np.any(held, axis=1)))
         return kept.holding(held, rest.state.positions, rest.world_from_flange)
+
+
+@final
+class SourceFilm:
+    """Puts the film where the chain is.
+
+    Args:
+        chain: of the run.
+        film: new, on the mesh that its sections were condensed from.
+    """
+
+    def __init__(self, chain: SectionArm, film: SoftArm) -> None:
+        self.chain, self.film = chain, film
+        self._clamps: list[tuple[FrameClamp, Clamp]] = []
+
+    def state(self, saved: SectionArmState) -> SoftArmState:
+        """Return the film in the shape of a chain: rings that are held there are held as they are."""
+        chain, film = self.chain, self.film
+        chain.restore_state(saved)
+        shape = chain.state.positions
+        film.hold(self._clamp(saved.clamp, shape, saved.flange))
+        soft = film.in_shape(shape, saved.flange)
+        return replace(film.save_state(), soft=soft, flange=saved.flange, loads=saved.loads)
+
+    def _clamp(self, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
+        """Return what holds the film as some frames are held; the same one for the same frames."""
+        for known, clamp in self._clamps:
+            if np.array_equal(known.held, frames.held) and np.array_equal(known.offsets, frames.offsets):
+                return clamp
+        clamp = film_clamp(self.chain.section, frames, shape, flange)
+        self._clamps.append((frames, clamp))
+        return clamp
+
+    def chain_at_rest(self, saved: SectionArmState) -> Equilibrium:
+        """Return where the chain comes to rest, with the loads of a state; it is there then.
+
+        Raises:
+            ConvergenceError: no equilibrium was found near it.
+        """
+        chain = self.chain
+        chain.restore_state(saved)
+        begin = SoftState.at_rest(chain.state.positions, chain.state.memory)
+        found = chain.solve(begin, saved.flange, saved.loads)
+        chain.settle(found)
+        return found

@@ -25,8 +25,7 @@ import numpy as np
 from cosim.base.frames import Array, Mask, Pose, Wrench, cross, vector_from_rotation
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import RingGroup, RingGuides
-from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.ring_frames import RingFrames, carried, frames_from_strains, strains
+from cosim.reduced.section_model import RingFrames, SectionBody, carried, frames_from_strains, strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings

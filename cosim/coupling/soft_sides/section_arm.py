@@ -24,14 +24,12 @@ from cosim.coupling.soft_sides.soft_side import (
     step_or_halves,
 )
 from cosim.errors import ConvergenceError, InputError
-from cosim.reduced.section_model import SectionBody
+from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
-from cosim.reduced.sections.ring_frames import carried
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, node_motion, rates_from_nodes, rigid_motion, twists
-from cosim.reduced.solve.linear_step import RestingChain
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
-from cosim.reduced.solve.stability import ChainStiffness
+from cosim.reduced.solve.stability import ChainStiffness, RestingChain
 from cosim.reduced.solve.time_step import ChainStepper, given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings

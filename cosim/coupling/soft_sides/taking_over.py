@@ -22,8 +22,8 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError
+from cosim.reduced.section_model import points_of
 from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.reduced.sections.ring_frames import points_of
 from cosim.reduced.solve.chain_step import ChainState
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp, rates_from_nodes, upright
 from cosim.soft.body.loads import Loads

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, final
 from cosim.config.rules import gas_rules
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command, check_command, check_one_order_each, named_values, numbers, over
-from cosim.devices.pump import PumpDrive
-from cosim.devices.winch import LiveOrders, Order
+from cosim.devices.drives import LiveOrders, Order, PumpDrive
 from cosim.errors import InputError
 from cosim.plan.plan import ChamberGas
 

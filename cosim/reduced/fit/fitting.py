@@ -12,12 +12,9 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
-from cosim.reduced.fit.poses import WorkingRange
-from cosim.reduced.fit.sampling import Sampler, Samples
-from cosim.reduced.section_model import SectionBody, SectionModel
-from cosim.reduced.sections.ring_frames import RingFrames
-from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline
-from cosim.reduced.sections.section_gaps import basis
+from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
+from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
+from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline, basis
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody

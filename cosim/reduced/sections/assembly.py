@@ -34,10 +34,10 @@ from cosim.reduced.sections.section_energy import (
     TERMS,
     PressureSpline,
     active_terms,
+    add_gaps,
     section_energy,
     weighted_rows,
 )
-from cosim.reduced.sections.section_gaps import add_gaps
 from cosim.reduced.sections.section_strains import (
     Bed,
     ChainWork,

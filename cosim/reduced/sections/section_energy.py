@@ -13,6 +13,15 @@ to the third, see `section_gaps`), so the energy depends on invariants alone,
     F = A(z) + b B(z) + b^2 B2(z) + b^3 B3(z) + s S(z) + q Q(z) + b q Q2(z) + t T(z)
         + c1 q^2 + c2 b s + c3 t b + c4 m
 with polynomials in z of the orders in `_ORDERS`. All coefficients, and L, depend on the pressure alone.
+
+The part of a section's energy by which square units fold: functions of the gaps between their rims.
+
+A square's film answers differently along sides and diagonals, and stiffens where rims close. So the energy of
+a section between square frames has a sum of functions of one number, over places on its rim:
+    F = sum_k sum_i f_k(y_ki),    y = g / (g + l),    g = u_3 + w_1 y_i - w_2 x_i,    l = R / 5,
+with g the gap [m] between the two frames at the place (x_i, y_i): the corners (k = 1), the middles of the
+sides (2), and halfway to the corners (3). Each f is a uniform cubic spline, fine where rims are near.
+Source of the splines: de Boor, A Practical Guide to Splines, chapter IX.
 """
 
 from __future__ import annotations
@@ -24,7 +33,7 @@ from typing import Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Matrix, Vector, device_function, kernel
+from cosim.base.kernels import Blocks, Matrix, Vector, device_function, kernel, small_matrix, small_vector
 
 _SCALE_Pa = 200.0
 TERMS = 4
@@ -247,3 +256,93 @@ def _fill_hessian(
     hessian[5, 5] = 2.0 * f_t
     for i, k in ((1, 0), (3, 0), (4, 0), (5, 0), (3, 1), (4, 1), (5, 1), (4, 3), (5, 3), (5, 4)):
         hessian[k, i] = hessian[i, k]
+
+
+_LOW: Final = -0.1  # of y: rims overlap a little, where the film between them gives way
+_HIGH: Final = 0.8
+_REACH: Final = 0.2
+_OVERLAP: Final = 0.3  # of l; beyond a section has no energy
+_FUNCTIONS: Final = GAP_INTERVALS + 3
+
+
+@device_function
+def _cubic(c: Matrix, s: int, first: int, place: float) -> tuple[float, float, float]:
+    """Return value, slope and curvature of the spline c[s, first:], knots one apart, at a place."""
+    at = min(max(int(place), 0), GAP_INTERVALS - 1)
+    u = place - at
+    v, k = 1.0 - u, first + at
+    a, b, d, e = c[s, k], c[s, k + 1], c[s, k + 2], c[s, k + 3]
+    value = a * v * v * v + b * (3.0 * u * u * u - 6.0 * u * u + 4.0)
+    value += d * (3.0 * v * v * v - 6.0 * v * v + 4.0) + e * u * u * u
+    slope = -a * v * v + b * (3.0 * u * u - 4.0 * u) + d * (4.0 * v - 3.0 * v * v) + e * u * u
+    curvature = a * v + b * (3.0 * u - 2.0) + d * (3.0 * v - 2.0) + e * u
+    return value / 6.0, 0.5 * slope, curvature
+
+
+@device_function
+def _place(rim: Matrix, kind: int, i: int) -> tuple[float, float]:
+    """Return the coordinates [m] of a place on a frame with corners rim (n, 2)."""
+    x, y = rim[i, 0], rim[i, 1]
+    if kind == 1:
+        k = (i + 1) % rim.shape[0]
+        return 0.5 * (x + rim[k, 0]), 0.5 * (y + rim[k, 1])
+    return (x, y) if kind == 0 else (0.5 * x, 0.5 * y)
+
+
+@device_function
+def add_gaps(c: Matrix, s: int, x: Vector, rim: Matrix, gradient: Vector, hessian: Matrix) -> float:
+    """Return F, infinite where rims overlap; add its gradient and, if asked to, its Hessian.
+
+    Args:
+        c: (sections, COEFFICIENTS or more).
+        s: which section.
+        x: (6,) strains.
+        rim: (n, 2) [m], corners of the frames; zero, or (0, 2), for none.
+        gradient: (6,).
+        hessian: (6, 6), or (0, 6) where none is asked for.
+    """
+    energy = 0.0
+    if rim.shape[0] == 0 or rim[0, 0] == 0.0 == rim[0, 1]:
+        return energy
+    reach, per = _REACH * math.hypot(rim[0, 0], rim[0, 1]), GAP_INTERVALS / (_HIGH - _LOW)
+    for kind in range(GAP_KINDS):
+        for i in range(rim.shape[0]):
+            along, across = _place(rim, kind, i)
+            gap = x[2] + x[3] * across - x[4] * along
+            if gap < -_OVERLAP * reach:
+                return math.inf
+            inverse = 1.0 / (gap + reach)
+            rate = per * reach * inverse * inverse
+            first = POLYNOMIAL + kind * _FUNCTIONS
+            value, slope, curvature = _cubic(c, s, first, per * (gap * inverse - _LOW))
+            energy += value
+            pull = slope * rate
+            gradient[2] += pull
+            gradient[3] += pull * across
+            gradient[4] -= pull * along
+            if hessian.shape[0] > 0:
+                stiff = curvature * rate * rate - 2.0 * pull * inverse
+                hessian[2, 2] += stiff
+                hessian[3, 3] += stiff * across * across
+                hessian[4, 4] += stiff * along * along
+                for row, column, factor in ((3, 2, across), (4, 2, -along), (4, 3, -along * across)):
+                    hessian[row, column] += stiff * factor
+                    hessian[column, row] += stiff * factor
+    return energy
+
+
+@kernel(allocates=True)
+def basis(strains: Matrix, inverse_length: Vector, rim: Matrix, values: Matrix, gradients: Blocks) -> None:
+    """Fill values (n, COEFFICIENTS) and gradients (n, 6, COEFFICIENTS) of every term, coefficient one."""
+    count = values.shape[1]
+    unit = np.zeros((1, count))
+    gradient = small_vector(6)
+    none = small_matrix(0, 6)
+    for i in range(strains.shape[0]):
+        for k in range(count):
+            unit[0, k] = 1.0
+            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, none)
+            values[i, k] += add_gaps(unit, 0, strains[i], rim, gradient, none)
+            unit[0, k] = 0.0
+            for r in range(6):
+                gradients[i, r, k] = gradient[r]

@@ -35,8 +35,7 @@ from cosim.base.kernels import (
     small_vector,
     zero_matrix,
 )
-from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, section_energy
-from cosim.reduced.sections.section_gaps import add_gaps
+from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, add_gaps, section_energy
 from cosim.soft.contact.contact_law import touch
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.errors import InputError, OutOfRangeError
-from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.ring_frames import RingFrames, carried
+from cosim.reduced.section_model import RingFrames, SectionBody, carried
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
 from cosim.soft.solve.state import Clamp
 

@@ -5,18 +5,25 @@ Triangle meshes of primitive shapes, for drawing. Triangles run counter-clockwis
 Reads what is drawn of a MuJoCo model's bodies as plain triangle meshes.
 
 A scene's MuJoCo model and what is drawn of it, from which any number of scenes can be made.
+
+The cell that a robot stands in: read from MuJoCo's own format, and its driven joints.
+
+A drive's rotor is so heavy that no load accelerates it, so contacts feel the speed of what it moves; at the
+end of every step its joint is put where it is to be, so that nothing adds up.
 """
 
 from __future__ import annotations
 
 import copy
+import math
 import xml.etree.ElementTree as ElementTree
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import final
+from typing import Final, final
 
 import mujoco
 import numpy as np
@@ -26,19 +33,136 @@ from cosim.base.solid import BodyShape
 from cosim.config.arms.chain import readable_mesh
 from cosim.errors import InputError, SceneError
 from cosim.rigid.build import object_bodies
-from cosim.rigid.build.cells import attach_cell
 from cosim.rigid.build.description import (
+    CELL,
     FLANGE_SITE,
     FORCE_SENSOR,
     TORQUE_SENSOR,
     VISUAL_GROUP,
+    Cell,
+    CellJoint,
     SceneDescription,
     SceneObject,
     ServoGains,
 )
-from cosim.rigid.build.drawn_arm import ArmDrawing, drawing_of
-from cosim.rigid.build.mjcf_arm import add_shapes
-from cosim.rigid.build.mjcf_files import check_finite, set_up_engine
+from cosim.rigid.build.mjcf_arm import ArmDrawing, add_shapes, drawing_of
+from cosim.rigid.build.mjcf_files import check_finite, read_mjcf_file, set_up_engine
+from cosim.rigid.build.object_bodies import GEOM_TYPES
+
+ROTOR: Final = 1e6  # kg, kg m^2
+
+
+_FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
+_HIDDEN_GROUP: Final = 4
+_CELL_CONTACT: Final = (0, 3)  # with links and objects, not with itself
+_DRIVEN: Final = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def read_cell(path: Path) -> Cell:
+    """Return the cell of an MJCF file.
+
+    Raises:
+        InputError: MuJoCo refuses the file, something in it moves freely or is soft, or a shape cannot be
+            touched.
+    """
+    read = read_mjcf_file(path, "cell")
+    spec, model = read.spec, read.model
+    joints = _joints(path, model)
+    if model.nflex or model.nskin:
+        raise InputError(f"cell file {path}: holds flexes or skins; a cell is rigid")
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    for geom in np.flatnonzero(collides):
+        kind = mujoco.mjtGeom(model.geom_type[geom])
+        if kind not in GEOM_TYPES.values():
+            name, what = model.geom(int(geom)).name, kind.name.removeprefix("mjGEOM_").lower()
+            raise InputError(
+                f"cell file {path}: geom {name or int(geom)!r} is of type {what!r}, which cannot be touched; "
+                "replace it, or set its contype and conaffinity to 0"
+            )
+    planes = collides & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    return Cell(path, spec, int(collides.sum()), bool(planes.any()), joints, _asked_otherwise(spec))
+
+
+def attach_cell(spec: mujoco.MjSpec, cell: Cell, fixed: Sequence[str]) -> None:
+    """Put a cell into a specification that has the options of the scene already.
+
+    What drives move meets nothing that stands still: no contact would stop it.
+
+    Args:
+        spec: of the scene.
+        cell: to add, in world axes.
+        fixed: names of other bodies of the scene that stand still.
+    """
+    added = cell.spec.copy()
+    others = (*added.keys, *added.sensors, *added.actuators, *added.tendons, *added.cameras)
+    for element in (*others, *added.equalities):
+        added.delete(element)
+    for joint, known in zip(added.joints, cell.joints, strict=True):
+        joint.name, joint.limited, joint.armature, joint.ref = known.name, False, ROTOR, 0.0
+        joint.stiffness, joint.damping, joint.frictionloss = [0.0] * 3, [0.0] * 3, 0.0
+    for name in _options(spec):
+        setattr(added.option, name, getattr(spec.option, name))
+    added.nuser_geom = spec.nuser_geom
+    for number, body in enumerate(added.bodies[1:]):
+        body.name = body.name or f"body_{number + 1}"
+    for geom in added.geoms:
+        geom.group = VISUAL_GROUP if geom.group < _FIRST_HIDDEN_GROUP else _HIDDEN_GROUP
+        geom.userdata = [0.0] * spec.nuser_geom
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = _CELL_CONTACT
+    carrier = spec.worldbody.add_body(name=CELL)
+    driven = [f"{CELL}/{body.name}" for body in _driven(added.worldbody, moved=False)]
+    spec.attach(added, prefix=f"{CELL}/", frame=carrier.add_frame())
+    for one in driven:
+        for other in fixed:
+            spec.add_exclude(bodyname1=one, bodyname2=other)
+
+
+def _driven(body: mujoco.MjsBody, *, moved: bool) -> Iterator[mujoco.MjsBody]:
+    """Yield the bodies on a body that joints move."""
+    for child in body.bodies:
+        on_joint = moved or bool(child.joints)
+        if on_joint:
+            yield child
+        yield from _driven(child, moved=on_joint)
+
+
+def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
+    """Return the joints that drives move."""
+    found = []
+    for joint in range(model.njnt):
+        body = int(model.jnt_bodyid[joint])
+        name = model.joint(joint).name or model.body(body).name or f"joint_{joint + 1}"
+        if mujoco.mjtJoint(model.jnt_type[joint]) not in _DRIVEN:
+            kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+            raise InputError(
+                f"cell file {path}: joint {name!r} is of type {kind!r}; bodies of a cell slide or turn "
+                "about a hinge, driven by the phases; give what moves freely as [[object]]"
+            )
+        limits = (-math.inf, math.inf)
+        if model.jnt_limited[joint]:
+            low, high = (model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).tolist()
+            limits = (low, high)
+        found.append(CellJoint(name, bool(model.jnt_type[joint] == _DRIVEN[0]), limits))
+    twice = [name for name, count in Counter(joint.name for joint in found).items() if count > 1]
+    if twice:
+        raise InputError(f"cell file {path}: two joints are called {twice[0]!r}; give each its own name")
+    return tuple(found)
+
+
+def _options(spec: mujoco.MjSpec) -> list[str]:
+    return [name for name in dir(spec.option) if not name.startswith("_")]
+
+
+def _asked_otherwise(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the options that a file sets, as names and values: the scene has its own."""
+    plain, found = mujoco.MjSpec(), []
+    for name in _options(spec):
+        asked = np.asarray(getattr(spec.option, name))
+        if not np.array_equal(asked, np.asarray(getattr(plain.option, name))):
+            found.append(f"{name} {' '.join(f'{value:g}' for value in asked.ravel().astype(float))}")
+    return tuple(found)
+
 
 SEGMENTS = 32
 _MOST_LINES = 200  # that a plane or a height field is drawn with, along an edge

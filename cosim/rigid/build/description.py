@@ -1,4 +1,4 @@
-"""What a rigid scene is made of: an arm on its base, its servos, the cell, objects and wires.
+"""What a rigid scene is made of: an arm on its base, its servos, the cell, objects, wires, friction of pairs.
 
 One solid shape of a rigid body, and how much it encloses.
 
@@ -7,23 +7,158 @@ How an object hangs on another one, or on the world: by a hinge or a slide.
 A wire: capsules in a row, joined by ball joints that resist bending.
 
 The cell that a robot stands in: whatever stands still around the arm, or is moved by drives.
+
+MuJoCo lets the larger of two coefficients count, or the one of the geom with priority. Where the rule says
+otherwise, the two geoms get their own contact, which is as MuJoCo would have it besides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, final
 
+import mujoco
 import numpy as np
 
 from cosim.base.arm_file import ArmFile
-from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.base.frames import Array, IntArray, Pose, rotation_from_vector
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.config.schema.objects import WireTable
 from cosim.errors import InputError
-from cosim.rigid.build.pair_friction import PairFriction
+
+FILM: Final = "film"
+_RULES: Final[dict[str, Callable[[Array, Array], Array]]] = {
+    "largest": np.maximum,
+    "smallest": np.minimum,
+    "mean": lambda a, b: 0.5 * (a + b),
+    "root": lambda a, b: np.sqrt(a * b),
+}
+_NO_SHARE: Final = 1e-15  # of both geoms in a contact's parameters: then each has half
+
+
+@final
+@dataclass(frozen=True)
+class PairFriction:
+    """How the coefficients of two surfaces make that of the pair.
+
+    Args:
+        rule: "largest", "smallest", "mean" or "root", of the product.
+        film: coefficient of the film; None: the film takes that of what it touches.
+        pairs: names of two bodies, and the coefficient between them whatever the rule says.
+    """
+
+    rule: str = "largest"
+    film: float | None = None
+    pairs: tuple[tuple[str, str, float], ...] = ()
+
+    def between(self, names: tuple[str, str], mu: tuple[float, float]) -> float:
+        """Return the coefficient of a pair.
+
+        Args:
+            names: of the two bodies.
+            mu: their coefficients.
+        """
+        return float(self._of(np.array(names)[:, None], np.array(mu)[:, None])[0])
+
+    def on_film(self, names: Sequence[str], mu: Array) -> Array:
+        """Return the coefficients (k,) between film and bodies.
+
+        Args:
+            names: of the bodies.
+            mu: (k,), theirs.
+        """
+        film = mu if self.film is None else np.full(len(mu), self.film)
+        both = np.array([names, [FILM] * len(mu)]).reshape(2, -1)
+        return self._of(both, np.stack([mu, film]))
+
+    def _of(self, names: Array, mu: Array) -> Array:
+        """Return the coefficients (k,) of pairs: names (2, k), coefficients (2, k)."""
+        found = np.array(_RULES[self.rule](*mu))
+        for one, other, coefficient in self.pairs:
+            first, second = names
+            here = ((first == one) & (second == other)) | ((first == other) & (second == one))
+            found[here] = coefficient
+        return found
+
+    def add_contacts(self, spec: mujoco.MjSpec, mounted: Sequence[str], wires: Sequence[str]) -> None:
+        """Give geoms their own contacts where MuJoCo would take another coefficient.
+
+        Priority of what is mounted decides on how hard its contacts are, not on friction. Where the file of
+        a cell gives a geom priority, its coefficient stays the one that counts.
+
+        Args:
+            spec: complete.
+            mounted: names of bodies on the flange.
+            wires: names of the wires, whose bodies are called NAME/1, NAME/2, ...
+        """
+        geoms = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+        decides = [geom.friction[0] for geom in geoms if geom.parent.name in mounted]
+        largest = max((geom.friction[0] for geom in geoms), default=0.0)
+        if not self.pairs and self.rule == "largest" and min(decides, default=largest) >= largest:
+            return
+        model = spec.compile()
+        both = _meeting(model)
+        names, mu = np.array(body_names(model, range(model.ngeom), wires)), model.geom_friction[:, 0]
+        wanted, taken = self._of(names[both], mu[both]), _taken(model, both)
+        priority = np.where(np.isin(names, mounted), 0, model.geom_priority)[both]
+        wanted = np.where(priority[0] == priority[1], wanted, taken)
+        for geom in spec.geoms:
+            geom.name = geom.name or f"geom {geom.id}"
+        called = {geom.id: geom.name for geom in spec.geoms}
+        for k in np.flatnonzero(wanted != taken):
+            one, other = (int(geom) for geom in both[:, k])
+            pair = spec.add_pair(geomname1=called[one], geomname2=called[other])
+            _be_as_mixed(pair, model, one, other)
+            pair.friction[:2] = float(wanted[k])
+
+
+def body_names(model: mujoco.MjModel, geoms: Sequence[int] | IntArray, wires: Sequence[str]) -> list[str]:
+    """Return the name of the body of each geom (k,), that of the wire for its segments."""
+    found = []
+    for geom in geoms:
+        name = model.body(int(model.geom_bodyid[geom])).name
+        whole = name.rpartition("/")[0]
+        found.append(whole if whole in wires else name)
+    return found
+
+
+def _meeting(model: mujoco.MjModel) -> IntArray:
+    """Return pairs of geoms (2, k) that MuJoCo lets touch each other."""
+    both = np.stack(np.triu_indices(model.ngeom, 1))
+    kind, affinity = model.geom_contype[both], model.geom_conaffinity[both]
+    meets = ((kind & affinity[::-1]) != 0).any(axis=0)
+    body = np.sort(model.geom_bodyid[both], axis=0)
+    weld = model.body_weldid[body]
+    above = model.body_weldid[model.body_parentid[weld]]
+    related = (weld == above[::-1]).any(axis=0) & (weld != 0).all(axis=0)
+    excluded = np.isin((body[0] << 16) + body[1], model.exclude_signature)
+    return np.asarray(both[:, meets & (weld[0] != weld[1]) & ~related & ~excluded], dtype=np.int64)
+
+
+def _taken(model: mujoco.MjModel, both: IntArray) -> Array:
+    """Return the coefficients of sliding (k,) that MuJoCo takes for pairs of geoms (2, k)."""
+    priority, mu = model.geom_priority[both], model.geom_friction[both, 0]
+    return np.asarray(
+        np.where(priority[0] == priority[1], mu.max(axis=0), np.where(priority[0] > priority[1], *mu))
+    )
+
+
+def _be_as_mixed(pair: mujoco.MjsPair, model: mujoco.MjModel, one: int, other: int) -> None:
+    """Give a pair what MuJoCo makes of two geoms: the one with priority decides, or their shares do."""
+    geoms, priority = [one, other], model.geom_priority[[one, other]]
+    pair.margin, pair.gap = model.geom_margin[geoms].sum(), model.geom_gap[geoms].sum()
+    if priority[0] != priority[1]:
+        geoms = [geoms[int(np.argmax(priority))]]
+    share = model.geom_solmix[geoms]
+    share = share / share.sum() if share.sum() > _NO_SHARE else np.full(len(geoms), 1.0 / len(geoms))
+    pair.condim = model.geom_condim[geoms].max()
+    sliding, turning, rolling = model.geom_friction[geoms].max(axis=0)
+    pair.friction = [sliding, sliding, turning, rolling, rolling]
+    times = model.geom_solref[geoms]
+    pair.solref = share @ times if (times[:, 0] > 0.0).all() else times.min(axis=0)
+    pair.solimp = share @ model.geom_solimp[geoms]
 
 
 @dataclass(frozen=True)

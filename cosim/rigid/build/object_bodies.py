@@ -22,8 +22,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, quaternion_from_rotation
 from cosim.base.triangle_mesh import TriangleMesh
 from cosim.config.schema.objects import WireTable
-from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject, wire_poses
-from cosim.rigid.build.pair_friction import PairFriction
+from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, PairFriction, SceneObject, wire_poses
 
 OBJECT_CONTACT = (2, 3)  # floor and objects meet everything
 SHAPES: Final = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh")

@@ -11,8 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene.arm import MountedFrame
-from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
-from cosim.rigid.scene.native import NativeScene
+from cosim.rigid.scene.bodies import Bodies, NativeScene, jacobian_of, mobility
 
 _DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 

@@ -179,7 +179,7 @@ def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
     """Return the two nodes (n, 2) of a mesh that each node of the refined one lies halfway between.
 
     The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
-    middle one; see `cosim.soft.geometry.refinement`.
+    middle one; see `cosim.soft.geometry.named_mesh`.
 
     Args:
         coarse: the body.

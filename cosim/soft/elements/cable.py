@@ -39,8 +39,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from typing import Annotated, ClassVar, Final, NamedTuple, final
+from typing import Annotated, ClassVar, Final, final
 
 import numpy as np
 
@@ -48,7 +47,6 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import (
     Blocks,
     IndexTable,
-    Indices,
     Matrix,
     Vector,
     device_function,
@@ -158,32 +156,6 @@ def add_segments(
 
 UNSLID_m: Final = 1.0
 """By how far an anchor is ahead where the cable is pulled taut again, see `eyelets`: beyond every limit."""
-
-
-class EyeletLaws(NamedTuple):
-    """Cables and what they lose at their eyelets, for kernels; segment by segment where nothing else is said.
-
-    Args:
-        segments: (s, 2), of all cables.
-        routes: (cables + 1,), where the segments of each cable begin.
-        places: (s,), where the eyelet's anchor is in the memory, -1 where it remembers nothing.
-        laws: (s, 4), c, mu, F [N] and k [N/m].
-    """
-
-    segments: IndexTable
-    routes: Indices
-    places: Indices
-    laws: Matrix
-
-    @property
-    def tied(self) -> list[IntArray]:
-        """Nodes of each cable that remembers, base to tip; none of the others."""
-        own = (self.segments[first:last] for first, last in pairwise(self.routes.tolist()))
-        firsts = self.places[self.routes[:-1]]
-        return [
-            np.append(rows[:, 0], rows[-1, 1]) if place >= 0 else np.zeros(0, np.int64)
-            for rows, place in zip(own, firsts, strict=True)
-        ]
 
 
 @final

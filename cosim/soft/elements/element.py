@@ -14,6 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
+from itertools import pairwise
 from typing import (
     Annotated,
     Any,
@@ -32,7 +33,7 @@ from typing import (
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Vector
+from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
 from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
@@ -303,3 +304,29 @@ def _replaced(element: _Kind, changes: dict[str, Any]) -> _Kind:
     any_dataclass: Any = element
     changed: _Kind = replace(any_dataclass, **changes)
     return changed
+
+
+class EyeletLaws(NamedTuple):
+    """Cables and what they lose at their eyelets, for kernels; segment by segment where nothing else is said.
+
+    Args:
+        segments: (s, 2), of all cables.
+        routes: (cables + 1,), where the segments of each cable begin.
+        places: (s,), where the eyelet's anchor is in the memory, -1 where it remembers nothing.
+        laws: (s, 4), c, mu, F [N] and k [N/m].
+    """
+
+    segments: IndexTable
+    routes: Indices
+    places: Indices
+    laws: Matrix
+
+    @property
+    def tied(self) -> list[IntArray]:
+        """Nodes of each cable that remembers, base to tip; none of the others."""
+        own = (self.segments[first:last] for first, last in pairwise(self.routes.tolist()))
+        firsts = self.places[self.routes[:-1]]
+        return [
+            np.append(rows[:, 0], rows[-1, 1]) if place >= 0 else np.zeros(0, np.int64)
+            for rows, place in zip(own, firsts, strict=True)
+        ]

@@ -50,14 +50,8 @@ from cosim.base.kernels import (
     small_matrix,
     small_vector,
 )
-from cosim.soft.elements.cable import (
-    Cable,
-    EyeletLaws,
-    UNSLID_m,
-    base_tension,
-    segment_gradient,
-    segment_length,
-)
+from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_gradient, segment_length
+from cosim.soft.elements.element import EyeletLaws
 from cosim.soft.linear.pattern import add_block
 
 SHARE, RATIO, ANCHOR, LOWER, UPPER, GIVEN, STICKS = range(7)

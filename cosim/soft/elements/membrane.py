@@ -1,18 +1,24 @@
 """Constant-strain film triangles in plane stress, under one of five laws on the Green strain.
 
-Strain of a film triangle and the node blocks of its Hessian; formulas: see `membrane`.
-
-Energy and gradient of many film triangles, plain or wrinkling, in groups: one triangle per lane.
+Energy and gradient of many film triangles, plain or wrinkling, are taken in groups: one triangle per lane.
 
 With F = sum_a x_a g_a^T (3 x 2), E = (F^T F - 1) / 2, the energy density psi(E) of the law, the membrane
 force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     energy = A psi,
     gradient_a = A F N g_a,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
-Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field", "edge_strain" and
-"neo_hookean", see their files. The axes of E are along a triangle's first edge and across; of fabric they are
-warp and weft, so that all triangles have one C, and its yarns straighten, see `fabric`.
+Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain",
+see their files; "neo_hookean", see below. The axes of E are along a triangle's first edge and across; of
+fabric they are warp and weft, so that all triangles have one C, and its yarns straighten, see `fabric`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
+
+"neo_hookean", an incompressible membrane, such as silicone, whose thickness follows from its area: with
+C = 2 E + 1, J = det C (the square of the stretch of area) and the shear modulus mu = E_0 / 3,
+    psi = mu t (tr C + 1 / J - 3) / 2,   N = mu t (1 - C^-1 / J).
+psi is convex in E. At small strain it is the plain law of Young's modulus E_0 and Poisson's ratio 1/2. A
+sphere of drawn radius R has p = 2 mu t / R (1 / l - 1 / l^7), largest at the stretch l = 7^(1/6).
+Source: Holzapfel, Nonlinear Solid Mechanics, section 6.5; Mueller and Strehlow, Rubber and Rubber Balloons,
+chapter 2.
 """
 
 from __future__ import annotations
@@ -38,7 +44,6 @@ from cosim.base.kernels import (
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.material import NEO_HOOKEAN, PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
-from cosim.soft.elements.rubber import neo_hookean
 from cosim.soft.elements.wrinkling import (
     density,
     hide_across,
@@ -50,6 +55,31 @@ from cosim.soft.elements.wrinkling import (
 )
 from cosim.soft.linear.pattern import add_block
 from cosim.soft.published.edge_strain import edge_strain
+
+
+@device_function
+def neo_hookean(strain: tuple[float, float, float], shear: float, n: Vector, c: Matrix) -> float:
+    """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
+
+    Args:
+        strain: E11, E22, 2 E12.
+        shear: mu t [N/m].
+        n: filled.
+        c: filled.
+
+    Returns:
+        Energy density [J/m^2]; infinite where the film has no area.
+    """
+    c11, c22, c12 = 1.0 + 2.0 * strain[0], 1.0 + 2.0 * strain[1], strain[2]
+    inverse = 1.0 / (c11 * c22 - c12 * c12)
+    square = shear * inverse * inverse
+    n[0], n[1], n[2] = shear - square * c22, shear - square * c11, square * c12
+    cube = 4.0 * square * inverse
+    c[0, 0], c[1, 1], c[2, 2] = cube * c22 * c22, cube * c11 * c11, square + cube * c12 * c12
+    c[0, 1] = c[1, 0] = cube * c11 * c22 - 2.0 * square
+    c[0, 2] = c[2, 0] = -cube * c22 * c12
+    c[1, 2] = c[2, 1] = -cube * c11 * c12
+    return 0.5 * shear * (c11 + c22 + inverse - 3.0)
 
 
 @device_function

@@ -27,6 +27,7 @@ from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
+from cosim.soft.film.rate_kernels import add_rates, film_rows
 from cosim.soft.film.step_arrays import (
     BEAMS,
     CHAMBERS,
@@ -42,7 +43,6 @@ from cosim.soft.film.step_arrays import (
     StepBed,
     StepRates,
 )
-from cosim.soft.film.strain_rates import add_rates, film_rows
 
 onset = device_function(onset_of_tension)
 absolute_pressure = device_function(gas.absolute_pressure)

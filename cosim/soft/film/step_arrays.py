@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
-from cosim.soft.elements.cable import EyeletLaws
+from cosim.soft.elements.element import EyeletLaws
 from cosim.soft.linear.pattern import PatternRows
 from cosim.soft.linear.secant_pairs import SecantPairs
 
@@ -176,7 +176,7 @@ class StepBed(NamedTuple):
 
 
 class StepRates(NamedTuple):
-    """How materials resist rates of strain in a step, see `strain_rates`.
+    """How materials resist rates of strain in a step, see `rate_kernels`.
 
     Args:
         calls: (4,) addresses of kernels: that fill it as a step begins, that add what it resists with, and

@@ -1,114 +1,23 @@
-"""What the materials of a film resist rates of strain with, step by step: see `strain_rate` for triangles.
-
-A hinge of spring constant k between films of times tau resists the rate of its angle with the mean tau,
-    dissipation potential = (tau k / s) (theta - theta')^2 / 2,
-theta' of the same difference formula as E'. It is that of its spring alone: the barrier of closed folds
-represents films that touch.
-"""
+"""What the materials of a film resist rates of strain with, step by step; formulas: see `rate_kernels`."""
 
 from __future__ import annotations
 
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Matrix, RecordStore, Vector, address_of, handing_on_views, kernel, small_vector
-from cosim.base.numba_insides import caller
+from cosim.base.kernels import RecordStore, address_of
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.element import Remembered
-from cosim.soft.elements.hinge import ANGLE, LANES, ROOM, HingeRows, add_hinges, differentiate
-from cosim.soft.elements.membrane import MembraneRows
-from cosim.soft.elements.strain_rate import RATE_ROOM, add_triangle_rates, fill_triangle_rates
-from cosim.soft.film.step_arrays import FILMS, HINGES, FilmArrays, FilmPoint, FilmSlots, StepRates
-from cosim.soft.geometry.surface import TURN, dihedral_angle, directed_edges
-
-_fill_triangle_rates = caller(fill_triangle_rates)
-_add_triangle_rates, _add_hinges = caller(add_triangle_rates), caller(add_hinges)
-_TRIANGLES, _FILL_TRIANGLES, _HINGES = 2, 3, 1  # of `StepRates.calls`, and of `FilmArrays.calls`
-
-
-@handing_on_views
-def film_rows(film: Any, k: int) -> MembraneRows:
-    """Return the triangles of film k."""
-    a, b = film.films[k], film.films[k + 1]
-    return MembraneRows(
-        film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
-        film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.compression[k],
-        film.forces[a[2] : b[2]], film.yarns[k],
-    )  # fmt: skip
-
-
-@kernel
-def add_rates(film: FilmArrays, slots: FilmSlots, rates: StepRates, part: int, point: FilmPoint) -> float:
-    """Add what resists the rates of a part's triangles and hinges; return the dissipation potential [J].
-
-    It is half of the power lost, times s.
-
-    Args:
-        film: see `FilmArrays`.
-        slots: see `FilmSlots`.
-        rates: of the step.
-        part: its number.
-        point: see `FilmPoint`.
-    """
-    energy = 0.0
-    for k in range(film.parts[part, FILMS], film.parts[part + 1, FILMS]):
-        if rates.film_time[k] > 0.0:
-            a, b = film.films[k], film.films[k + 1]
-            own, pairs = rates.triangles[a[1] : b[1]], slots.triangles[a[0] : b[0]]
-            given = point.x, film_rows(film, k), own, pairs, point.gradient, point.blocks
-            energy += _add_triangle_rates(rates.calls[_TRIANGLES], given)
-    first, last = film.parts[part, HINGES], film.parts[part + 1, HINGES]
-    begin, end = film.angles[0] + first, film.angles[0] + last
-    springs = HingeRows(
-        film.hinges[first:last], rates.hinge_stiffness[first:last], rates.hinge_angle[first:last], 0.0
-    )
-    angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
-    turning = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
-    return energy + _add_hinges(film.calls[_HINGES], turning)
-
-
-@kernel
-def fill_rates(
-    film: FilmArrays,
-    x: Matrix,
-    earlier_x: Matrix,
-    memory: Vector,
-    two_steps: bool,
-    span: float,
-    rates: StepRates,
-) -> None:
-    """Fill what a step resists rates with.
-
-    Args:
-        film: see `FilmArrays`.
-        x: (n, 3) [m], where the step begins.
-        earlier_x: (n, 3) [m], one step before; of one step alone: anything.
-        memory: (values,), of the elements where it begins.
-        two_steps: whether it looks back over two.
-        span: s [s].
-        rates: filled.
-    """
-    for k in range(film.films.shape[0] - 1):
-        if rates.film_time[k] > 0.0:
-            own = rates.triangles[film.films[k, 1] : film.films[k + 1, 1]]
-            given = x, earlier_x, two_steps, film_rows(film, k), rates.film_time[k] / span, own
-            _fill_triangle_rates(rates.calls[_FILL_TRIANGLES], given)
-    s, count = small_vector(ROOM), film.hinges.shape[0]
-    for first in range(0, count, LANES):
-        lanes = min(LANES, count - first)
-        if two_steps:
-            differentiate(earlier_x, film.hinges, first, lanes, s)
-        for lane in range(lanes):
-            h = first + lane
-            angle = memory[film.angles[0] + h]
-            rates.hinge_stiffness[h] = rates.hinge_time[h] / span * film.hinge_stiffness[h]
-            if two_steps:
-                turned = angle - s[ANGLE + lane]
-                turned -= TURN * np.floor(turned / TURN + 0.5)
-                angle += turned / 3.0
-            rates.hinge_angle[h] = angle
+from cosim.soft.film.rate_kernels import (
+    RATE_ROOM,
+    add_rates,
+    add_triangle_rates,
+    fill_rates,
+    fill_triangle_rates,
+)
+from cosim.soft.film.step_arrays import FilmArrays, FilmPoint, StepRates
+from cosim.soft.geometry.surface import dihedral_angle, directed_edges
 
 
 @final

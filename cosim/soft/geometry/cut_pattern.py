@@ -19,9 +19,18 @@ from cosim.base.drawing import SAME_PLACE_M, DrawnLine
 from cosim.base.extras import extra_module
 from cosim.base.frames import Array, IntArray, Mask, in_mm
 from cosim.errors import MeshError
-from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, signed_area
+from cosim.soft.geometry.flat_mesh import (
+    FlatLine,
+    FlatMesh,
+    LineKind,
+    check_simple,
+    check_within,
+    mesh_sheet,
+    sheet_within,
+    signed_area,
+    with_ends_met,
+)
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, Crease, NamedMesh
-from cosim.soft.geometry.outline import check_simple, check_within, sheet_within, with_ends_met
 from cosim.soft.geometry.surface import directed_edges, rims
 
 FRONT, BACK, WELDED = "front", "back", "welded"

@@ -19,8 +19,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
-from cosim.soft.geometry.named_mesh import NamedMesh
-from cosim.soft.geometry.refinement import refine_some
+from cosim.soft.geometry.named_mesh import NamedMesh, refine_some
 
 FUSED: Final = "fused"
 """Face group of the triangles whose two films are fused."""

@@ -16,9 +16,16 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import Blocks, Indices, Masks, Matrix, address_of, device_function, handing_on_views
 from cosim.base.numba_insides import caller
-from cosim.soft.linear.envelope_cholesky import NODE, SOLVED, STORED, TILED, EnvelopeEntries
 from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, substitute, turned
-from cosim.soft.linear.linear_solver import EnvelopeArrays, FactorState
+from cosim.soft.linear.linear_solver import (
+    NODE,
+    SOLVED,
+    STORED,
+    TILED,
+    EnvelopeArrays,
+    EnvelopeEntries,
+    FactorState,
+)
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
 

@@ -1,7 +1,7 @@
 """Direct solvers for the tangent stiffness of the free components, behind one small interface.
 
 The envelope and the fronts are two such solvers for symmetric matrices, of which one is chosen by size
-(`multifrontal_cholesky.cholesky`); general LU is used where neither works. Dense terms of low rank,
+(`cholesky.cholesky`); general LU is used where neither works. Dense terms of low rank,
 A = S + W^T M W, go beside the sparse factor of S and never enter it. With G = W S^-1 W^T and
 N = (1 + M G)^-1 M the solution of A x = b is
 
@@ -29,6 +29,9 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import IndexTable, Indices, Places, Vector
 from cosim.errors import InputError, SolverError
 from cosim.soft.linear.pattern import BlockPattern
+
+NODE, STORED, TILED, SOLVED = range(4)
+"""What columns of the table of `EnvelopeArrays` are."""
 
 
 @final
@@ -152,6 +155,22 @@ class EnvelopeArrays(NamedTuple):
     first: Places
     inverse: Vector
     dofs: Indices
+    parts: IndexTable
+
+
+class EnvelopeEntries(NamedTuple):
+    """Entries of A as `factorise` takes them, part after part.
+
+    Args:
+        source: their places in the blocks of the whole, as numbers.
+        place: their places in the store of the part.
+        first: the first of each tile, of the part; its last one behind the tiles.
+        parts: (parts + 1, 2), where entries and tiles with what is behind them begin of each.
+    """
+
+    source: Places
+    place: Places
+    first: Places
     parts: IndexTable
 
 

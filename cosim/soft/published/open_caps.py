@@ -20,11 +20,10 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernels import Blocks, Cubes, Indices, Matrix, Vector, address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.soft.elements.pressure import add_cap_stiffness
-from cosim.soft.linear.envelope_cholesky import EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
 from cosim.soft.linear.envelope_kernels import TileFactor, forward
 from cosim.soft.linear.kept_factor import KeptEnvelope
 from cosim.soft.linear.linear_solver import Correction, EnvelopeArrays, GeneralLU, LinearSolver, LowRank
-from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern
 
 _Rims: TypeAlias = tuple[IntArray, list[tuple[IntArray, ...]], tuple[IntArray, ...], Array]

@@ -41,6 +41,7 @@ from cosim.soft.contact.self_contact_pairs import add_pair_blocks
 from cosim.soft.elements.eyelets import SHARE as FROZEN_SHARE
 from cosim.soft.elements.eyelets import freeze_losses
 from cosim.soft.film.film_terms import FilmActing, film_terms
+from cosim.soft.film.rate_kernels import fill_rates
 from cosim.soft.film.step_arrays import (
     AGAIN,
     ASKS,
@@ -83,7 +84,6 @@ from cosim.soft.film.step_arrays import (
     StepWork,
     move,
 )
-from cosim.soft.film.strain_rates import fill_rates
 from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is_kept, renew, solve_kept
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair

@@ -49,7 +49,7 @@ from cosim.soft.film.step_arrays import (
     WideTangent,
     room_for_parts,
 )
-from cosim.soft.linear.envelope_cholesky import NODE, EnvelopeCholesky
+from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
 from cosim.soft.linear.kept_factor import (
     OUTSIDE,
     DefiniteTangent,
@@ -60,13 +60,13 @@ from cosim.soft.linear.kept_factor import (
     nothing_kept,
 )
 from cosim.soft.linear.linear_solver import (
+    NODE,
     EnvelopeArrays,
     LinearSolver,
     ShiftSearch,
     by_component,
     negative_pivots,
 )
-from cosim.soft.linear.multifrontal_cholesky import cholesky
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
 from cosim.soft.published.open_caps import OpenCapSolver, RimArrays
