@@ -58,8 +58,8 @@ def _sentence(kernels: int) -> str:
     each_s = _SECONDS_EACH if numba_insides.KNOWN else _SECONDS_EACH_BY_NAME
     tens_of_s = [max(1, round(0.1 * each_s * kernels / count)) for count in (1, processes())]
     return (
-        f"Compiling {kernels} kernels, once per machine: about {10 * tens_of_s[0]} s of processor time, "
-        f"{10 * tens_of_s[1]} s if nothing else runs."
+        f"Compiling {kernels} kernel{'s' if kernels > 1 else ''}, once per machine: about "
+        f"{10 * tens_of_s[0]} s of processor time, {10 * tens_of_s[1]} s if nothing else runs."
     )
 
 
