@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any
 
 _SECONDS_EACH = 1.1  # of CPU time, on average
-_SECONDS_EACH_BY_NAME = 4.5  # with another numba (0.60): kernels then compile all that they call
+_SECONDS_EACH_BY_NAME = 4.5  # with another numba (measured: 0.60): kernels compile all that they call
 _MOST_PROCESSES = 4  # the slowest kernel bounds what more of them save
 _EACH = 3  # kernels, for which another process is worth its start
 _NUMBERS = 256  # of one byte in the pipe: reads of one byte are never torn

@@ -88,7 +88,7 @@ def test_files_of_identify_and_design_are_checked(
         "bench.toml: fine; which values the curves determine: cosim identify bench.toml --check\n"
         "design.toml: fine\n"
     )
-    Path("bench.toml").write_text(BENCH.replace("length_m\"", "lenght_m\""))
+    Path("bench.toml").write_text(BENCH.replace('length_m"', 'lenght_m"'))
     Path("design.toml").write_text(DESIGN.replace("start = 0.5", ""))
     assert main(["check", "bench.toml", "design.toml"]) == 2
     bench, design = capsys.readouterr().out.splitlines()
