@@ -27,7 +27,7 @@ class ProgressLine:
         self._stage: RunInfo | None = None
         self._first: Snapshot | None = None
         self._last: Snapshot | None = None
-        self._started = self._shown = 0.0
+        self._started = self._seen = self._shown = 0.0
 
     def open(self, stage: RunInfo) -> None:
         """Start the clock; the simulation is built.
@@ -36,7 +36,7 @@ class ProgressLine:
             stage: of the run.
         """
         self._stage, self._first, self._last = stage, None, None
-        self._started = self._shown = time.perf_counter()
+        self._started = self._seen = self._shown = time.perf_counter()
 
     def observe(self, batch: TickBatch) -> None:
         """Take in some ticks of one phase; show them at most five times a second.
@@ -47,7 +47,7 @@ class ProgressLine:
         now, snapshot = time.perf_counter(), batch.snapshot(-1)
         if not self._renews and self._last is not None and snapshot.phase != self._last.phase:
             self._show(end="\n")
-        self._first, self._last = self._first or snapshot, snapshot
+        self._first, self._last, self._seen = self._first or snapshot, snapshot, now
         if self._renews and now - self._shown >= _REDRAW_S:
             self._shown = now
             self._show(end="")
@@ -64,7 +64,7 @@ class ProgressLine:
     def _show(self, end: str) -> None:
         if self._stage is None or self._first is None or self._last is None:
             return
-        line = progress_line(self._stage, self._last, time.perf_counter() - self._started, self._first)
+        line = progress_line(self._stage, self._last, self._seen - self._started, self._first)
         self._write(line, end)
 
     def _write(self, line: str, end: str) -> None:

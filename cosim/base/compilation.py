@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any
 
 _SECONDS_EACH = 1.1  # of CPU time, on average
-_SECONDS_EACH_BY_NAME = 4.5  # with another numba (0.60): kernels then compile all that they call
+_SECONDS_EACH_BY_NAME = 4.5  # with another numba (measured: 0.60): kernels compile all that they call
 _MOST_PROCESSES = 4  # the slowest kernel bounds what more of them save
 _EACH = 3  # kernels, for which another process is worth its start
 _NUMBERS = 256  # of one byte in the pipe: reads of one byte are never torn
@@ -58,8 +58,8 @@ def _sentence(kernels: int) -> str:
     each_s = _SECONDS_EACH if numba_insides.KNOWN else _SECONDS_EACH_BY_NAME
     tens_of_s = [max(1, round(0.1 * each_s * kernels / count)) for count in (1, processes())]
     return (
-        f"Compiling {kernels} kernels, once per machine: about {10 * tens_of_s[0]} s of processor time, "
-        f"{10 * tens_of_s[1]} s if nothing else runs."
+        f"Compiling {kernels} kernel{'s' if kernels > 1 else ''}, once per machine: about "
+        f"{10 * tens_of_s[0]} s of processor time, {10 * tens_of_s[1]} s if nothing else runs."
     )
 
 

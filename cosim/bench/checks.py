@@ -178,6 +178,8 @@ def oddities(series: Sequence[Series], predicted: Sequence[Array]) -> list[str]:
             problem = (
                 f"is {factor:.3g} times the model, near {unit}: is it in another unit than its name says?"
             )
+        elif other == column:
+            problem = "fits much better with the other sign: does its axis point the other way?"
         elif other:
             problem = f"fits less well than the numbers of column {other!r}: are the two swapped?"
         elif like < _LEAST_LIKE:
@@ -200,14 +202,17 @@ def _unit(factor: float) -> str:
 
 
 def _nearer(entry: Series, data: Array, model: Array) -> str:
-    """Return the column of the file whose numbers are much nearer to the model's than the measured ones."""
+    """Return the column whose numbers are much nearer to the model's than the measured ones.
+
+    Its own name says that the measured ones are, with the other sign.
+    """
 
     def away(values: Array) -> float:
         return float(np.linalg.norm(values - model) / np.linalg.norm(model))
 
     own = away(data)
+    others = {entry.table.measured: -data}
     for name, values in entry.others.items():
-        other = np.array(values) - (values[0] if entry.table.relative else 0.0)
-        if own > _OFF and away(other) < own / _NEARER:
-            return name
-    return ""
+        others[name] = np.array(values) - (values[0] if entry.table.relative else 0.0)
+    name = min(others, key=lambda each: away(others[each]))
+    return name if own > _OFF and away(others[name]) < own / _NEARER else ""

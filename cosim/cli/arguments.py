@@ -189,8 +189,12 @@ def _add_files(commands: Any) -> None:
         help="a drawing (.dxf, .svg): write a soft robot cut from it as well",
     )
     _add_drawing(new)
-    check = commands.add_parser("check", help="check scenario, robot and arm files without running anything")
-    check.add_argument("files", metavar="FILE", nargs="+", help="path of a file, or name of a scenario")
+    check = commands.add_parser(
+        "check", help="check files without running anything: scenarios, robots, arms, studies"
+    )
+    check.add_argument(
+        "files", metavar="FILE", nargs="+", help="path of a file, also of identify and design; or a scenario"
+    )
     upgrade = commands.add_parser("upgrade", help="rewrite files of the schema number before, in place")
     upgrade.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml file")
     schema = commands.add_parser("schema", help="print the JSON Schema of scenario, robot or arm files")

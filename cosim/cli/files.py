@@ -25,9 +25,9 @@ from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import load_file, load_scenario
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
-from cosim.config.studies import StudyTable
+from cosim.config.studies import StudyTable, is_search
 from cosim.config.toml.parsing import SCHEMA
-from cosim.config.toml.reading import blamed_on
+from cosim.config.toml.reading import blamed_on, read_table
 from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
 from cosim.results.exports import COLLECTION, USD, check_usd, write_csv, write_film, write_usd
@@ -39,7 +39,7 @@ _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
 
 
 def check_command(files: Sequence[str]) -> bool:
-    """Print a line for every fault of scenario, robot and arm files; return whether all are fine.
+    """Print a line for every fault of scenarios, robots, arms and studies; return whether all are fine.
 
     Args:
         files: paths, or names of scenarios that come with cosim.
@@ -116,6 +116,8 @@ def _check_built(path: Path) -> str:
     Raises:
         ScenarioError: keys or values are wrong, or it cannot be built.
     """
+    if path.suffix == ".toml" and is_search(table := read_table(path)):
+        return _check_search(path, "series" in table)
     found = load_arms(path) if path.suffix == ".toml" and has_arms(path) else load_file(path)
     # imported here: a file that cannot be read needs no engine
     from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot, left_to_runs
@@ -133,6 +135,26 @@ def _check_built(path: Path) -> str:
     scenarios = found.arms.values() if isinstance(found, ArmsScenario) else (found,)
     left = "; ".join(dict.fromkeys(chain.from_iterable(map(left_to_runs, scenarios))))
     return left and f"; only a run shows: {left}"
+
+
+def _check_search(path: Path, of_curves: bool) -> str:
+    """Check the file of `cosim identify` (of curves), or of `cosim design`; return as `_check_built` does."""
+    # imported here, as only few files need them
+    from cosim.bench.curves import Curves
+    from cosim.bench.design import DesignProblem
+    from cosim.config.benches import load_bench
+    from cosim.config.design_studies import load_design_study
+
+    try:
+        if not of_curves:
+            DesignProblem(load_design_study(path))
+            return ""
+        Curves(*load_bench(path))
+    except ScenarioError:
+        raise
+    except InputError as error:
+        raise ScenarioError("", str(error)) from error
+    return f"; which values the curves determine: cosim identify {path} --check"
 
 
 def arm_lines() -> list[str]:

@@ -92,6 +92,11 @@ def is_study(table: Mapping[str, Any]) -> bool:
     return "scenario" in table and bool({"grid", "design", "samples"} & table.keys())
 
 
+def is_search(table: Mapping[str, Any]) -> bool:
+    """Return whether a file's tables are those of `cosim identify` or `cosim design`."""
+    return "scenario" in table and bool({"parameter", "series", "case", "goal"} & table.keys())
+
+
 def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
     """Return a checked study; its tables have an entry for each key path, ranges are `RangeTable`.
 

@@ -28,6 +28,7 @@ PLANNED: Final = "planned: "
 """What warnings of a plan begin with."""
 
 _ROUNDING = 1e-9
+_BETWEEN: Final = 1.02  # a speed between two samples over the largest of the samples
 
 
 @final
@@ -137,6 +138,14 @@ class Extreme:
         """Of the value."""
         turning = UNITS[self.quantity]
         return turning.replace("rad", "m").replace("N m", "N") if self.prismatic else turning
+
+    @property
+    def remedy(self) -> str:
+        """How much longer a phase keeps a bound of velocity; empty for other quantities."""
+        if self.quantity != "velocity" or not math.isfinite(self.excess):
+            return ""
+        times = math.ceil(10.0 * _BETWEEN * (1.0 + self.excess)) / 10.0
+        return f"; give this phase at least {times:g} times its duration_s"
 
     def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
         """Return it for the summary."""
@@ -288,5 +297,5 @@ class PlannedArm:
 
     def warnings(self) -> list[str]:
         """Return one line for each bound that the plan goes beyond, and for each contact."""
-        beyond = [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
+        beyond = [each.text(self.phase_names) + each.remedy for each in self.extremes if each.beyond]
         return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self._touches]]

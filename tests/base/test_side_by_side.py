@@ -124,3 +124,4 @@ def test_the_announcement_knows_that_other_versions_of_numba_take_longer(
         said.append(compilation._sentence(65))
     assert ["about 70 s of processor time" in line for line in said] == [True, False]
     assert "about 290 s of processor time" in said[1]
+    assert compilation._sentence(1).startswith("Compiling 1 kernel, once")

@@ -138,6 +138,7 @@ MODEL = 0.01 * np.sqrt(np.arange(1.0, 8.0))
         (1.3 * MODEL, {}, ""),
         (1300.0 * MODEL, {}, "near 1000 (kilo): is it in another unit"),
         (5.0 - MODEL, {"volume_ml": 1.1 * MODEL}, "the numbers of column 'volume_ml': are the two swapped?"),
+        (-1.2 * MODEL, {"volume_ml": 2.0 * MODEL}, "with the other sign: does its axis point the other way?"),
         (0.02 - MODEL, {}, "does not go with the model (correlation -1.00)"),
         (4.0 * MODEL, {}, "is 4 times the model: is it another quantity"),
     ],

@@ -47,6 +47,56 @@ def test_each_fault_is_a_line_and_a_later_file_is_still_checked(
     assert lines[3] == "sealed_arm: fine"
 
 
+BENCH = """
+scenario = "bending_angle"
+[[parameter]]
+key = "soft_robot.film.young_modulus_Pa"
+low = 0.5e9
+high = 4e9
+[[series]]
+name = "extension"
+file = "inflated.csv"
+quantity = "length_m"
+measured = "length_mm"
+loads.pressure_Pa = "pressure_kPa"
+noise = 0.05
+"""
+DESIGN = """
+scenario = "bending_angle"
+[[parameter]]
+key = "pull"
+low = 0.05
+high = 3.0
+start = 0.5
+[[case]]
+name = "bent"
+loads = { pressure_Pa = 10e3, "cable_tension_N.corner_0" = "pull" }
+[goal]
+quantity = "bending_angle_rad"
+"""
+
+
+def test_files_of_identify_and_design_are_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("inflated.csv").write_text("pressure_kPa,length_mm\n2,17.4\n4,21.4\n")
+    Path("bench.toml").write_text(BENCH)
+    Path("design.toml").write_text(DESIGN)
+    assert main(["check", "bench.toml", "design.toml"]) == 0
+    assert capsys.readouterr().out == (
+        "bench.toml: fine; which values the curves determine: cosim identify bench.toml --check\n"
+        "design.toml: fine\n"
+    )
+    Path("bench.toml").write_text(BENCH.replace('length_m"', 'lenght_m"'))
+    Path("design.toml").write_text(DESIGN.replace("start = 0.5", ""))
+    assert main(["check", "bench.toml", "design.toml"]) == 2
+    bench, design = capsys.readouterr().out.splitlines()
+    assert bench.startswith("bench.toml: ")
+    assert "lenght_m" in bench
+    assert design == "design.toml: pull: needs a start, as no file has a value of it"
+
+
 def test_a_file_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "nothing.toml"]) == 2
     assert main(["upgrade", "nothing.toml"]) == 2

@@ -301,6 +301,23 @@ def test_the_progress_line_renews_itself_on_a_terminal(made_up_build: Callable[.
     assert "100 %" in drawn.splitlines()[-1]
 
 
+def test_the_last_progress_line_leaves_out_what_followed_the_run(
+    made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 0.0
+    monkeypatch.setattr("cosim.app.progress.time.perf_counter", lambda: now_s)
+    stream = io.StringIO()
+    progress = TerminalLine(stream)
+    simulation = made_up_build()(load_scenario(REFERENCE))
+    progress.open(simulation.stage)
+    for batch in simulation.batches():
+        now_s = max(now_s, 2.0 * batch.snapshot(-1).time_s)
+        progress.observe(batch)
+    now_s += 1000.0  # error bars are worked out
+    progress.close()
+    assert stream.getvalue().splitlines()[-1].endswith("x0.50 real time  done")
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(0.4, "0:00"), (61.0, "1:01"), (3725.0, "1:02:05")])
 def test_durations_are_shown_as_clocks(seconds: float, text: str) -> None:
     assert clock(seconds) == text
