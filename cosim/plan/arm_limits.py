@@ -266,12 +266,14 @@ class PlannedArm:
         extremes: of each quantity.
         clearances: of links and soft robot, on the planned way; None where they are not looked at.
         phase_names: in order.
+        avoided: what links would be in, had the arm not begun in another configuration; empty: it has not.
     """
 
     limits: ArmLimits
     extremes: tuple[Extreme, ...]
     clearances: PathClearances | None
     phase_names: tuple[str, ...]
+    avoided: str = ""
 
     def figures(self) -> dict[str, Any]:
         """Return them for the summary."""
@@ -287,6 +289,9 @@ class PlannedArm:
         return () if self.clearances is None else self.clearances.touches
 
     def warnings(self) -> list[str]:
-        """Return one line for each bound that the plan goes beyond, and for each contact."""
-        beyond = [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
-        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self._touches]]
+        """Return a line for an avoided start, for each bound that the plan goes beyond, for each contact."""
+        other = "the arm begins in another configuration; in the one nearest to its home, "
+        texts = [f"{other}{self.avoided}"] if self.avoided else []
+        texts += [extreme.text(self.phase_names) for extreme in self.extremes if extreme.beyond]
+        texts += [touch.text(self.phase_names) for touch in self._touches]
+        return [f"{PLANNED}{text}" for text in texts]
