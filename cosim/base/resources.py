@@ -91,6 +91,11 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def quoted_name(name: str) -> str:
+    """Return a file's name as messages show it: in quotes, long ones cut."""
+    return repr(name if len(name) <= _LONGEST_SHOWN else f"{name[:_LONGEST_SHOWN]}...")
+
+
 def first_comment(path: Path) -> str:
     """Return the first paragraph of a file's first comment: a scenario's question, what a soft robot is."""
     lines = takewhile(lambda line: line.strip("# "), path.read_text(encoding="utf-8").splitlines())
@@ -105,9 +110,8 @@ def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ..
     if path.suffix == ".toml" and is_file(path):
         return path
     hint = "" if path.suffix == ".toml" else ", or give the path of a .toml file"
-    asked = str(name_or_path)
-    shown = asked if len(asked) <= _LONGEST_SHOWN else f"{asked[:_LONGEST_SHOWN]}..."
-    raise InputError(f"no {kind} {shown!r}; there are: {', '.join(names) or 'none'}{hint}")
+    asked = quoted_name(str(name_or_path))
+    raise InputError(f"no {kind} {asked}; there are: {', '.join(names) or 'none'}{hint}")
 
 
 @contextmanager

@@ -29,9 +29,9 @@ from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.plan.arm_limits import PathClearances, PlannedArm
-from cosim.plan.arm_plan import check_stands, planned_arm, stands_clear
+from cosim.plan.arm_plan import avoided_start, check_stands, planned_arm, stands_clear
 from cosim.plan.clearance import keeps_clear, path_clearances
-from cosim.plan.joint_planner import led_joints, plan_joints
+from cosim.plan.joint_planner import led_joints, nearest_start, plan_joints
 from cosim.plan.motion import CellMotion, JointPath
 from cosim.plan.plan import Plan
 from cosim.plan.planning import AnyWay
@@ -438,11 +438,16 @@ class ArmParts:
         """
         arm, scene, dynamic = self.arm, self.scene, self._scenario.mode == "dynamic"
         gravity, tick_s = self._scenario.gravity_m_s2, scene.tick_s
-        return self._kept.made(
-            "planned arm",
-            name_of(self.motion_name(plan), gravity, tick_s, payload, clearances, dynamic),
-            lambda: planned_arm(arm, scene, plan, payload, clearances, dynamic=dynamic),
+
+        def made() -> PlannedArm:
+            nearest = nearest_start(arm, plan.start, self._led[0])
+            found = planned_arm(arm, scene, plan, payload, clearances, dynamic=dynamic)
+            return replace(found, avoided=avoided_start(scene, plan.joints, nearest))
+
+        name = name_of(
+            self.motion_name(plan), self._geometry_name, gravity, tick_s, payload, clearances, dynamic
         )
+        return self._kept.made("planned arm", name, made)
 
 
 def _arm_file(scenario: Scenario, kept: KeptParts) -> tuple[ArmFile, str]:

@@ -275,12 +275,14 @@ class PlannedArm:
         extremes: of each quantity.
         clearances: of links and soft robot, on the planned way; None where they are not looked at.
         phase_names: in order.
+        avoided: what links would be in, had the arm not begun in another configuration; empty: it has not.
     """
 
     limits: ArmLimits
     extremes: tuple[Extreme, ...]
     clearances: PathClearances | None
     phase_names: tuple[str, ...]
+    avoided: str = ""
 
     def figures(self) -> dict[str, Any]:
         """Return them for the summary."""
@@ -296,6 +298,9 @@ class PlannedArm:
         return () if self.clearances is None else self.clearances.touches
 
     def warnings(self) -> list[str]:
-        """Return one line for each bound that the plan goes beyond, and for each contact."""
-        beyond = [each.text(self.phase_names) + each.remedy for each in self.extremes if each.beyond]
-        return [f"{PLANNED}{text}" for text in beyond + [t.text(self.phase_names) for t in self._touches]]
+        """Return a line for an avoided start, for each bound that the plan goes beyond, for each contact."""
+        other = "the arm begins in another configuration; in the one nearest to its home, "
+        texts = [f"{other}{self.avoided}"] if self.avoided else []
+        texts += [each.text(self.phase_names) + each.remedy for each in self.extremes if each.beyond]
+        texts += [touch.text(self.phase_names) for touch in self._touches]
+        return [f"{PLANNED}{text}" for text in texts]

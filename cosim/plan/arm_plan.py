@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _FEWEST, _MOST, _PER_KNOT = 50, 1000, 2  # samples of a phase in which the arm moves
 _INSIDE = 1e-9  # share of a phase between its border and what counts as within
 _STANDS_IN_M = 1e-3  # an arm that stands no deeper than this touches
+_SAME_rad = 1e-3  # joints of one configuration
 
 
 @final
@@ -189,7 +190,26 @@ def touched_by_links(scene: RigidScene, joints: Array) -> list[LinkContact]:
 
 def stands_clear(scene: RigidScene, paths: Sequence[JointPath]) -> bool:
     """Return whether the links of an arm are in nothing where its joint paths begin; see `check_stands`."""
-    return all(one.depth_m <= _STANDS_IN_M for one in touched_by_links(scene, paths[0].first))
+    return not _overlaps(touched_by_links(scene, paths[0].first))
+
+
+def avoided_start(scene: RigidScene, begins: Array, nearest: Array) -> str:
+    """Return in what links would be at the start nearest to home; empty for nothing, or if it begins there.
+
+    Args:
+        scene: with the arm.
+        begins: (joints,) [rad].
+        nearest: (joints,) [rad], the configuration nearest to the arm's home.
+    """
+    if np.abs(begins - nearest).max() <= _SAME_rad:
+        return ""
+    return _overlaps(touched_by_links(scene, nearest))
+
+
+def _overlaps(contacts: Sequence[LinkContact]) -> str:
+    """Return which links are in what, in words; empty if none is."""
+    deep = [contact for contact in contacts if contact.depth_m > _STANDS_IN_M]
+    return ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
 
 
 def check_stands(contacts: Sequence[LinkContact], key: str) -> None:
@@ -202,9 +222,7 @@ def check_stands(contacts: Sequence[LinkContact], key: str) -> None:
     Raises:
         ScenarioError: a link is in something.
     """
-    deep = [contact for contact in contacts if contact.depth_m > _STANDS_IN_M]
-    if deep:
-        where = ", ".join(f"{c.link} {1e3 * c.depth_m:.0f} mm deep in {c.other}" for c in deep)
+    if where := _overlaps(contacts):
         raise ScenarioError(
             key, f"the arm overlaps something: {where}; move the flange, the base of an arm or the objects"
         )

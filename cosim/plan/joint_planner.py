@@ -174,7 +174,7 @@ def plan_joints(
     """
     led = led or [np.full(arm.joint_count, np.nan)] * (1 + len(ways))
     try:
-        nearest = solve(arm, start, arm.home, led=led[0]).q
+        nearest = nearest_start(arm, start, led[0])
     except UnreachableError as error:
         raise UnreachableError(
             f"{blame(-1)}: {error}{_rolled_otherwise(arm, start)}", error.closest
@@ -196,6 +196,11 @@ def plan_joints(
     assert failure is not None
     _check_ends(arm, ways, nearest, blame)
     raise failure
+
+
+def nearest_start(arm: Arm, start: Pose, led: Array) -> Array:
+    """Return the start configuration (joints,) [rad] nearest to an arm's home; see `plan_joints`."""
+    return solve(arm, start, arm.home, led=led).q
 
 
 def _rolled_otherwise(arm: Arm, start: Pose) -> str:

@@ -234,8 +234,8 @@ def _own_error(results: Sequence[Measured]) -> list[str]:
         if result.candidate.reference and result.comparable and result.tip_error_m > 0.0:
             return [
                 "",
-                f"The reference itself has an error of about {1e3 * result.tip_error_m:.3g} mm: so far "
-                f'from it is "{result.candidate.name}".',
+                f"The reference itself has an error of about {1e3 * result.tip_error_m:.3g} mm, its "
+                f'distance from "{result.candidate.name}".',
             ]
     return []
 

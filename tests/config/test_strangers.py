@@ -275,3 +275,10 @@ def test_a_name_that_no_file_has_is_cut() -> None:
     with pytest.raises(ScenarioError, match=r"no soft robot 'a{200}\.\.\.'") as caught:
         load_scenario("ur5e_hexagon_arm", {"soft_robot": "a" * 5000})
     assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("scenario", ["bellows_gripper_lifts_box", "pouch_gripper_lifts_ball"])
+def test_a_name_of_a_mesh_or_a_drawing_that_is_not_there_is_cut(scenario: str) -> None:
+    with pytest.raises(ScenarioError, match=r"no file '.*b{50}\.\.\.' beside") as caught:
+        load_scenario(scenario, {"soft_robot.body.file": f"{'b' * 5000}.dxf"})
+    assert len(str(caught.value)) < 1000

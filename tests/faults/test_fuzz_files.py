@@ -12,7 +12,8 @@ import pytest
 
 from benchmarks.faults.fuzz_files import main
 from benchmarks.faults.mutations import Mutation, mutated, mutations_of
-from benchmarks.faults.trial import Case, Verdict, case_of, try_case
+from benchmarks.faults.trial import Case, Verdict, case_of, try_case, unchanged
+from cosim.errors import ScenarioError
 
 LOADED, BUILT = 300, 8
 
@@ -35,6 +36,20 @@ def test_mutated_files_that_load_run_or_are_refused_with_a_path(tmp_path: Path) 
     verdicts = {seed: try_case(case_of(seed), "build", tmp_path) for seed in islice(loading, BUILT)}
     assert {seed: verdict.what for seed, verdict in verdicts.items() if verdict.kind == "finding"} == {}
     assert "completed" in [verdict.kind for verdict in verdicts.values()]
+
+
+@pytest.mark.parametrize(
+    ("key", "kind"), [("tip_path.speed_m_s", "refused when built"), ("duration_s", "finding")]
+)
+def test_only_what_takes_statics_may_be_refused_by_the_run_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, kind: str
+) -> None:
+    def refused(_scenario: Any) -> None:
+        raise ScenarioError(f"phase.follow.{key}", "is too fast")
+
+    monkeypatch.setattr("benchmarks.faults.trial._check", lambda _scenario: "")
+    monkeypatch.setattr("benchmarks.faults.trial._run", refused)
+    assert try_case(unchanged("tip_path"), "build", tmp_path).kind == kind
 
 
 def test_a_seed_means_one_file() -> None:

@@ -83,6 +83,20 @@ def test_an_arm_that_starts_in_a_table_is_refused(
     assert "mm deep in table" in said
 
 
+def test_an_arm_that_reaches_around_a_table_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = scenario(tmp_path, more=TABLE, shift="[0.0, 0.0, 0.0]"), tmp_path / "out"
+    code = main(["run", str(path), "--set", "mode=quasistatic", "--out", str(out), "--no-recording"])
+    said = capsys.readouterr().err
+    assert code == EXIT_DONE
+    assert "\nwarning: planned: the arm begins in another configuration; in the one nearest" in said
+    assert "forearm_link" in said.partition("nearest to its home, ")[2].partition("mm deep in table")[0]
+    free = cosim.Simulation(path, overrides={"object.table.position_m": [0.15, 0.0, 5.0]})
+    assert free.stage.arm is not None
+    assert not free.stage.arm.avoided
+
+
 def test_a_base_that_starts_in_the_floor_is_refused() -> None:
     with pytest.raises(cosim.ScenarioError, match=r"start\.flange: .*base stands 0\.70 mm deep in floor"):
         cosim.run("paper_figure_9", overrides={"start.flange.position_m": [0.3, 0.0, -0.0007]})

@@ -207,3 +207,11 @@ def test_rounds_with_a_curved_obstacle_are_extrapolated() -> None:
     away = np.linalg.norm(surface.points(found.state.positions) - center, axis=1)
     assert -1.5e-3 < away.min() - radius < 0.0
     assert len(rounds) <= 9  # 13 where each round begins where the last one ended
+
+
+def test_a_film_that_is_stretched_beyond_any_film_is_given_up_by_name() -> None:
+    arm = held(hexagon_arm(1))
+    hung(arm, pressure_Pa=(3e7,))  # to four times its length
+    told = r"stretched to \d+\.\d times its drawn length \(bound 10\); raise its young_modulus_Pa"
+    with pytest.raises(ConvergenceError, match=told):
+        hung(arm, pressure_Pa=(3e8,))

@@ -15,6 +15,7 @@ from cosim.soft.body.copies import copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.self_contact_candidates import FilmLists
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.contact.self_contact_search import FilmLook
 from cosim.soft.elements.material import Film
@@ -65,6 +66,22 @@ def test_one_unit_alone_cannot_meet_itself() -> None:
     films = SelfContact(body, FilmContactLaw(LAW))
     assert not films.faces.can_meet
     assert films.static_pairs(x) is None
+
+
+def test_a_law_that_reaches_beyond_the_lists_of_near_films_finds_an_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    body, made, count = hexagon_arm(3), FilmLists.made, 0
+
+    def counted(self: FilmLists, x: Array, room_m: float) -> FilmLists:
+        nonlocal count
+        count += 1
+        assert count < 5, "the lists are made again and again"
+        return made(self, x, room_m)
+
+    monkeypatch.setattr(FilmLists, "made", counted)
+    assert SelfContact(body, FilmContactLaw(replace(LAW, smoothing_m=0.03))).press_at_rest(body.positions)
+    assert not SelfContact(body, FilmContactLaw(LAW)).press_at_rest(body.positions)
 
 
 def test_a_negative_friction_coefficient_is_refused() -> None:

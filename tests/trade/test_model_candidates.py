@@ -88,10 +88,10 @@ def test_the_next_best_reference_tells_the_error_of_the_best() -> None:
     assert [result.reference for result in results] == [False, True, False, False]
     assert finer.tip_error_m == 0.0
     assert 0.0 < coarser.tip_error_m < other.tip_error_m
-    told = f'about {1e3 * coarser.tip_error_m:.3g} mm: so far from it is "coarser"'
+    told = f'about {1e3 * coarser.tip_error_m:.3g} mm, its distance from "coarser"'
     assert told in markdown("two units", results)
     again = Candidate("finer again", "model", finer.candidate.changes, reference=True)
-    assert "error of its own" not in markdown("two units", measure(lifted(), [finer.candidate, again], build))
+    assert "The reference itself" not in markdown("two units", measure(lifted(), [finer.candidate, again], build))
 
 
 def test_the_truth_is_the_wrinkling_film_on_finer_meshes_of_all_parts() -> None:

@@ -29,7 +29,7 @@ import numpy as np
 from annotated_types import Interval, Len
 
 from cosim.base.frames import Array
-from cosim.base.resources import is_file, list_object_meshes, object_mesh_path
+from cosim.base.resources import is_file, list_object_meshes, object_mesh_path, quoted_name
 from cosim.base.triangle_mesh import read_mesh
 from cosim.config.toml.keys import Colour, Direction, Name, NonNegative, Positive, Quaternion, Text, Vector3
 from cosim.config.toml.reading import UNKNOWN, Fault, Faults, Told, copy_with, guard, rule
@@ -377,7 +377,7 @@ def with_scene_path(scene: SceneTable | None, folder: Path) -> SceneTable | None
         return None
     path = folder / scene.mjcf
     if path.suffix.lower() != ".xml" or not is_file(path):
-        raise ScenarioError("scene.mjcf", f"{str(path)!r} is no file that ends in .xml")
+        raise ScenarioError("scene.mjcf", f"{quoted_name(str(path))} is no file that ends in .xml")
     return copy_with(scene, mjcf=str(path.resolve()))
 
 
@@ -396,9 +396,9 @@ def _path(file: str, folder: Path, path: str) -> str:
     known = list_object_meshes()
     if file in known:
         return file
+    there = ", ".join(known) or "none"
     raise ScenarioError(
-        f"{path}.file",
-        f"{file!r} is neither beside the scenario nor one of cosim's: {', '.join(known) or 'none'}",
+        f"{path}.file", f"{quoted_name(file)} is neither beside the scenario nor one of cosim's: {there}"
     )
 
 

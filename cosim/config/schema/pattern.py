@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal, final
 from annotated_types import Interval, Len
 
 from cosim.base.drawing import DRAWING_SUFFIXES, Unit
-from cosim.base.resources import is_file
+from cosim.base.resources import is_file, quoted_name
 from cosim.config.schema.soft_robot import BodySourceTable
 from cosim.config.toml.keys import Count, Name, NonNegative, Positive, Text, unknown_name_message
 from cosim.config.toml.reading import Told, rule
@@ -156,7 +156,7 @@ class PatternTable(BodySourceTable):
         if Path(self.file).suffix.lower() not in DRAWING_SUFFIXES:
             yield "file", f"is '{Path(self.file).name}'; a drawing ends in {' or '.join(DRAWING_SUFFIXES)}"
         elif not is_file(Path(self.file)):
-            yield "file", f"no file {self.file!r} beside the one that names it"
+            yield "file", f"no file {quoted_name(self.file)} beside the one that names it"
 
     @rule
     def _has_its_tip(self) -> Told:

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Final, Literal, final
 from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
-from cosim.base.resources import is_file
+from cosim.base.resources import is_file, quoted_name
 from cosim.config.schema.film import FIRST_RING, FilmTable, StackTable
 from cosim.config.toml.keys import (
     Colour,
@@ -116,7 +116,7 @@ class MeshTable(BodySourceTable):
     @rule
     def _has_its_file(self) -> Told:
         if not is_file(Path(self.file)):
-            yield "file", f"no file {self.file!r} beside the one that names it"
+            yield "file", f"no file {quoted_name(self.file)} beside the one that names it"
 
     @rule
     def _has_its_tip(self) -> Told:

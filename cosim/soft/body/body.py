@@ -9,7 +9,7 @@ How the elastic energy of a body is shared between its film and its hinges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, TypedDict, TypeVar, Unpack, final
@@ -100,18 +100,23 @@ def by_film(
     check_face_groups(groups, len(triangles))
     missing = [name for name in film if name not in groups]
     if missing:
-        raise MeshError(f"a film is for face group {missing[0]!r}; there are {', '.join(groups) or 'none'}")
+        raise MeshError(f"a film is for face group {missing[0]!r}; there are {_names(groups)}")
     films = np.bincount(
         np.concatenate([np.zeros(0, np.int64), *(groups[name] for name in film)]), minlength=len(triangles)
     )
     if (films != 1).any():
         wrong = int(np.flatnonzero(films != 1)[0])
         raise MeshError(
-            f"triangle {wrong} belongs to {films[wrong]} of the face groups {', '.join(film) or '(none)'}, "
+            f"triangle {wrong} belongs to {films[wrong]} of the face groups {_names(film)}, "
             "which have films; it must belong to one"
         )
     parts = [(groups[name], own) for name, own in film.items() if len(groups[name])]
     return [(triangles[places], own, panel[places]) for places, own in parts]
+
+
+def _names(groups: Iterable[str]) -> str:
+    """Return names of groups for a message; the group of all other triangles has none."""
+    return ", ".join(filter(None, groups)) or "none"
 
 
 _Kind = TypeVar("_Kind", bound=Element)

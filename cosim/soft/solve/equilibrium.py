@@ -104,6 +104,7 @@ CONTACT_ROUNDS_MAX = 40
 _FOOT_SLACK = 0.02  # more in every round
 _SHRINKS_BELOW = 0.99  # a sequence of shapes that is extrapolated
 _EXTRAPOLATED_M = 1e-3  # at most
+_STRETCH_MAX = 10.0  # of the film's edges, in the mean; rubber tears sooner
 
 
 @final
@@ -289,7 +290,20 @@ class EquilibriumSolver:
                 for each in found.branchings
             )
             here, done, spent = found, load_factor, spent + found.iterations
+            self._check_stretch(here, spent)
         return replace(here, iterations=spent, slides=slides, branchings=branchings)
+
+    def _check_stretch(self, here: Equilibrium, spent: int) -> None:
+        """Refuse a film that is stretched as no film can be, before anything is searched for with it."""
+        edges = (np.diff(x[self.body.triangles], axis=1) for x in (here.state.positions, self.body.positions))
+        length, drawn = (float(np.linalg.norm(each, axis=2).sum()) for each in edges)
+        if length > _STRETCH_MAX * drawn:
+            raise ConvergenceError(
+                f"the film is stretched to {length / drawn:.3g} times its drawn length (bound "
+                f"{_STRETCH_MAX:g}); raise its young_modulus_Pa or thickness_m, or lower the pressure",
+                here.residual_N,
+                spent,
+            )
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium in place of one that is not, see `stability.leave`."""

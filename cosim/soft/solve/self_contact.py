@@ -197,7 +197,8 @@ def films_press(at: int, x: Matrix, velocity: Matrix, ahead: float, through: flo
     asked = x, lists, reach, behind, films.hits[:0]
     count = _find_over(films.calls[_OVER], asked)
     if count < 0:
-        if _make_lists(films.calls[_MAKE], (x, lists, behind, ahead > 0.0)) > lists.long.listed.shape[0]:
+        made = x, lists, max(reach, behind), ahead > 0.0
+        if _make_lists(films.calls[_MAKE], made) > lists.long.listed.shape[0]:
             return -1
         count = _find_over(films.calls[_OVER], asked)
     if count == 0:
@@ -265,8 +266,10 @@ class SelfContact:
         return self._press(positions, np.zeros_like(positions), 0.0, BEHIND_M)
 
     def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
+        room_m = max(0.5 * self.law.smoothing_m, BEHIND_M)
         while (count := films_press(self.at, x, velocities, ahead_s, through_m)) < 0:
-            self.contacts = self.contacts._replace(lists=self.contacts.lists.made(x, BEHIND_M, ahead_s > 0.0))
+            lists = self.contacts.lists.made(x, room_m, ahead_s > 0.0)
+            self.contacts = self.contacts._replace(lists=lists)
         return count > 0
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
