@@ -142,8 +142,7 @@ def _check_search(path: Path, of_curves: bool) -> str:
     # imported here, as only few files need them
     from cosim.bench.curves import Curves
     from cosim.bench.design import DesignProblem
-    from cosim.config.benches import load_bench
-    from cosim.config.design_studies import load_design_study
+    from cosim.config.benches import load_bench, load_design_study
 
     try:
         if not of_curves:

@@ -501,8 +501,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
                 short.listed[at] = t
                 count += 1
         if count > short.first[p]:
-            lists.points[points] = p
-            points += 1
+            lists.points[points], points = p, points + 1
     short.first[rows.nodes.shape[0]], lists.counts[0], lists.counts[1] = count, points, 0
     for t in range(sides.shape[0]):
         if lists.used[t] == _LISTED:
