@@ -216,6 +216,17 @@ def test_fine_arms_are_told_what_was_found(capsys: pytest.CaptureFixture[str]) -
     assert "ur5e    6 joints, flange 'tool0'  Universal Robots UR5e" in capsys.readouterr().out
 
 
+def test_joints_without_a_bound_of_torque_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (robots_directory() / "ur5e" / "ur5e.urdf").read_text(encoding="utf-8")
+    bare = re.sub(r'(<joint name="elbow_joint".*?<limit [^>]*?) effort="[^"]*"', r"\1", text, flags=re.DOTALL)
+    assert bare != text
+    (tmp_path / "arm.urdf").write_text(bare, encoding="utf-8")
+    assert main(["check", str(tmp_path / "arm.urdf")]) == 0
+    assert "; no effort limit in the file, so none is checked: elbow_joint; " in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_the_home_that_is_told_is_a_start(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The line that is printed, put into a scenario, is the pose of the home, its roll included."""

@@ -153,10 +153,20 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
         home_known=known,
         shapes=chain.shapes,
         files=(*source.files, *chain.files),
-        notes=chain.notes,
+        notes=(*chain.notes, *_unbounded(moving)),
         drawn_as=table.drawn_as,
     )
     return on_moving_base(arm, base)
+
+
+def _unbounded(moving: list[ElementTree.Element]) -> list[str]:
+    """Return which joints have no bound of torque or speed, as parts of a sentence."""
+    found = []
+    for key in ("effort", "velocity"):
+        names = [joint.get("name", "") for joint in moving if float(_limit_of(joint).get(key, "0")) == 0.0]
+        if names:
+            found.append(f"no {key} limit in the file, so none is checked: {', '.join(names)}")
+    return found
 
 
 def check_limited_chain(
