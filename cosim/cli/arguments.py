@@ -31,6 +31,14 @@ def parser() -> argparse.ArgumentParser:
     _add_export_fmu(commands)
     _add_compare(commands)
     _add_twin(commands)
+    warm_up = commands.add_parser("warm-up", help="compile what runs need, before the first one")
+    warm_up.add_argument(
+        "scenarios",
+        metavar="SCENARIO",
+        nargs="*",
+        default=["ur5e_hexagon_arm"],
+        help="names or paths (default: ur5e_hexagon_arm)",
+    )
     verify = commands.add_parser("verify", help="check the soft model against known answers")
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
@@ -40,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
     _add_identify(commands)
     _add_design(commands)
     _add_replay(commands)
-    for name in ("run", "check", "schema", "trade", "sweep"):
+    for name in ("run", "warm-up", "check", "schema", "trade", "sweep"):
         known = "register custom kinds: a module, or a .py file; may be repeated"
         _add_list(commands.choices[name], "--import", "modules", "MODULE", known, action="append")
     return made

@@ -140,8 +140,8 @@ def _check_built(path: Path) -> str:
 def _check_search(path: Path, of_curves: bool) -> str:
     """Check the file of `cosim identify` (of curves), or of `cosim design`; return as `_check_built` does."""
     # imported here, as only few files need them
-    from cosim.bench.equilibria import Curves
     from cosim.bench.design import DesignProblem
+    from cosim.bench.equilibria import Curves
     from cosim.config.benches import load_bench, load_design_study
 
     try:

@@ -430,6 +430,12 @@ def _list(kind: str) -> int:
     return EXIT_DONE
 
 
+def _warm_up(options: argparse.Namespace) -> int:
+    from cosim.cli.running import warm_up_command  # here, because it loads the engine
+
+    return warm_up_command(options.scenarios)
+
+
 _PLAIN: Final = {
     "export": _export,
     "export-fmu": _export_fmu,
@@ -441,5 +447,6 @@ _PLAIN: Final = {
     "export-path": _export_path,
     "compare": _compare,
     "twin": _twin,
+    "warm-up": _warm_up,
 }
 """Commands of a function each, by name."""

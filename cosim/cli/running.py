@@ -142,6 +142,25 @@ def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None
     return _execute(scenario, directory, how, resume=False)
 
 
+def warm_up_command(names: Sequence[str]) -> int:
+    """Compile the kernels of scenarios, build the section models that they ask for, and return the exit code.
+
+    Args:
+        names: of scenarios, or paths.
+
+    Raises:
+        InputError: a scenario is wrong; those before it are done.
+    """
+    for name in names:
+        kept = KeptParts(cache_directory())
+        if has_arms(name):
+            prepared_arms(load_arms(name), tell, recording=True, kept=kept)
+        else:
+            prepared(load_scenario(name), tell, recording=True, contact=True, kept=kept)
+        tell(f"{name}: ready to run")
+    return 0
+
+
 def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
     """Run several arms and return the exit code; the progress line is that of the first."""
     if how.error:

@@ -6,6 +6,8 @@ import io
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -259,6 +261,18 @@ def test_the_default_directory_is_new_each_time(
     assert main(["run", REFERENCE, "--quiet"]) == 0
     assert main(["run", REFERENCE, "--quiet"]) == 0
     assert len(list((tmp_path / "runs").glob(f"{REFERENCE}-*/summary.json"))) == 2
+
+
+def test_warming_up_compiles_what_a_run_calls() -> None:
+    code = (
+        "from cosim.cli.main import main; assert main(['warm-up', 'two_arms_hold_box', 'none_such']) == 2; "
+        "from cosim.coupling import film_ticks; from cosim.coupling.contact import contact_kernels; "
+        "print(*(len(k.overloads) for k in (film_ticks.advance_film, contact_kernels.find_touched)))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == ["1", "1"]
+    assert "two_arms_hold_box: ready to run" in ran.stderr
+    assert "no scenario 'none_such'" in ran.stderr
 
 
 def test_list_names_every_scenario_with_its_question(capsys: pytest.CaptureFixture[str]) -> None:
