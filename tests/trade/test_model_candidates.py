@@ -91,7 +91,9 @@ def test_the_next_best_reference_tells_the_error_of_the_best() -> None:
     told = f'about {1e3 * coarser.tip_error_m:.3g} mm, its distance from "coarser"'
     assert told in markdown("two units", results)
     again = Candidate("finer again", "model", finer.candidate.changes, reference=True)
-    assert "The reference itself" not in markdown("two units", measure(lifted(), [finer.candidate, again], build))
+    assert "The reference itself" not in markdown(
+        "two units", measure(lifted(), [finer.candidate, again], build)
+    )
 
 
 def test_the_truth_is_the_wrinkling_film_on_finer_meshes_of_all_parts() -> None:
