@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
+from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, nothing_of
 from cosim.rigid.distance.shapes import ShapeBounds
 from cosim.rigid.scene.bodies import Bodies
 from cosim.rigid.scene.native import Foresight
@@ -384,6 +384,12 @@ class ContactArrays(NamedTuple):
     speed: Vector
     counts: Indices
     calls: Indices
+
+
+def no_contact() -> ContactArrays:
+    """Return what represents a scene in which nothing can be touched."""
+    nothing: ContactArrays = nothing_of(ContactArrays)
+    return nothing._replace(counts=np.zeros(7, np.int64))
 
 
 def _no_indices(count: int) -> IntArray:
