@@ -30,16 +30,15 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.contact_kernels import (
+from cosim.coupling.contact.contact_kernels import fastest_touched, find_touched, touched_planes
+from cosim.coupling.contact.tick_contacts import (
     FASTEST,
     FIND_TOUCHED,
     MEET_TOUCHED,
-    fastest_touched,
-    find_touched,
+    conclude_touch,
+    may_give_way,
     meet_touched,
-    touched_planes,
 )
-from cosim.coupling.contact.tick_contacts import conclude_touch, may_give_way
 from cosim.coupling.half_ticks import (
     ALL_DONE,
     LISTS_LEFT,
@@ -275,8 +274,8 @@ def _solve(
             found, again = (found[0], pairs), pairs > 0
             if pairs < 0 or (again and side.film.parts.shape[0] > 2):  # pairs couple parts
                 return found, SOFT_HALF_LEFT if films.counts[OVERLOOKED] else SOFT_STEP_SOLVED
-    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
+    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS, False
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets) <= 1.0:
         return found, SOFT_STEP_SOLVED
     if films.waits:
         films.counts[OVERLOOKED] = 0

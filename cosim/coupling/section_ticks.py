@@ -9,7 +9,7 @@ near are not valid, or bodies give way otherwise than known; so is a step that d
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import numba
 import numpy as np
@@ -28,14 +28,16 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.contact_kernels import (
+from cosim.coupling.contact.contact_kernels import find_touched, touched_planes
+from cosim.coupling.contact.tick_contacts import (
     FIND_TOUCHED,
+    FOLLOW_TOUCHED,
     MEET_TOUCHED,
-    find_touched,
+    conclude_touch,
+    follow_touched,
+    may_give_way,
     meet_touched,
-    touched_planes,
 )
-from cosim.coupling.contact.tick_contacts import conclude_touch, may_give_way
 from cosim.coupling.half_ticks import (
     ALL_DONE,
     LISTS_LEFT,
@@ -161,7 +163,8 @@ class ChainSteps(NamedTuple):
 
 
 _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
-_find_touched, _meet_touched = caller(find_touched), caller(meet_touched)
+_find_touched, _meet_touched, _follow_touched = map(caller, (find_touched, meet_touched, follow_touched))
+_NEARER: Final = 0.5  # share of the distance from bodies that a film leaves which goes on following them
 
 
 @device_function
@@ -217,17 +220,46 @@ def _solve(
     if not fill_rows(planes, film.before, film.weights, film.first, film.rows):
         return False, kept
     side = _touching(row.side, film, contact.touched.widths, found)
-    outcome, ticks.iterations[k], ticks.residual[k], kept, _, _ = _solve_chain(
+    outcome, spent, ticks.residual[k], kept, _, _ = _solve_chain(
         row.solve, (side, row.scheme, ends, FREE_FLIGHT, both, kept)
     )
+    ticks.iterations[k] += spent
     return outcome == 0, kept
 
 
 @device_function
-def _fill_film(film: ChainFilm, motion: Any, k: int) -> None:
-    """Fill the film's nodes before tick k and their velocities from a chain's motion (2, f, 4, 3)."""
-    combine_points(motion[0], film.before, film.weights, film.x[k % 2])
-    combine_points(motion[1], film.before, film.weights, film.velocity)
+def _meet(
+    row: ChainSteps, ends: ChainEnds, near: tuple[int, int], again: tuple[bool, bool],
+    done: tuple[Ticks, int],
+) -> tuple[int, bool]:  # fmt: skip
+    """Solve a tick's step until bodies that give way go where the film has met them; return how it ended.
+
+    Args:
+        row: see `ChainSteps`.
+        ends: of the step.
+        near: contacts, and whether bodies are among them that give way.
+        again: see `_solve`.
+        done: see `_solve`.
+    """
+    film, k, left = row.film, done[1], np.inf
+    both, kept = again
+    contact = record_at(film.contact, ContactArrays)
+    while True:
+        converged, kept = _solve(row, ends, near[0], (both, kept), done)
+        if not converged:
+            return SOFT_HALF_LEFT, kept
+        if film.velocity.shape[0] == 0:
+            return ALL_DONE, kept
+        combine_points(ends.there[0], film.before, film.weights, film.x[(k + 1) % 2])
+        if near[1] == 0:
+            return ALL_DONE, kept
+        meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h, left < np.inf
+        before, left = left, _meet_touched(contact.calls[MEET_TOUCHED], meets)
+        if left <= 1.0:
+            return ALL_DONE, kept
+        if not left < _NEARER * before:
+            return SOFT_HALF_LEFT, kept
+        _follow_touched(contact.calls[FOLLOW_TOUCHED], (film.contact, film.x[k % 2]))
 
 
 @device_function
@@ -239,28 +271,19 @@ def _take_soft_half(
 
     It ended with ALL_DONE, or the tick is left.
     """
-    (ticks, k), film, found, near = done, row.film, 0, 0
-    touches = film.velocity.shape[0] > 0
-    contact = record_at(film.contact, ContactArrays)
-    if touches:
+    k, film, found, near = done[1], row.film, 0, 0
+    if film.velocity.shape[0] > 0:
         found = _find(row, k)
         if found < 0:
             return found, LISTS_LEFT, again[1]
-        near = may_give_way(contact, found)
+        near = may_give_way(record_at(film.contact, ContactArrays), found)
         if near > 1:
             return found, SOFT_HALF_LEFT, again[1]
         if commands.pressure[k] != film.pressure[0]:
             film.pressure[0] = commands.pressure[k]
             weighted_rows(film.table, commands.first[k], commands.weights[k], film.weights.reshape(-1))
-    converged, kept = _solve(row, ends, found, again, done)
-    if not converged:
-        return found, SOFT_HALF_LEFT, kept
-    if touches:
-        _fill_film(film, ends.there, k + 1)
-        meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h
-        if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
-            return found, SOFT_HALF_LEFT, kept
-    return found, ALL_DONE, kept
+    ended, kept = _meet(row, ends, (found, near), again, done)
+    return found, ended, kept
 
 
 @kernel
@@ -275,7 +298,8 @@ def advance_chain(
     flange, kept, film = small_matrix(4, 3), row.kept, row.film
     count = servos.position.shape[0]
     if film.velocity.shape[0] > 0:
-        _fill_film(film, way.motion[1], 0)
+        combine_points(way.motion[1, 0], film.before, film.weights, film.x[0])
+        combine_points(way.motion[1, 1], film.before, film.weights, film.velocity)
     for k in range(count):
         # by its address it costs 1 % of a tick
         if (k > 0 or not row.begun) and not rigid_half(rigid, servos, ticks, k):
@@ -293,6 +317,7 @@ def advance_chain(
             return k, ended, kept
         _hand_over(row.hand_over, (rigid.scene.applied, ticks, k))
         if film.velocity.shape[0] > 0:
+            combine_points(ends.there[1], film.before, film.weights, film.velocity)
             moved, contact = (film.x[k % 2], film.x[(k + 1) % 2]), record_at(film.contact, ContactArrays)
             if conclude_touch(contact, film.contact, found, moved, ticks, k):
                 return k + 1, ALL_DONE, kept

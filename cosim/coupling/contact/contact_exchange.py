@@ -24,6 +24,7 @@ from cosim.coupling.contact.contact_arrays import (
     AHEAD_TICKS,
     ASKS,
     LEFT,
+    MET,
     REMEMBERED,
     TOUCHES,
     UNKNOWN,
@@ -42,7 +43,6 @@ from cosim.coupling.contact.contact_arrays import (
     leads_of,
 )
 from cosim.coupling.contact.contact_kernels import (
-    contact_calls,
     fastest_touched,
     find_touched,
     search_calls,
@@ -50,6 +50,7 @@ from cosim.coupling.contact.contact_kernels import (
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.foresight_kernels import foresee
+from cosim.coupling.contact.tick_contacts import contact_calls
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
@@ -217,7 +218,12 @@ class ContactExchange:
 
     @property
     def asks_for_weighing(self) -> bool:
-        """Whether `LightBodies` has to weigh heavy ones after the last step."""
+        """Whether `LightBodies` has to weigh bodies after the last step."""
+        return self.asks_for_heavy or bool(self.arrays.counts[MET] >= self.arrays.numbers.renewed_after)
+
+    @property
+    def asks_for_heavy(self) -> bool:
+        """Whether these are heavy ones."""
         return bool(self.arrays.counts[ASKS])
 
     def ask_for_weighing_after(self, ticks: int) -> None:
@@ -370,7 +376,7 @@ class ContactExchange:
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 12)), np.zeros(1),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 18)), np.zeros(1),
             np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip

@@ -31,15 +31,12 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import (
     AGE,
-    AGREED_M,
     AHEAD_TICKS,
     ASKS,
     LEFT,
-    MET,
     POINTS,
     REMEMBERED,
     TOUCHES,
-    TURN_LEVER_M,
     ContactArrays,
     Search,
     fill_speed,
@@ -182,16 +179,10 @@ def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
     return most
 
 
-_EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
-_CALLED = (find_near, span, fill_near_box, foresee)
-_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST = range(len(_CALLED) + 4)
-_find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
-
-
-def contact_calls() -> IntArray:
-    """Return the addresses (8,) of the kernels of contact, for one another and for who takes a whole tick."""
-    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched
-    return np.array([address_of(called) for called in taken])
+CALLED = (find_near, span, fill_near_box, foresee)
+_FIND, _SPAN, _NEAR, FORESEE = range(len(CALLED))
+"""Places of kernels in `ContactArrays.calls`, see `contact_calls`."""
+_find_near, _span, _fill_near_box, _foresee = map(caller, CALLED)
 
 
 @device_function
@@ -337,7 +328,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     if contact.glue.point.shape[0] > 0:
         met += bodies.leads.ahead[contact.glue.body[0]] > 0
     if ahead > 0.0 and met > 0:
-        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
+        _foresee(contact.calls[FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
     if near == 0:
         return 0, 0
@@ -405,7 +396,7 @@ def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> 
 
 
 @device_function
-def _conclude(contact: Any, x: Matrix) -> int:
+def conclude(contact: Any, x: Matrix) -> int:
     """Fill what is left of contacts; return how many press."""
     planes, ties, end, kept = contact.touched.planes, contact.ties, contact.end, 0
     width, stick = contact.touched.widths[0], contact.touched.widths[1]
@@ -457,18 +448,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
 
 
 @device_function
-def _changed(contact: Any, b: int, first: int) -> float:
-    """Return by how much the force (first 0) or torque (3) on a body, about its centre, has changed."""
-    load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
-    for r in range(3):
-        s, q = (r + 1) % 3, (r + 2) % 3
-        about = center[s] * load[q] - center[q] * load[s] if first else 0.0
-        square += (load[first + r] - about - contact.bodies.applied[b, first + r]) ** 2
-    return math.sqrt(square)
-
-
-@device_function
-def _bear(bodies: Any, load: Vector, b: int) -> None:
+def bear(bodies: Any, load: Vector, b: int) -> None:
     """Let a load (6,) about the world's origin act on a body; MuJoCo takes torques about its centre."""
     applied, center = bodies.applied[b], bodies.centers[b]
     for r in range(3):
@@ -478,62 +458,12 @@ def _bear(bodies: Any, load: Vector, b: int) -> None:
 
 
 @device_function
-def _away(contact: Any, h: float) -> float:
-    """Return how far [m] bodies go from where the film has met them under the loads at the end of a step."""
-    end, bodies, met, away = contact.end, contact.bodies, contact.met, 0.0
-    for b in range(bodies.loaded.shape[0]):
-        for r in range(6):
-            met[b, r], met[b, 6 + r] = bodies.applied[b, r], bodies.leads.lead[b, r]
-        if bodies.leads.ahead[b] > 0 and (end.acting[b] or bodies.loaded[b]):
-            _bear(bodies, end.loads[b], b)
-    _foresee(contact.calls[_FORESEE], (bodies.leads, h))
-    for b in range(bodies.loaded.shape[0]):
-        for r in range(6):
-            bodies.applied[b, r] = met[b, r]
-            met[b, r] = bodies.leads.lead[b, r] - met[b, 6 + r]
-        if bodies.leads.ahead[b] > 0:
-            for r in range(3):
-                turned = TURN_LEVER_M * abs(met[b, 3 + r])
-                away = max(away, abs(led(met[b], bodies.centers[b], r)), turned)
-    return away
-
-
-@kernel
-def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
-    """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
-
-    Where free ones would, held ones do; otherwise MuJoCo's next step is looked at.
-
-    Args:
-        at: address of the `ContactArrays`, whose end is filled.
-        x: of the film's nodes.
-        tolerance: of the film's forces [N].
-        h: length of MuJoCo's step [s].
-    """
-    contact = record_at(at, ContactArrays)
-    end, bodies, touched, most = contact.end, contact.bodies, 0, 0.0
-    _conclude(contact, x)
-    for b in range(bodies.loaded.shape[0]):
-        if bodies.leads.ahead[b] <= 0 or not (end.acting[b] or bodies.loaded[b]):
-            continue
-        gives, force, torque = contact.gives[b], _changed(contact, b, 0), _changed(contact, b, 3)
-        if gives[0] * tolerance > _EXACTLY and force + torque > 0.0:  # as where it is not known
-            return False
-        most = max(most, gives[0] * force, gives[1] * torque)
-        touched = max(touched, end.acting[b])
-    if not most <= 1.0 and not _away(contact, h) <= AGREED_M:
-        return False
-    contact.counts[MET] += touched
-    return True
-
-
-@device_function
 def _load_bodies(end: Any, bodies: Any) -> None:
     """Let the contacts' loads act on bodies, see `Bodies.apply`."""
     for b in range(bodies.loaded.shape[0]):
         if end.acting[b] or bodies.loaded[b]:
             bodies.loaded[b] = end.acting[b]
-            _bear(bodies, end.loads[b], b)
+            bear(bodies, end.loads[b], b)
     for r in range(7):
         bodies.handed[r] = end.film[r]
 
@@ -568,7 +498,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
     contact = record_at(at, ContactArrays)
     counts, end, memory, kept, pressing = contact.counts, contact.end, contact.memory, contact.kept, 0
     if counts[TOUCHES] > 0:
-        pressing = _conclude(contact, x)
+        pressing = conclude(contact, x)
         counts[AGE] += 1
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0

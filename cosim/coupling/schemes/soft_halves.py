@@ -141,9 +141,8 @@ class SoftHalves:
         raise NotImplementedError
 
 
-_ROW_S, _ROOM_M, _FREE_ROOM_M = 0.05, 0.15, 1.0
-"""A row of ticks of a chain in a scene; what is farther than its reach and this does not meet it meanwhile:
-the flange goes at less than 3 m/s, what can move freely comes on at less than 20 m/s.
+_FAR_S, _ROOM_M, _FREE_ROOM_M = 0.05, 0.15, 1.0
+"""So long a chain meets nothing that is farther than its reach and this: the flange goes at less than 3 m/s, what can move freely comes on at less than 20 m/s.
 """
 
 
@@ -156,11 +155,6 @@ class SectionHalves(SoftHalves):
     """
 
     most = 512  # more cost no less each
-
-    def __init__(self, interface: Interface) -> None:
-        super().__init__(interface)
-        if interface.contact is not None:
-            self.most = max(1, round(_ROW_S / interface.scene.tick_s))
 
     @property
     def _soft(self) -> SectionArm:
@@ -272,6 +266,8 @@ class SectionHalves(SoftHalves):
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
         film = self._film()
+        if film is self._no_film and self.interface.contact is not None:
+            servos = servos.some(0, max(1, round(_FAR_S / tick_s)))
         steps = ChainSteps(
             stepper.side(soft.clamp, loads[0], begin.frames), ChainTables(*stepper.tables),
             address_of(solve_chain), address_of(hand_over), stepper.scheme(tick_s), film,
