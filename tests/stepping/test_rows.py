@@ -109,6 +109,36 @@ def test_rows_are_ticks_with_something_near(path: Path, height_m: float) -> None
     assert_close(together(build_simulation(wanted), most=40), one_by_one(wanted)[:40], 1e-9)
 
 
+TABLE = {"name": "table", "shape": "box", "size_m": [0.4, 0.4, 0.05], "position_m": [0.4, 0.0, 0.4095]}
+PLATE = {"name": "plate", "shape": "box", "size_m": [0.3, 0.3, 0.004], "position_m": [0.4, 0.0, 0.4366]}
+
+
+@pytest.mark.parametrize(("mass_kg", "copies"), [(None, 1), (0.05, 1), (2.0, 1), (0.1, 3)], ids=str)
+def test_rows_are_ticks_in_contact_too(path: Path, tmp_path: Path, mass_kg: float | None, copies: int) -> None:
+    """Of what is fixed, gives way, is too heavy for that, and of several chains on one flange."""
+    plate = PLATE if mass_kg is None else PLATE | {"mass_kg": mass_kg}
+    text = SCENARIO
+    if copies > 1:
+        where = f"copies = {{ count = {copies}, radius_m = 0.09, tilt_rad = 0.0, height_m = 0.0 }}"
+        text = text.replace(ROBOT, ROBOT.replace("{ file", f"{{ {where}, file", 1))
+        for pulls in ("2.0, 0.0", "0.0, 1.0"):
+            text = text.replace(f"[{pulls}]", f"[{', '.join([pulls] * copies)}]")
+        text = text.replace('clamp = ["unit_1.outer"]\n', "")
+    (tmp_path / "touching.toml").write_text(text, encoding="utf-8")
+    wanted = scenario(tmp_path / "touching.toml", object=[TABLE, plate], solver__damping_per_s=5.0)
+    rows, together = kernels_take(build_simulation(wanted))
+    ticks = one_by_one(wanted)
+    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
+    assert touching, "the plate is reached"
+    assert len(touching & together) > 0.9 * len(touching)
+    assert max(snapshot.ledger.momentum_error for snapshot in rows) < 1e-10
+    for found, expected in zip(rows, ticks, strict=True):
+        assert found.ledger.contacts == expected.ledger.contacts
+        assert found.node_position == pytest.approx(expected.node_position, abs=1e-9)
+        assert found.body_position == pytest.approx(expected.body_position, abs=1e-9)
+        assert found.body_contact_force == pytest.approx(expected.body_contact_force, abs=1e-5)
+
+
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
     wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
     rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
