@@ -9,7 +9,7 @@ near are not valid, or bodies give way otherwise than known; so is a step that d
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numba
 import numpy as np

@@ -114,7 +114,9 @@ PLATE = {"name": "plate", "shape": "box", "size_m": [0.3, 0.3, 0.004], "position
 
 
 @pytest.mark.parametrize(("mass_kg", "copies"), [(None, 1), (0.05, 1), (2.0, 1), (0.1, 3)], ids=str)
-def test_rows_are_ticks_in_contact_too(path: Path, tmp_path: Path, mass_kg: float | None, copies: int) -> None:
+def test_rows_are_ticks_in_contact_too(
+    path: Path, tmp_path: Path, mass_kg: float | None, copies: int
+) -> None:
     """Of what is fixed, gives way, is too heavy for that, and of several chains on one flange."""
     plate = PLATE if mass_kg is None else PLATE | {"mass_kg": mass_kg}
     text = SCENARIO

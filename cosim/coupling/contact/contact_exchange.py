@@ -42,12 +42,7 @@ from cosim.coupling.contact.contact_arrays import (
     Ties,
     leads_of,
 )
-from cosim.coupling.contact.contact_kernels import (
-    fastest_touched,
-    find_touched,
-    search_calls,
-    settle_touched,
-)
+from cosim.coupling.contact.contact_kernels import fastest_touched, find_touched, search_calls, settle_touched
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.foresight_kernels import foresee
 from cosim.coupling.contact.tick_contacts import contact_calls
@@ -83,6 +78,7 @@ class ContactState:
         age: ticks of contact since bodies were weighed.
         centers: (bodies, 3) [m], of masses, where the film has met them.
         force: (touched nodes, 3) [N], on the film.
+        went: see `ContactArrays`.
     """
 
     memory: ContactMemory
@@ -90,6 +86,7 @@ class ContactState:
     age: int
     centers: Annotated[Array, ("bodies", 3)]
     force: Annotated[Array, ("touched nodes", 3)]
+    went: Annotated[Array, ("bodies", 13)]
 
 
 @final
@@ -277,7 +274,7 @@ class ContactExchange:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
         age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
-        return ContactState(self.memory, self.planes, age, centers, force)
+        return ContactState(self.memory, self.planes, age, centers, force, self.arrays.went.copy())
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -288,7 +285,7 @@ class ContactExchange:
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
             part[:count] = getattr(state.memory, name)
         self.arrays.bodies.centers[:] = state.centers
-        self.arrays.end.force[:] = state.force
+        self.arrays.end.force[:], self.arrays.went[:] = state.force, state.went
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -376,7 +373,8 @@ class ContactExchange:
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 18)), np.zeros(1),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 18)),
+            np.zeros((bodies.count, 13)), np.zeros(1),
             np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip

@@ -10,7 +10,7 @@ Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from cosim.coupling.contact.contact_arrays import (
     fill_speed,
     led,
 )
-from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
+from cosim.coupling.contact.foresight_kernels import fill_leads, foresee, goes_on, note_how_they_go
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
@@ -328,7 +328,8 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     if contact.glue.point.shape[0] > 0:
         met += bodies.leads.ahead[contact.glue.body[0]] > 0
     if ahead > 0.0 and met > 0:
-        _foresee(contact.calls[FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
+        if not goes_on(bodies.leads, contact.went):
+            _foresee(contact.calls[FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
     if near == 0:
         return 0, 0
@@ -368,6 +369,8 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     counts[POINTS], counts[TOUCHES] = points, touches
     if touches == 0:
         counts[REMEMBERED] = 0
+        for b in range(contact.went.shape[0]):
+            contact.went[b, 12] = 0.0
         return 0
     _describe(contact, x)
     return touches
@@ -500,6 +503,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
     if counts[TOUCHES] > 0:
         pressing = conclude(contact, x)
         counts[AGE] += 1
+        note_how_they_go(contact.bodies.leads, contact.went)
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
     end.figures[2] = _work(contact, before, x)

@@ -129,7 +129,7 @@ class _Step:
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
-            self._ahead = exchange.ahead(self.bodies, self._applied, self.tick_s)
+            self._ahead = exchange.arrays.bodies.leads.lead[self.bodies]
             self._change = np.zeros_like(self._applied)
             self._mobility: Array | None = None
             self._moved = np.zeros_like(self._ahead)
@@ -381,8 +381,8 @@ class LightBodies:
 
     def _weigh_light(self) -> None:
         """Find again whether bodies that give way are light: something else may hold them by now."""
-        exchange, planes, x, known = self._exchange, self._exchange.planes, self._soft.state.positions, self._known
-        self._counts[MET] = 0
+        exchange, known, x = self._exchange, self._known, self._soft.state.positions
+        planes, self._counts[MET] = exchange.planes, 0
         touched = known[exchange.bodies.bearing[known] != 0]
         if planes is None or not len(touched):
             return

@@ -96,7 +96,7 @@ def _away(contact: Any, h: float) -> float:
 
 @kernel
 def meet_touched(at: int, x: Matrix, tolerance: float, h: float, again: bool) -> float:
-    """Return how far bodies go from where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
+    """Return how far bodies go from where a step that ends at x (n, 3) [m] has met them, under its loads.
 
     Where free ones would not go too far, held ones do not; otherwise MuJoCo's next step is looked at.
 
@@ -116,7 +116,8 @@ def meet_touched(at: int, x: Matrix, tolerance: float, h: float, again: bool) ->
     for b in range(bodies.loaded.shape[0]):
         if bodies.leads.ahead[b] <= 0 or not (end.acting[b] or bodies.loaded[b]):
             continue
-        gives, force, torque = contact.gives[b], _changed(contact, b, 0, again), _changed(contact, b, 3, again)
+        force, torque = _changed(contact, b, 0, again), _changed(contact, b, 3, again)
+        gives = contact.gives[b]
         if gives[0] * tolerance > _EXACTLY and force + torque > 0.0:  # as where it is not known
             return np.inf
         most = max(most, gives[0] * force, gives[1] * torque)

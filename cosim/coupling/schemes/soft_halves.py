@@ -142,7 +142,8 @@ class SoftHalves:
 
 
 _FAR_S, _ROOM_M, _FREE_ROOM_M = 0.05, 0.15, 1.0
-"""So long a chain meets nothing that is farther than its reach and this: the flange goes at less than 3 m/s, what can move freely comes on at less than 20 m/s.
+"""So long a chain meets nothing that is farther than its reach and this: the flange goes at less than 3 m/s,
+what can move freely comes on at less than 20 m/s.
 """
 
 
@@ -202,7 +203,8 @@ class SectionHalves(SoftHalves):
         if contact is None or self._is_far(contact):
             return self._no_film
         film, room = self._film_room, len(contact.arrays.touched.pressing)
-        film.pressure[0], film.weights[:] = last.pressure_Pa, self._soft.section.node_weights(last.pressure_Pa)
+        film.pressure[0] = pressure = last.pressure_Pa
+        film.weights[:] = self._soft.section.node_weights(pressure)
         if room > len(film.first):
             film = film._replace(first=np.empty(room, np.int64), rows=np.empty((room, COLUMNS)))
             self.__dict__["_film_room"] = film
@@ -260,7 +262,7 @@ class SectionHalves(SoftHalves):
         *,
         begun: bool,
     ) -> tuple[int, int]:
-        """Take ticks with the lists that there are, see `_row`; `begun`: after the rigid half of the first."""
+        """Take ticks with the lists that there are; `begun`: after the rigid half of the first."""
         rigid, servos, loads, commands, ticks, way = asked
         soft, stepper, tick_s = self._soft, self._soft.stepper, self.interface.scene.tick_s
         options, begin = stepper.options, soft.last.chain
