@@ -30,14 +30,16 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.contact_kernels import fastest_touched, find_touched, touched_planes
-from cosim.coupling.contact.tick_contacts import (
+from cosim.coupling.contact.contact_kernels import (
     FASTEST,
     FIND_TOUCHED,
     MEET_TOUCHED,
     conclude_touch,
+    fastest_touched,
+    find_touched,
     may_give_way,
     meet_touched,
+    touched_planes,
 )
 from cosim.coupling.half_ticks import (
     ALL_DONE,

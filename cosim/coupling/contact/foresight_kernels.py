@@ -137,22 +137,21 @@ def _look(leads: Any, went: Matrix, b: int, change: Vector) -> bool:
 
 
 @device_function
-def goes_on(leads: Any, went: Matrix) -> bool:
-    """Fill by how much bodies are ahead if they go on as they did; return False where they may not.
+def goes_on(leads: Any, went: Matrix, b: int) -> bool:
+    """Fill by how much a body is ahead if it goes on as it did; return False where it may not.
 
     Args:
         leads: filled.
-        went: (bodies, 13), see `ContactArrays.went`.
+        went: (bodies, 13), see `ContactArrays`.
+        b: the body.
     """
     ahead, change = leads.foresight.ahead, small_vector(6)
     steps, h = ahead.pace[0], ahead.step_s
-    for b in range(leads.ahead.shape[0]):
-        if leads.ahead[b] > 0:
-            if steps == 1 or went[b, 12] < _EVEN_TICKS or not _look(leads, went, b, change):
-                return False
-            for r in range(6):  # its speed grows from step to step of the tick
-                now = went[b, r] + change[r]
-                leads.lead[b, r] = h * (steps * now + 0.5 * (steps + 1) * change[r])
+    if steps == 1 or went[b, 12] < _EVEN_TICKS or not _look(leads, went, b, change):
+        return False
+    for r in range(6):  # its speed grows from step to step of the tick
+        now = went[b, r] + change[r]
+        leads.lead[b, r] = h * (steps * now + 0.5 * (steps + 1) * change[r])
     return True
 
 
