@@ -160,6 +160,13 @@ def test_a_body_that_goes_on_evenly_is_met_where_it_will_be(path: Path, tmp_path
             off.append(met - exchange.ahead(bodies, exchange.bodies.applied[bodies].ravel(), tick_s)[0])
     assert any(row.any() for row in off), "it has moved evenly"
     assert np.abs(off).max() < 0.5 * AGREED_M
+    # four steps of a tick, in which its speed over the flange grows as in the last one
+    went, change = exchange.arrays.went[plate], np.full(6, 1e-3)
+    speed = went[:6].copy()
+    went[:6], went[6:12], went[12] = speed - change, change, 3
+    exchange.find(run._parts.soft.state, tick_s)
+    expected = sum(0.25 * tick_s * (speed + 0.25 * step * change) for step in (1, 2, 3, 4))
+    assert leads.lead[plate] == pytest.approx(expected, abs=1e-12)
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
