@@ -34,6 +34,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         {"fidelity": "lumped", "overrides": {"soft_robot": "hexagon_arm", "model.published": True}},
     ),
     "grasp": ("cosim/GraspLift-v0", {}),
+    "grasp, section": ("cosim/GraspLift-v0", {"fidelity": "section"}),
 }
 RANDOM: dict[str, Any] = {"phase": [], "fidelity": "rigid", "contact.enabled": False, "clock.tick_s": 0.01}
 

@@ -22,7 +22,6 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     address_of,
-    copy_rows,
     device_function,
     kernel,
     record_at,
@@ -30,24 +29,16 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.coupling.contact.contact_arrays import (
-    AHEAD_TICKS,
-    ASKS,
-    LEFT,
-    MET,
-    REMEMBERED,
-    UNKNOWN,
-    ContactArrays,
-)
+from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.contact_kernels import (
     FASTEST,
     FIND_TOUCHED,
     MEET_TOUCHED,
-    SETTLE_TOUCHED,
+    conclude_touch,
     fastest_touched,
     find_touched,
+    may_give_way,
     meet_touched,
-    settle_touched,
     touched_planes,
 )
 from cosim.coupling.half_ticks import (
@@ -162,7 +153,7 @@ _STEP, _WRENCH, _MOMENTS, _RIGID, _HAND, _DAMPING, _LOSS = range(len(_CALLED))
 _film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over, _add_damping, _eyelet_loss = map(
     caller, _CALLED
 )
-_find_touched, _settle_touched, _meet_touched = map(caller, (find_touched, settle_touched, meet_touched))
+_find_touched, _meet_touched = caller(find_touched), caller(meet_touched)
 _fastest_touched = caller(fastest_touched)
 _find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pairs), caller(films_press)
 _pair_work = caller(pair_work)
@@ -199,18 +190,6 @@ def _take_soft_step(
     converged, iterations, tangents, residual, _ = _film_step(row.calls[_STEP], given)
     ticks.residual[k], ticks.iterations[k] = residual, iterations + (tangents if converged else 0)
     return converged
-
-
-@device_function
-def _may_give_way(contact: ContactArrays, found: int) -> int:
-    """Return 1 if a body is near that may give way, 2 if how it does is not known of one that is loaded."""
-    bodies, body, near = contact.bodies, contact.touched.planes.body, 0
-    for e in range(found):
-        b = body[e]
-        if bodies.leads.ahead[b] > 0:
-            unknown = contact.gives[b, 0] == UNKNOWN or contact.counts[MET] >= contact.numbers.renewed_after
-            near = max(near, 2 if bodies.loaded[b] and unknown else 1)
-    return near
 
 
 @device_function
@@ -259,14 +238,7 @@ def _settle(row: FilmSteps, found: tuple[int, int], way: FilmMotion, ticks: Any,
             ticks.self_contact[k, 1] += memory.normal_force[e]
             deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
         ticks.self_contact[k, 2] = -deepest
-    if found[0] > 0 or contact.counts[LEFT]:
-        _settle_touched(contact.calls[SETTLE_TOUCHED], (row.contact, before, x))
-        ticks.contacts[k] = contact.counts[REMEMBERED]
-        ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
-        ticks.work[k, 0] = contact.end.figures[2]
-        copy_rows(contact.end.loads, ticks.body_force[k])
-        return contact.counts[ASKS] != 0
-    return False
+    return conclude_touch(contact, row.contact, found[0], (before, x), ticks, k)
 
 
 @device_function
@@ -291,7 +263,7 @@ def _solve(
     found = _find(row, (way.x[k + 1], way.velocity[k + 1]), waits)
     if min(found) < 0:
         return found, LISTS_LEFT
-    near = _may_give_way(contact, found[0])
+    near = may_give_way(contact, found[0])
     if near > 1 or _turns_far(ticks, k, row.largest_turn):
         return found, SOFT_HALF_LEFT
     again = True
@@ -304,8 +276,8 @@ def _solve(
             found, again = (found[0], pairs), pairs > 0
             if pairs < 0 or (again and side.film.parts.shape[0] > 2):  # pairs couple parts
                 return found, SOFT_HALF_LEFT if films.counts[OVERLOOKED] else SOFT_STEP_SOLVED
-    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
+    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS, False
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets) <= 1.0:
         return found, SOFT_STEP_SOLVED
     if films.waits:
         films.counts[OVERLOOKED] = 0

@@ -375,6 +375,11 @@ class SectionBody:
         """Coefficients (size, s c) and lengths (size, s) [m] over the spline of pressure."""
         return self._energies, self._lengths
 
+    @property
+    def node_table(self) -> Array:
+        """(size, 8 n), what `node_weights` are over the spline of pressure."""
+        return self._films
+
     def set_pressure(self, pressure_Pa: float) -> None:
         """Bring coefficients and lengths to a pressure."""
         if pressure_Pa == self._pressure:

@@ -13,9 +13,11 @@ import pytest
 
 from cosim.app.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
 from cosim.app.simulation import Simulation
+from cosim.base.frames import Array
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.coupling.contact.contact_arrays import AGREED_M
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
@@ -98,12 +100,73 @@ def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
     assert_close(rows, ticks, 1e-9)
 
 
-@pytest.mark.parametrize(("height_m", "rows"), [(0.25, []), (0.05, [1, 2])], ids=["near", "far"])
-def test_what_is_near_goes_tick_by_tick(path: Path, height_m: float, rows: list[int]) -> None:
-    size, place = [0.1, 0.1, 0.05], [0.4, 0.0, height_m]
-    box = {"name": "box", "shape": "box", "size_m": size, "position_m": place}
+BOX = {"name": "box", "shape": "box", "size_m": [0.1, 0.1, 0.05], "position_m": [0.4, 0.0, 0.25]}
+
+
+@pytest.mark.parametrize("height_m", [0.25, 0.05], ids=["near", "far"])
+def test_rows_are_ticks_with_something_near(path: Path, height_m: float) -> None:
+    box = BOX | {"position_m": [0.4, 0.0, height_m]}
     wanted = scenario(path, contact__only_in_reach=False, object=[box])
-    assert taken_together(build_simulation(wanted), 3) == rows
+    assert taken_together(build_simulation(wanted), 3) == [1, 2]
+    assert_close(together(build_simulation(wanted), most=40), one_by_one(wanted)[:40], 1e-9)
+
+
+TABLE = {"name": "table", "shape": "box", "size_m": [0.4, 0.4, 0.05], "position_m": [0.4, 0.0, 0.4095]}
+PLATE = {"name": "plate", "shape": "box", "size_m": [0.3, 0.3, 0.004], "position_m": [0.4, 0.0, 0.4366]}
+
+
+@pytest.mark.parametrize(("mass_kg", "copies"), [(None, 1), (0.05, 1), (2.0, 1), (0.1, 3)], ids=str)
+def test_rows_are_ticks_in_contact_too(
+    path: Path, tmp_path: Path, mass_kg: float | None, copies: int
+) -> None:
+    """Of what is fixed, gives way, is too heavy for that, and of several chains on one flange."""
+    plate = PLATE if mass_kg is None else PLATE | {"mass_kg": mass_kg}
+    text = SCENARIO
+    if copies > 1:
+        where = f"copies = {{ count = {copies}, radius_m = 0.09, tilt_rad = 0.0, height_m = 0.0 }}"
+        text = text.replace(ROBOT, ROBOT.replace("{ file", f"{{ {where}, file", 1))
+        for pulls in ("2.0, 0.0", "0.0, 1.0"):
+            text = text.replace(f"[{pulls}]", f"[{', '.join([pulls] * copies)}]")
+        text = text.replace('clamp = ["unit_1.outer"]\n', "")
+    (tmp_path / "touching.toml").write_text(text, encoding="utf-8")
+    wanted = scenario(tmp_path / "touching.toml", object=[TABLE, plate], solver__damping_per_s=5.0)
+    rows, together = kernels_take(build_simulation(wanted))
+    ticks = one_by_one(wanted)
+    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
+    assert touching, "the plate is reached"
+    assert len(touching & together) > 0.9 * len(touching)
+    assert max(snapshot.ledger.momentum_error for snapshot in rows) < 1e-10
+    for found, expected in zip(rows, ticks, strict=True):
+        assert found.ledger.contacts == expected.ledger.contacts
+        assert found.node_position == pytest.approx(expected.node_position, abs=1e-9)
+        assert found.body_position == pytest.approx(expected.body_position, abs=1e-9)
+        assert found.body_contact_force == pytest.approx(expected.body_contact_force, abs=1e-5)
+
+
+def test_a_body_that_goes_on_evenly_is_met_where_it_will_be(path: Path, tmp_path: Path) -> None:
+    """As MuJoCo's steps ahead say, which are not taken for it."""
+    turn = "flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }"
+    text = SCENARIO.replace(turn, "flange_shift_m = [0.0, 0.0, -0.006]").replace("0.06\n", "0.3\n")
+    (tmp_path / "lowered.toml").write_text(text, encoding="utf-8")
+    objects = [TABLE, PLATE | {"mass_kg": 0.05}]
+    run: Any = build_simulation(scenario(tmp_path / "lowered.toml", object=objects))
+    plate, off = run.stage.body_names.index("plate"), list[Array]()
+    for _ in run.batches(4, most=140):
+        exchange, tick_s = run._parts.carrier._coupling.interface.contact, run.stage.tick_s
+        leads, bodies = exchange.arrays.bodies.leads, np.array([plate])
+        if leads.ahead[plate] > 0 and exchange.arrays.went[plate, 12] >= 3:
+            exchange.find(run._parts.soft.state, tick_s)
+            met = leads.lead[plate].copy()
+            off.append(met - exchange.ahead(bodies, exchange.bodies.applied[bodies].ravel(), tick_s)[0])
+    assert any(row.any() for row in off), "it has moved evenly"
+    assert np.abs(off).max() < 0.5 * AGREED_M
+    # four steps of a tick, in which its speed over the flange grows as in the last one
+    went, change = exchange.arrays.went[plate], np.full(6, 1e-3)
+    speed = went[:6].copy()
+    went[:6], went[6:12], went[12] = speed - change, change, 3
+    exchange.find(run._parts.soft.state, tick_s)
+    expected = sum(0.25 * tick_s * (speed + 0.25 * step * change) for step in (1, 2, 3, 4))
+    assert leads.lead[plate] == pytest.approx(expected, abs=1e-12)
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:

@@ -24,6 +24,7 @@ from cosim.coupling.contact.contact_arrays import (
     AHEAD_TICKS,
     ASKS,
     LEFT,
+    MET,
     REMEMBERED,
     TOUCHES,
     UNKNOWN,
@@ -45,11 +46,11 @@ from cosim.coupling.contact.contact_kernels import (
     contact_calls,
     fastest_touched,
     find_touched,
-    search_calls,
     settle_touched,
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.foresight_kernels import foresee
+from cosim.coupling.contact.search_kernels import search_calls
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
@@ -82,6 +83,7 @@ class ContactState:
         age: ticks of contact since bodies were weighed.
         centers: (bodies, 3) [m], of masses, where the film has met them.
         force: (touched nodes, 3) [N], on the film.
+        went: see `ContactArrays`.
     """
 
     memory: ContactMemory
@@ -89,6 +91,7 @@ class ContactState:
     age: int
     centers: Annotated[Array, ("bodies", 3)]
     force: Annotated[Array, ("touched nodes", 3)]
+    went: Annotated[Array, ("bodies", 13)]
 
 
 @final
@@ -217,7 +220,12 @@ class ContactExchange:
 
     @property
     def asks_for_weighing(self) -> bool:
-        """Whether `LightBodies` has to weigh heavy ones after the last step."""
+        """Whether `LightBodies` has to weigh bodies after the last step."""
+        return self.asks_for_heavy or bool(self.arrays.counts[MET] >= self.arrays.numbers.renewed_after)
+
+    @property
+    def asks_for_heavy(self) -> bool:
+        """Whether these are heavy ones."""
         return bool(self.arrays.counts[ASKS])
 
     def ask_for_weighing_after(self, ticks: int) -> None:
@@ -271,7 +279,7 @@ class ContactExchange:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
         age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
-        return ContactState(self.memory, self.planes, age, centers, force)
+        return ContactState(self.memory, self.planes, age, centers, force, self.arrays.went.copy())
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -282,7 +290,7 @@ class ContactExchange:
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
             part[:count] = getattr(state.memory, name)
         self.arrays.bodies.centers[:] = state.centers
-        self.arrays.end.force[:] = state.force
+        self.arrays.end.force[:], self.arrays.went[:] = state.force, state.went
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -370,7 +378,8 @@ class ContactExchange:
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 12)), np.zeros(1),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 18)),
+            np.zeros((bodies.count, 13)), np.zeros(1),
             np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip

@@ -1,10 +1,7 @@
 """The kernels of a tick's contacts: what is near, what may be touched, and what was at the tick's end.
 
-What is near is found through lists that are valid until the film has moved.
-A shape does not move in its own frame. So while no node of the film has gone further there than m since the
-lists were made, what is nearer than r now was nearer than r + m then: points of the film to the shape, the
-shape's sharp features to triangles of the film.
-Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
+Bodies that give way are met where they will be, see `LightBodies`. A film that has met them elsewhere may
+follow: it meets them where its own load of that step takes them.
 """
 
 from __future__ import annotations
@@ -16,11 +13,11 @@ import numpy as np
 
 from cosim.base.frames import IntArray
 from cosim.base.kernels import (
-    Blocks,
     Indices,
     Matrix,
     Vector,
     address_of,
+    copy_rows,
     device_function,
     handing_on_views,
     kernel,
@@ -40,112 +37,17 @@ from cosim.coupling.contact.contact_arrays import (
     REMEMBERED,
     TOUCHES,
     TURN_LEVER_M,
+    UNKNOWN,
     ContactArrays,
-    Search,
     fill_speed,
     led,
 )
-from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
-from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
-from cosim.rigid.distance.shapes import ShapePoses, carry, fill_near_box
-from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
+from cosim.coupling.contact.foresight_kernels import fill_leads, foresee, goes_on, note_how_they_go
+from cosim.coupling.contact.search_kernels import find_near
+from cosim.rigid.distance.shapes import ShapePoses, fill_near_box
 from cosim.soft.contact.contact_law import GLUED, shorten, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
-from cosim.soft.contact.point_kernels import combine, span
-
-_SEARCHED = (combine, points_near, carry, film_near)
-_COMBINE, _POINTS, _CARRY, _FILM = range(len(_SEARCHED))
-_combine, _points_near, _carry, _film_near = map(caller, _SEARCHED)
-
-
-def search_calls() -> IntArray:
-    """Return the addresses (4,) of the kernels that a search calls."""
-    return np.array([address_of(called) for called in _SEARCHED])
-
-
-@device_function
-def _gone(
-    x: Matrix, position: Matrix, rotation: Blocks, active: Indices, row: Indices, local: Blocks
-) -> float:
-    """Return how far a node has gone at most in the frame of an active shape; infinite for one not listed."""
-    most = 0.0
-    for g in active:
-        if row[g] < 0:
-            return np.inf
-        turn, place, before = rotation[g], position[g], local[row[g]]
-        for n in range(x.shape[0]):
-            dx, dy, dz = x[n, 0] - place[0], x[n, 1] - place[1], x[n, 2] - place[2]
-            square = 0.0
-            for r in range(3):
-                square += (turn[0, r] * dx + turn[1, r] * dy + turn[2, r] * dz - before[n, r]) ** 2
-            most = max(most, square)
-    return np.sqrt(most)
-
-
-@device_function
-def _find_points(x: Matrix, active: Indices, reach: float, search: Any) -> int:
-    """Fill the points of the film that are near active shapes; return how many."""
-    bounds, lists, near, spans = search.bounds, search.lists, search.near, search.spans
-    surface, out = search.surface, search.out
-    for a in range(active.shape[0]):
-        first, last = lists.spans[lists.row[active[a]]]
-        spans[a, 0], spans[a, 1] = first, last
-        listed = lists.listed[first:last]
-        _combine(search.calls[_COMBINE], (x, surface.nodes, surface.weights, listed, search.places))
-    poses, asked = ShapePoses(bounds.position, bounds.rotation), PointLists(active, spans, lists.listed)
-    hits = HitRows(near.point, near.shape, out)
-    count = _points_near(search.calls[_POINTS], (search.places, bounds.shapes, poses, asked, reach, hits))
-    for k in range(count):
-        near.distance[k] = out[k, 0]
-        for r in range(3):
-            near.normal[k, r] = out[k, 1 + r]
-    return count
-
-
-@device_function
-def _find_features(x: Matrix, low: Vector, high: Vector, reach: float, behind: float, search: Any) -> int:
-    """Fill the features that are near the film; return how many."""
-    bounds, lists, near, out = search.bounds, search.lists, search.near, search.out
-    for r in range(3):
-        search.box[0, r], search.box[1, r] = low[r] - reach, high[r] + reach
-    around, found = search.around, search.found
-    carried = bounds.position, bounds.rotation, search.owner, search.feature, lists.features, around
-    _carry(search.calls[_CARRY], carried)
-    film, listed = FilmTriangles(x, search.surface.triangles), TriangleLists(lists.first, lists.triangles)
-    within, hits = (
-        FilmReach(reach, behind, search.box[0], search.box[1]),
-        FeatureRows(found, near.triangle, near.weight, out),
-    )
-    count = _film_near(search.calls[_FILM], (around, film, listed, within, search.held, hits))
-    for k in range(count):
-        near.feature[k], near.owner[k] = lists.features[found[k]], search.owner[lists.features[found[k]]]
-        near.film_distance[k] = out[k, 0]
-        for r in range(3):
-            near.place[k, r], near.film_normal[k, r] = around[found[k], r], out[k, 1 + r]
-    return count
-
-
-@kernel
-def find_near(
-    x: Matrix, low: Vector, high: Vector, active: Indices, reach: float, behind: float, search: Search
-) -> tuple[int, int]:
-    """Fill what is near; return how many points of the film and how many features, -1 for lists too old.
-
-    Args:
-        x: (n, 3) [m], of the nodes.
-        low: (3,) [m], smallest coordinates of the film.
-        high: (3,) [m], largest ones.
-        active: (a,) shapes that may be near it.
-        reach: bound on the distance [m].
-        behind: how far behind the film a feature still counts [m].
-        search: filled.
-    """
-    lists, bounds = search.lists, search.bounds
-    gone = _gone(x, bounds.position, bounds.rotation, active, lists.row, lists.local)
-    if not (reach + gone <= lists.reach_m and behind + gone <= lists.behind_m):
-        return -1, -1
-    points = _find_points(x, active, reach, search)
-    return points, _find_features(x, low, high, reach, behind, search)
+from cosim.soft.contact.point_kernels import span
 
 
 @kernel
@@ -184,13 +86,15 @@ def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
 
 _EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
 _CALLED = (find_near, span, fill_near_box, foresee)
-_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST = range(len(_CALLED) + 4)
+_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST, FOLLOW_TOUCHED = range(
+    len(_CALLED) + 5
+)
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (8,) of the kernels of contact, for one another and for who takes a whole tick."""
-    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched
+    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick."""
+    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched, follow_touched
     return np.array([address_of(called) for called in taken])
 
 
@@ -332,12 +236,15 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     reach = rest + ahead * contact.speed[0]
     poses = ShapePoses(bounds.position, bounds.rotation)
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
-    for k in range(near):
-        met += bodies.leads.ahead[body[bounds.near[k]]] > 0
-    if contact.glue.point.shape[0] > 0:
-        met += bodies.leads.ahead[contact.glue.body[0]] > 0
-    if ahead > 0.0 and met > 0:
-        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
+    looks = False
+    for k in range(near + (contact.glue.point.shape[0] > 0)):
+        b = body[bounds.near[k]] if k < near else contact.glue.body[0]
+        if ahead > 0.0 and bodies.leads.ahead[b] > 0:
+            met += 1
+            looks = looks or not goes_on(bodies.leads, contact.went, b)
+    if met > 0:
+        if looks:
+            _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
     if near == 0:
         return 0, 0
@@ -377,6 +284,8 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     counts[POINTS], counts[TOUCHES] = points, touches
     if touches == 0:
         counts[REMEMBERED] = 0
+        for b in range(contact.went.shape[0]):
+            contact.went[b, 12] = 0.0
         return 0
     _describe(contact, x)
     return touches
@@ -457,17 +366,6 @@ def _conclude(contact: Any, x: Matrix) -> int:
 
 
 @device_function
-def _changed(contact: Any, b: int, first: int) -> float:
-    """Return by how much the force (first 0) or torque (3) on a body, about its centre, has changed."""
-    load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
-    for r in range(3):
-        s, q = (r + 1) % 3, (r + 2) % 3
-        about = center[s] * load[q] - center[q] * load[s] if first else 0.0
-        square += (load[first + r] - about - contact.bodies.applied[b, first + r]) ** 2
-    return math.sqrt(square)
-
-
-@device_function
 def _bear(bodies: Any, load: Vector, b: int) -> None:
     """Let a load (6,) about the world's origin act on a body; MuJoCo takes torques about its centre."""
     applied, center = bodies.applied[b], bodies.centers[b]
@@ -475,6 +373,18 @@ def _bear(bodies: Any, load: Vector, b: int) -> None:
         i, m = (r + 1) % 3, (r + 2) % 3
         applied[r] = load[r]
         applied[3 + r] = load[3 + r] - (center[i] * load[m] - center[m] * load[i])
+
+
+@device_function
+def _changed(contact: Any, b: int, first: int, again: bool) -> float:
+    """Return by how much the force (first 0) or torque (3) on a body is another than it was met with."""
+    load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
+    for r in range(3):
+        s, q = (r + 1) % 3, (r + 2) % 3
+        about = center[s] * load[q] - center[q] * load[s] if first else 0.0
+        before = contact.met[b, 12 + first + r] if again else contact.bodies.applied[b, first + r]
+        square += (load[first + r] - about - before) ** 2
+    return math.sqrt(square)
 
 
 @device_function
@@ -489,7 +399,7 @@ def _away(contact: Any, h: float) -> float:
     _foresee(contact.calls[_FORESEE], (bodies.leads, h))
     for b in range(bodies.loaded.shape[0]):
         for r in range(6):
-            bodies.applied[b, r] = met[b, r]
+            met[b, 12 + r], bodies.applied[b, r] = bodies.applied[b, r], met[b, r]
             met[b, r] = bodies.leads.lead[b, r] - met[b, 6 + r]
         if bodies.leads.ahead[b] > 0:
             for r in range(3):
@@ -499,16 +409,20 @@ def _away(contact: Any, h: float) -> float:
 
 
 @kernel
-def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
-    """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
+def meet_touched(at: int, x: Matrix, tolerance: float, h: float, again: bool) -> float:
+    """Return how far bodies go from where a step that ends at x (n, 3) [m] has met them, under its loads.
 
-    Where free ones would, held ones do; otherwise MuJoCo's next step is looked at.
+    Where free ones would not go too far, held ones do not; otherwise MuJoCo's next step is looked at.
 
     Args:
         at: address of the `ContactArrays`, whose end is filled.
         x: of the film's nodes.
         tolerance: of the film's forces [N].
         h: length of MuJoCo's step [s].
+        again: whether the film has followed them in this tick.
+
+    Returns:
+        The distance over what may be, at most 1 if that is agreed; infinite where it is not known.
     """
     contact = record_at(at, ContactArrays)
     end, bodies, touched, most = contact.end, contact.bodies, 0, 0.0
@@ -516,15 +430,48 @@ def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
     for b in range(bodies.loaded.shape[0]):
         if bodies.leads.ahead[b] <= 0 or not (end.acting[b] or bodies.loaded[b]):
             continue
-        gives, force, torque = contact.gives[b], _changed(contact, b, 0), _changed(contact, b, 3)
+        force, torque = _changed(contact, b, 0, again), _changed(contact, b, 3, again)
+        gives = contact.gives[b]
         if gives[0] * tolerance > _EXACTLY and force + torque > 0.0:  # as where it is not known
-            return False
+            return np.inf
         most = max(most, gives[0] * force, gives[1] * torque)
         touched = max(touched, end.acting[b])
-    if not most <= 1.0 and not _away(contact, h) <= AGREED_M:
-        return False
-    contact.counts[MET] += touched
-    return True
+    if not most <= 1.0:
+        most = _away(contact, h) / AGREED_M
+    if most <= 1.0:
+        contact.counts[MET] += touched
+    return most
+
+
+@kernel
+def follow_touched(at: int, x: Matrix) -> None:
+    """Let contacts follow bodies to where they would go from where the film has met them, see `meet_touched`.
+
+    Args:
+        at: address of the `ContactArrays`.
+        x: (n, 3) [m], of the film's nodes before the step.
+    """
+    contact = record_at(at, ContactArrays)
+    planes, ties, bodies, point = contact.touched.planes, contact.ties, contact.bodies, small_vector(3)
+    for e in range(contact.counts[TOUCHES]):
+        b = planes.body[e]
+        if bodies.leads.ahead[b] <= 0:
+            continue
+        for r in range(3):
+            point[r] = 0.0
+            for a in range(3):
+                point[r] += planes.weights[e, a] * x[planes.nodes[e, a], r]
+        for r in range(3):
+            shift = led(contact.met[b], point, r)
+            planes.offset[e] += planes.normal[e, r] * shift
+            planes.anchor[e, r] += shift
+            ties.carrier[e, r] += shift
+    for b in range(bodies.loaded.shape[0]):
+        if bodies.leads.ahead[b] > 0:
+            for r in range(3):
+                point[r] = bodies.centers[b, r]
+            for r in range(3):
+                bodies.centers[b, r] += led(contact.met[b], point, r)
 
 
 @device_function
@@ -570,6 +517,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
     if counts[TOUCHES] > 0:
         pressing = _conclude(contact, x)
         counts[AGE] += 1
+        note_how_they_go(contact.bodies.leads, contact.went)
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
     end.figures[2] = _work(contact, before, x)
@@ -587,3 +535,41 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
         old = counts[AGE] >= contact.numbers.renewed_after or end.held[body] > held
         if contact.heavy[f] and (not loaded[body] or old):  # `LightBodies` has to weigh it
             counts[ASKS] = 1
+
+
+_settle_touched = caller(settle_touched)
+
+
+@device_function
+def may_give_way(contact: ContactArrays, found: int) -> int:
+    """Return 1 if a body is near that may give way, 2 if how it does is not known of one that is loaded."""
+    bodies, body, near = contact.bodies, contact.touched.planes.body, 0
+    for e in range(found):
+        b = body[e]
+        if bodies.leads.ahead[b] > 0:
+            near = max(near, 2 if bodies.loaded[b] and contact.gives[b, 0] == UNKNOWN else 1)
+    return near
+
+
+@device_function
+def conclude_touch(
+    contact: ContactArrays, at: int, found: int, moved: tuple[Matrix, Matrix], ticks: Any, k: int
+) -> bool:
+    """Take in the end of a step that might touch, or has let go; return if bodies are to be weighed.
+
+    Args:
+        contact: with the scene.
+        at: its address.
+        found: how much the step might touch.
+        moved: (n, 3) [m], nodes before and after the step.
+        ticks: filled.
+        k: the tick.
+    """
+    if found == 0 and not contact.counts[LEFT]:
+        return False
+    _settle_touched(contact.calls[SETTLE_TOUCHED], (at, *moved))
+    ticks.contacts[k] = contact.counts[REMEMBERED]
+    ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
+    ticks.work[k, 0] = contact.end.figures[2]
+    copy_rows(contact.end.loads, ticks.body_force[k])
+    return contact.counts[ASKS] != 0 or contact.counts[MET] >= contact.numbers.renewed_after

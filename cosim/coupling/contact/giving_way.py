@@ -129,7 +129,7 @@ class _Step:
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
             self._applied = exchange.bodies.applied[self.bodies].ravel()
-            self._ahead = exchange.ahead(self.bodies, self._applied, self.tick_s)
+            self._ahead = exchange.arrays.bodies.leads.lead[self.bodies]
             self._change = np.zeros_like(self._applied)
             self._mobility: Array | None = None
             self._moved = np.zeros_like(self._ahead)
@@ -326,11 +326,8 @@ class LightBodies:
         if len(step.bodies):
             touched = step.touched
             self._counts[MET] += len(touched) > 0
-            # what has been light may be held by something else by now
-            new = not np.isin(touched, self._known).all()
-            if len(touched) and (new or self._counts[MET] > self._ticks):
-                if new or not self._held / _OTHER < step.held_N_m() < self._held * _OTHER:
-                    self._learn(step)
+            if not np.isin(touched, self._known).all():
+                self._learn(step)
                 self._counts[MET] = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
@@ -356,7 +353,9 @@ class LightBodies:
     def weigh(self) -> None:
         """Find again which bodies are heavy, where the last tick asks for it."""
         exchange = self._exchange
-        if not exchange.asks_for_weighing:
+        if exchange.asks_for_weighing and not exchange.asks_for_heavy:
+            self._weigh_light()
+        if not exchange.asks_for_heavy:
             return
         held, planes = exchange.held_N_m[self._movable], exchange.sticking
         loaded = exchange.bodies.bearing[self._movable] != 0
@@ -379,6 +378,25 @@ class LightBodies:
                 self._heavy[:] = 0
         self._touching[:] = np.where(self._heavy, before * self._room / RENEW_ABOVE, 0.0)
         self._meet_ahead()
+
+    def _weigh_light(self) -> None:
+        """Find again whether bodies that give way are light: something else may hold them by now."""
+        exchange, known, x = self._exchange, self._known, self._soft.state.positions
+        planes, self._counts[MET] = exchange.planes, 0
+        touched = known[exchange.bodies.bearing[known] != 0]
+        if planes is None or not len(touched):
+            return
+        levers = Levers.of(planes, known, exchange.arrays.bodies.centers[known], x)
+        tangents = planes.stiffnesses(x)
+        held = float(np.einsum("kii->", tangents[levers.mine]))
+        if not self._held / _OTHER < held < self._held * _OTHER:
+            self._stiffness = levers.stiffness(planes, tangents, self._soft, self._tick_s)
+            self._held = held
+        if self._are_heavy(known, self._stiffness):
+            self._heavy[np.isin(self._movable, touched)] = 1
+            self._meet_ahead()
+        else:
+            self._tell_kernels()
 
     def save_state(self) -> LightBodiesState:
         """Return what the next tick depends on."""

@@ -15,7 +15,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Wrench
 from cosim.base.kernels import RecordStore, address_of, nothing_of
-from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
+from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays, no_contact
+from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
 from cosim.coupling.half_ticks import (
     ALL_DONE,
@@ -31,14 +32,23 @@ from cosim.coupling.half_ticks import (
 )
 from cosim.coupling.open_ticks import OpenTicks, end_open_tick, load_open_tick
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.section_ticks import ChainCommands, ChainMotion, ChainSteps, ChainTables, advance_chain
+from cosim.coupling.section_ticks import (
+    ChainCommands,
+    ChainFilm,
+    ChainMotion,
+    ChainSteps,
+    ChainTables,
+    advance_chain,
+)
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.coupling.ticks_taken import TicksTaken
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.sections.section_energy import TERMS
+from cosim.reduced.sections.section_strains import COLUMNS
 from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
+from cosim.reduced.solve.newton import nothing_touched
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton_options import Outcome
@@ -131,26 +141,21 @@ class SoftHalves:
         raise NotImplementedError
 
 
-_ROW_S, _ROOM_M, _FREE_ROOM_M = 0.05, 0.15, 1.0
-"""A row of ticks of a chain in a scene; what is farther than its reach and this does not meet it meanwhile:
-the flange goes at less than 3 m/s, what can move freely comes on at less than 20 m/s.
+_FAR_S, _ROOM_M, _FREE_ROOM_M = 0.05, 0.15, 1.0
+"""So long a chain meets nothing that is farther than its reach and this: the flange goes at less than 3 m/s,
+what can move freely comes on at less than 20 m/s.
 """
 
 
 @final
 class SectionHalves(SoftHalves):
-    """Of a section model, of which kernels know the ticks that are far from all that it might touch.
+    """Of a section model.
 
     Args:
         interface: between the sides.
     """
 
     most = 512  # more cost no less each
-
-    def __init__(self, interface: Interface) -> None:
-        super().__init__(interface)
-        if interface.contact is not None:
-            self.most = max(1, round(_ROW_S / interface.scene.tick_s))
 
     @property
     def _soft(self) -> SectionArm:
@@ -160,9 +165,10 @@ class SectionHalves(SoftHalves):
 
     @property
     def _ready(self) -> bool:
-        contact = self.interface.contact
-        if contact is None:
-            return True
+        return True
+
+    def _is_far(self, contact: ContactExchange) -> bool:
+        """Return whether the chain is far from all that it might touch in a row."""
         if contact.arrays.bodies.loaded.any() or contact.planes is not None:
             return False
         query, origin = contact.query, self.interface.scene.flange_pose.translation
@@ -171,6 +177,38 @@ class SectionHalves(SoftHalves):
         hits = query.distances(origin[None], reach, query.near(origin, origin, reach))
         free = contact.bodies.movable(query.body[hits.shape])
         return not (free | (hits.distance < self._soft.reach_m + _ROOM_M)).any()
+
+    @cached_property
+    def _no_film(self) -> ChainFilm:
+        nothing: ChainFilm = nothing_of(ChainFilm)
+        return nothing._replace(contact=self._store.address(no_contact()))
+
+    @cached_property
+    def _store(self) -> RecordStore:
+        return RecordStore(ContactArrays)
+
+    @cached_property
+    def _film_room(self) -> ChainFilm:
+        """Room for the film, but for contacts."""
+        section = self._soft.section
+        nodes, (first, rows, _) = len(section.frames.before), nothing_touched()
+        return ChainFilm(
+            0, 0.0, np.zeros(1), section.frames.before, np.empty((nodes, 2, 4)), section.node_table,
+            np.empty((2, nodes, 3)), np.empty((nodes, 3)), first, rows,
+        )  # fmt: skip
+
+    def _film(self) -> ChainFilm:
+        """Return the film as it is, and its room for what it may touch; that of no film where all is far."""
+        contact, last = self.interface.contact, self._soft.last
+        if contact is None or self._is_far(contact):
+            return self._no_film
+        film, room = self._film_room, len(contact.arrays.touched.pressing)
+        film.pressure[0] = pressure = last.pressure_Pa
+        film.weights[:] = self._soft.section.node_weights(pressure)
+        if room > len(film.first):
+            film = film._replace(first=np.empty(room, np.int64), rows=np.empty((room, COLUMNS)))
+            self.__dict__["_film_room"] = film
+        return film._replace(contact=contact.at, rest_m=contact.rest_reach_m)
 
     def _commands(self, loads: Sequence[Loads]) -> ChainCommands:
         distinct, section = {id(load): load for load in loads}, self._soft.section
@@ -205,16 +243,40 @@ class SectionHalves(SoftHalves):
         ticks: Ticks,
         way: ChainMotion,
     ) -> tuple[int, int]:
+        done, ending = self._some((rigid, servos, loads, commands, ticks, way), begun=False)
+        more = done + 1
+        while ending == LISTS_LEFT and more:  # with new lists kernels take this tick as well, and go on
+            contact = self.interface.contact
+            assert contact is not None, "there are lists"
+            contact.find(self._soft.state, self.interface.scene.tick_s)
+            n = len(loads)
+            rest = servos.some(done, n), loads[done:], commands.some(done, n)
+            given = rigid, *rest, ticks.from_on(done), way.from_on(done)
+            more, ending = self._some(given, begun=True)
+            done += more
+        return done, SOFT_HALF_LEFT if ending == LISTS_LEFT else ending
+
+    def _some(
+        self,
+        asked: tuple[RigidSide, Servos, Sequence[Loads], ChainCommands, Ticks, ChainMotion],
+        *,
+        begun: bool,
+    ) -> tuple[int, int]:
+        """Take ticks with the lists that there are; `begun`: after the rigid half of the first."""
+        rigid, servos, loads, commands, ticks, way = asked
         soft, stepper, tick_s = self._soft, self._soft.stepper, self.interface.scene.tick_s
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
+        film = self._film()
+        if film is self._no_film and self.interface.contact is not None:
+            servos = servos.some(0, max(1, round(_FAR_S / tick_s)))
         steps = ChainSteps(
             stepper.side(soft.clamp, loads[0], begin.frames), ChainTables(*stepper.tables),
-            address_of(solve_chain), address_of(hand_over), stepper.scheme(tick_s),
-            two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier),
+            address_of(solve_chain), address_of(hand_over), stepper.scheme(tick_s), film,
+            two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier), begun,
         )  # fmt: skip
         done, ending, kept = advance_chain(rigid, servos, commands, steps, ticks, way)
-        last = done if ending == SOFT_HALF_LEFT else done - 1  # of which the soft step was tried
+        last = done if ending in (SOFT_HALF_LEFT, LISTS_LEFT) else done - 1  # of which a soft step was tried
         stepper.tangent.keep(kept, soft.clamp, tick_s, two_steps and (earlier or last > 0))
         if done:
             motion, figures = way.motion[done : done + 2].copy(), ticks.figures[done].copy()
@@ -275,8 +337,7 @@ class FilmHalves(SoftHalves):
 
     @cached_property
     def _nothing(self) -> ContactArrays:
-        nothing: ContactArrays = nothing_of(ContactArrays)
-        return nothing._replace(counts=np.zeros(7, np.int64))
+        return no_contact()
 
     @cached_property
     def _no_films(self) -> FilmContacts:

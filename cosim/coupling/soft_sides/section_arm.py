@@ -432,9 +432,10 @@ class SectionArm(SoftSide):
             tangent = ChainTangent(solver, frames, self.clamp.free, acting, pressure, bed)
         except LinAlgError:
             return None
-        motion = node_motion(self.section, frames, pressure)
-        pushed = np.einsum("nrfi,knr->kfi", motion, forces)
-        return np.asarray(np.einsum("nrfi,kfi->knr", motion, tangent.solve(pushed)))
+        motion = node_motion(self.section, frames, pressure).reshape(3 * self.body.nodes, -1)
+        pushed = (forces.reshape(len(forces), -1) @ motion).reshape(len(forces), -1, 6)
+        moved: Array = (tangent.solve(pushed).reshape(len(forces), -1) @ motion.T).reshape(forces.shape)
+        return moved
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""

@@ -58,14 +58,26 @@ _TOLERANCE = 1e-9  # of the absolute pressure
 _STEP_MAX = 0.02  # the same, in one round
 
 
-@kernel
-def _fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: Indices, rows: Matrix) -> bool:
-    """Fill first (k,) and rows (k, COLUMNS); False where a triangle reaches across a frame."""
+@kernel(taken_in=True)
+def fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: Indices, rows: Matrix) -> bool:
+    """Fill contacts of the film's nodes as contacts of the frames, as a `LoadedChain` has them.
+
+    Args:
+        planes: k contacts.
+        before: (n,), the first of the two frames that each node is between.
+        combination: (n, 2, 4), each as a combination of their points.
+        first: (k,), filled.
+        rows: (k, COLUMNS), filled.
+
+    Returns:
+        False where a triangle reaches across a frame.
+    """
     for k in range(planes.nodes.shape[0]):
         nodes = planes.nodes[k]
         f = min(before[nodes[0]], before[nodes[1]], before[nodes[2]])
         first[k] = f
-        rows[k, :NORMAL] = 0.0
+        for i in range(NORMAL):
+            rows[k, i] = 0.0
         for a in range(3):
             # a node on the second frame of its contact is the first of its own two, and of that one alone
             node, weight = nodes[a], planes.weights[k, a]
@@ -98,7 +110,7 @@ def _touched(
         InputError: a triangle of the film reaches across a frame.
     """
     first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), COLUMNS))
-    if not _fill_rows(planes.rows, section.frames.before, section.node_weights(pressure_Pa), first, rows):
+    if not fill_rows(planes.rows, section.frames.before, section.node_weights(pressure_Pa), first, rows):
         raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
     return first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m))
 
