@@ -23,8 +23,8 @@ distance from a run with BDF2 and a quarter of the shorter tick, and the root me
 
 `--before-version`: instead, the same CPU time over that of the version in a folder, with its own scenarios,
 to which `--set` does not apply: `--set soft_robot.stack.mesh=drawn` compares versions on the mesh of both
-where the older one has no graded meshes. The least time of each counts, and the range of the pairs is shown. A
-first run of each compiles its kernels, and does not count.
+where the older one has no graded meshes. The least time of each counts, and the range of the pairs is shown.
+A first run of each compiles its kernels, and does not count.
 
 `--json` keeps what was measured; a further call adds to it. `--page` writes the table of what a file holds
 into a page and measures nothing more than names ask for; `--before` puts the factors of an earlier file
