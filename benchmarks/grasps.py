@@ -5,6 +5,7 @@
     python benchmarks/grasps.py --drawn N [--json FILE] [--seed N] [--shapes NAME ..] [--compared NAME ..]
     python benchmarks/grasps.py --ticks S .. [--integrators NAME ..] [--until close]
                               [--nudges MM ..] [--seeds N] [--masses G ..] [--shapes NAME ..]
+                              [--set KEY=VALUE ..]
 
 Each case is one of the scenarios gripper_lifts_roll, _plant, _spool with another mass and another place:
 object and stand are shifted by up to 5 mm along x and y, the object is turned about the vertical, by seed.
@@ -22,8 +23,8 @@ counts as lost, and is also counted apart.
 
 `--ticks`: the same with several ticks and integrators, up to the end of a phase ("shake" unless told
 otherwise), of 100 g unless masses are given and of seed 0 alone unless seeds are: where the closing ends in
-the flange's frame, and slips. `--nudges`: object and stand are moved by so much along x before, which says
-what of these figures rests on chance.
+the flange's frame, and slips. `--set` changes the scenarios. `--nudges`: object and stand are moved by so
+much along x before, which says what of these figures rests on chance.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ import numpy as np
 from cosim.app.driver import build_simulation
 from cosim.base.frames import Array, Pose
 from cosim.config.loading import load_scenario
+from cosim.config.toml.reading import parse_assignment
 from cosim.errors import SolverError
 
 MASSES_G = (20, 50, 100, 200, 300)
@@ -123,6 +125,7 @@ def compare(options: argparse.Namespace) -> None:
             "clock.tick_s": tick_s,
             "solver.integrator": integrator,
         }
+        changes |= dict(map(parse_assignment, options.changes))
         paths = traced(shape, changes, options.until)
         begin = paths["close"][-1]
         cells = [shape, mass, seed, integrator, f"{1e3 * tick_s:g}", f"{nudge:g}"]
@@ -259,6 +262,7 @@ def main() -> None:
     parser.add_argument("--integrators", nargs="+", default=("bdf2",), choices=("bdf2", "implicit_euler"))
     parser.add_argument("--nudges", type=float, nargs="+", default=(0.0,), metavar="MM")
     parser.add_argument("--only", type=int, nargs="+", metavar="SEED", help="these seeds, with --ticks")
+    parser.add_argument("--set", dest="changes", nargs="+", default=(), metavar="KEY=VALUE")
     parser.add_argument("--until", default="shake", choices=("close", "lift", "shake"))
     options = parser.parse_args()
     if options.ticks or options.drawn:

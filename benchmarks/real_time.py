@@ -3,6 +3,7 @@
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] [--repeats 7] [--json FILE]
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --accuracy [--json FILE]
     python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --against KEY=VALUE [--repeats 3] [--accuracy]
+    python benchmarks/real_time.py [NAME ...] [--set KEY=VALUE] --before-version FOLDER [--repeats 3]
     python benchmarks/real_time.py --json FILE --before FILE --page docs/performance.md
 
 Without names: all that come with cosim; `--set` changes them all. The factor is simulated time over CPU time
@@ -20,6 +21,11 @@ tick a quarter as long, for dynamic scenarios in which the soft robot touches so
 Without names: arms in motion that grasp nothing, and run in real time. With `--accuracy`: the tip's largest
 distance from a run with BDF2 and a quarter of the shorter tick, and the root mean square, of both.
 
+`--before-version`: instead, the same CPU time over that of the version in a folder, with its own scenarios,
+to which `--set` does not apply: `--set soft_robot.stack.mesh=drawn` compares versions on the mesh of both
+where the older one has no graded meshes. The least time of each counts, and the range of the pairs is shown.
+A first run of each compiles its kernels, and does not count.
+
 `--json` keeps what was measured; a further call adds to it. `--page` writes the table of what a file holds
 into a page and measures nothing more than names ask for; `--before` puts the factors of an earlier file
 beside. `--version FOLDER` measures the version that lies in a folder, such as another work tree.
@@ -31,6 +37,7 @@ import argparse
 import json
 import os
 import statistics
+import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -206,6 +213,26 @@ def compare(name: str, changes: Mapping[str, Any], others: Mapping[str, Any], pa
     print(f"| {name} | {middle:.2f} | {min(found):.2f} to {max(found):.2f} | {cost} |", flush=True)
 
 
+def spent_apart_s(name: str, options: argparse.Namespace, *, before: bool) -> float:
+    """Return the CPU time of a run's loop in a separate process, of this version or the one before [s]."""
+    changes = [each for change in options.changes for each in ("--set", change)]
+    more = ["--version", str(options.before_version)] if before else changes
+    command = [sys.executable, __file__, name, "--spent", *more]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()[-1])
+
+
+def compare_versions(name: str, options: argparse.Namespace) -> None:
+    """Print what a scenario costs over what it cost in another version."""
+    pairs = [
+        [spent_apart_s(name, options, before=before) for before in (False, True)]
+        for _ in range(options.repeats + 1)
+    ][1:]  # the first ones compile
+    found = [here / there for here, there in pairs]
+    here, there = map(min, zip(*pairs, strict=True))  # other work on the machine only adds
+    spread, cost = f"{min(found):.2f} to {max(found):.2f}", f"{here:.2f} and {there:.2f} s at least"
+    print(f"| {name} | {here / there:.2f} | {spread} | {cost} |", flush=True)
+
+
 def compare_accuracy(name: str, changes: Mapping[str, Any], others: Mapping[str, Any]) -> None:
     """Print how far a scenario is from a finer run, with its values and with other ones."""
     from cosim.app.driver import build_simulation, prepared
@@ -259,6 +286,8 @@ def options_of() -> argparse.Namespace:
     parser.add_argument("--before", type=Path)
     parser.add_argument("--page", type=Path)
     parser.add_argument("--version", type=Path, metavar="FOLDER")
+    parser.add_argument("--before-version", type=Path, metavar="FOLDER")
+    parser.add_argument("--spent", action="store_true", help=argparse.SUPPRESS)  # asked of itself
     return parser.parse_args()
 
 
@@ -267,11 +296,16 @@ def main() -> None:
     options = options_of()
     if options.version:
         sys.path.insert(0, str(options.version.resolve()))
-    from cosim.base.resources import list_scenarios
-    from cosim.config.several_arms import has_arms
     from cosim.config.toml.reading import parse_assignment
 
     changes = dict(parse_assignment(each) for each in options.changes)
+    if options.spent:
+        print(spent_s(options.names[0], changes))
+        return
+    if options.before_version:
+        for name in options.names or _IN_MOTION:
+            compare_versions(name, options)
+        return
     if options.against:
         others = dict(map(parse_assignment, options.against))
         for name in options.names or _IN_MOTION:
@@ -286,6 +320,9 @@ def main() -> None:
     tally = Tally()
     if not options.accuracy:
         tally.watch()
+    from cosim.base.resources import list_scenarios
+    from cosim.config.several_arms import has_arms  # older versions have none
+
     shipped = [name for name in list_scenarios() if not has_arms(name)]
     for name in options.names or ([] if options.page else shipped):
         key = label(name, changes)
