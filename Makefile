@@ -69,12 +69,13 @@ clean:
 	$(PYTHON) -m venv .venv
 	@touch $@
 
+# --no-compile: Python compiles what is imported, which is a part of it, and keeps that
 .venv/installed: .venv/created pyproject.toml
 	@echo "Installing cosim into .venv; this takes a minute or two ..."
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --no-compile --editable .
 	@touch $@
 
 .venv/installed-dev: .venv/created pyproject.toml
 	@echo "Installing cosim, the development tools and Sphinx into .venv; this takes a minute or two ..."
-	$(BIN)/python -m pip install --quiet --editable ".[dev,docs]"
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[dev,docs]"
 	@touch $@ .venv/installed

@@ -15,9 +15,9 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.base.extras import extra_module
 from cosim.base.files import note_file
 from cosim.base.frames import Array
+from cosim.base.resources import extra_module
 from cosim.errors import MeshError
 
 DRAWING_SUFFIXES = (".dxf", ".svg")

@@ -303,7 +303,7 @@ def _export_path(options: argparse.Namespace) -> int:
 
 
 def _export_fmu(options: argparse.Namespace) -> int:
-    from cosim.base.extras import extra_module
+    from cosim.base.resources import extra_module
 
     extra_module("pythonfmu", "fmi")
     from cosim.app.fmu import write_fmu  # here, because it loads that

@@ -15,8 +15,8 @@ from typing import Any, Final, TypeAlias, final
 import gymnasium
 import numpy as np
 
-from cosim.base.extras import extra_module
 from cosim.base.frames import Array
+from cosim.base.resources import extra_module
 from cosim.errors import InputError
 
 Policy: TypeAlias = Callable[[Mapping[str, Array]], Array]

@@ -23,7 +23,7 @@ import rerun
 import rerun_cli
 from rerun.experimental import ViewerClient
 
-from cosim.base.extras import encoded, encoder
+from cosim.base.resources import encoded, encoder
 from cosim.errors import InputError, OutputError
 
 LOOPBACK: Final = "127.0.0.1"

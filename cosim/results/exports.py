@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cosim.base.extras import extra_module
 from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array, IntArray
-from cosim.base.resources import writing
+from cosim.base.resources import extra_module, writing
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
 from cosim.results.result import COLUMNS, RunResult, array_texts

@@ -20,8 +20,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cosim.base.drawing import SAME_PLACE_M, DrawnLine
-from cosim.base.extras import extra_module
 from cosim.base.frames import Array, IntArray, Mask, in_mm
+from cosim.base.resources import extra_module
 from cosim.errors import MeshError
 
 _SMALLEST_M: Final = 1e-3
