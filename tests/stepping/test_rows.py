@@ -18,6 +18,7 @@ from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_arrays import AGREED_M
+from cosim.coupling.contact.contact_kernels import follow_touched
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
@@ -167,6 +168,27 @@ def test_a_body_that_goes_on_evenly_is_met_where_it_will_be(path: Path, tmp_path
     exchange.find(run._parts.soft.state, tick_s)
     expected = sum(0.25 * tick_s * (speed + 0.25 * step * change) for step in (1, 2, 3, 4))
     assert leads.lead[plate] == pytest.approx(expected, abs=1e-12)
+
+
+def test_contacts_follow_a_body_with_all_that_ties_them_to_it(path: Path) -> None:
+    wanted = scenario(path, object=[TABLE, PLATE | {"mass_kg": 0.05}], solver__damping_per_s=5.0)
+    run: Any = build_simulation(wanted)
+    plate, last = run.stage.body_names.index("plate"), together(run, most=40)[-1]
+    exchange, motion = run._parts.carrier._coupling.interface.contact, np.arange(1.0, 7.0) * 1e-4
+    before = exchange.find(run._parts.soft.state, run.stage.tick_s)
+    mine, center = before.body == plate, exchange.arrays.bodies.centers[plate].copy()
+    assert mine.any()
+    exchange.arrays.met[plate, :6] = motion
+    x = np.ascontiguousarray(last.node_position)
+    follow_touched(exchange.at, x)
+    exchange.forget()
+    points = np.einsum("ka,kar->kr", before.weights, x[before.nodes])
+    shift = (motion[:3] + np.cross(motion[3:], points)) * mine[:, None]
+    assert exchange.planes.anchor - before.anchor == pytest.approx(shift, abs=1e-12)
+    rises = np.einsum("kr,kr->k", before.normal, shift)
+    assert exchange.planes.offset - before.offset == pytest.approx(rises, abs=1e-12)
+    moved = exchange.arrays.bodies.centers[plate] - center
+    assert moved == pytest.approx(motion[:3] + np.cross(motion[3:], center), abs=1e-12)
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
