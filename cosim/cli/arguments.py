@@ -31,14 +31,7 @@ def parser() -> argparse.ArgumentParser:
     _add_export_fmu(commands)
     _add_compare(commands)
     _add_twin(commands)
-    warm_up = commands.add_parser("warm-up", help="compile what runs need, before the first one")
-    warm_up.add_argument(
-        "scenarios",
-        metavar="SCENARIO",
-        nargs="*",
-        default=["ur5e_hexagon_arm"],
-        help="names or paths (default: ur5e_hexagon_arm)",
-    )
+    _add_warm_up(commands)
     verify = commands.add_parser("verify", help="check the soft model against known answers")
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
     verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
@@ -52,6 +45,17 @@ def parser() -> argparse.ArgumentParser:
         known = "register custom kinds: a module, or a .py file; may be repeated"
         _add_list(commands.choices[name], "--import", "modules", "MODULE", known, action="append")
     return made
+
+
+def _add_warm_up(commands: Any) -> None:
+    warm_up = commands.add_parser("warm-up", help="compile what runs need, before the first one")
+    warm_up.add_argument(
+        "scenarios",
+        metavar="SCENARIO",
+        nargs="*",
+        default=["ur5e_hexagon_arm"],
+        help="names or paths (default: ur5e_hexagon_arm)",
+    )
 
 
 def _add_list(command: Any, option: str, into: str, metavar: str, meaning: str, **how: Any) -> None:
