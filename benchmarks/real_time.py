@@ -291,6 +291,26 @@ def options_of() -> argparse.Namespace:
     return parser.parse_args()
 
 
+def compare_all(options: argparse.Namespace, changes: Mapping[str, Any]) -> bool:
+    """Print what costs are compared with; return whether options ask for that."""
+    from cosim.config.toml.reading import parse_assignment
+
+    if options.spent:
+        print(spent_s(options.names[0], changes))
+        return True
+    others = dict(map(parse_assignment, options.against))
+    if not (others or options.before_version):
+        return False
+    for name in options.names or _IN_MOTION:
+        if options.before_version:
+            compare_versions(name, options)
+        elif options.accuracy:
+            compare_accuracy(name, changes, others)
+        else:
+            compare(name, changes, others, options.repeats)
+    return True
+
+
 def main() -> None:
     """Measure, keep and print."""
     options = options_of()
@@ -299,20 +319,7 @@ def main() -> None:
     from cosim.config.toml.reading import parse_assignment
 
     changes = dict(parse_assignment(each) for each in options.changes)
-    if options.spent:
-        print(spent_s(options.names[0], changes))
-        return
-    if options.before_version:
-        for name in options.names or _IN_MOTION:
-            compare_versions(name, options)
-        return
-    if options.against:
-        others = dict(map(parse_assignment, options.against))
-        for name in options.names or _IN_MOTION:
-            if options.accuracy:
-                compare_accuracy(name, changes, others)
-            else:
-                compare(name, changes, others, options.repeats)
+    if compare_all(options, changes):
         return
     before = json.loads(options.before.read_text()) if options.before else {}
     kept = options.json is not None and options.json.exists()
