@@ -9,7 +9,7 @@ near are not valid, or bodies give way otherwise than known; so is a step that d
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numba
 import numpy as np
@@ -30,11 +30,9 @@ from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.contact_kernels import (
     FIND_TOUCHED,
-    FOLLOW_TOUCHED,
     MEET_TOUCHED,
     conclude_touch,
     find_touched,
-    follow_touched,
     may_give_way,
     meet_touched,
     touched_planes,
@@ -164,8 +162,7 @@ class ChainSteps(NamedTuple):
 
 
 _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
-_find_touched, _meet_touched, _follow_touched = map(caller, (find_touched, meet_touched, follow_touched))
-_NEARER: Final = 0.5  # share of the distance from bodies that a film leaves which goes on following them
+_find_touched, _meet_touched = caller(find_touched), caller(meet_touched)
 
 
 @device_function
@@ -233,7 +230,7 @@ def _meet(
     row: ChainSteps, ends: ChainEnds, near: tuple[int, int], again: tuple[bool, bool],
     done: tuple[Ticks, int],
 ) -> tuple[int, bool]:  # fmt: skip
-    """Solve a tick's step until bodies that give way go where the film has met them; return how it ended.
+    """Solve a tick's step; it is left where bodies give way otherwise than the film has met them.
 
     Args:
         row: see `ChainSteps`.
@@ -242,25 +239,17 @@ def _meet(
         again: see `_solve`.
         done: see `_solve`.
     """
-    film, k, left = row.film, done[1], np.inf
-    both, kept = again
+    film, k = row.film, done[1]
     contact = record_at(film.contact, ContactArrays)
-    while True:
-        converged, kept = _solve(row, ends, near[0], (both, kept), done)
-        if not converged:
-            return SOFT_HALF_LEFT, kept
-        if film.velocity.shape[0] == 0:
-            return ALL_DONE, kept
+    converged, kept = _solve(row, ends, near[0], again, done)
+    if not converged:
+        return SOFT_HALF_LEFT, kept
+    if film.velocity.shape[0] > 0:
         combine_points(ends.there[0], film.before, film.weights, film.x[(k + 1) % 2])
-        if near[1] == 0:
-            return ALL_DONE, kept
-        meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h, left < np.inf
-        before, left = left, _meet_touched(contact.calls[MEET_TOUCHED], meets)
-        if left <= 1.0:
-            return ALL_DONE, kept
-        if not left < _NEARER * before:
+        meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h
+        if near[1] > 0 and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
             return SOFT_HALF_LEFT, kept
-        _follow_touched(contact.calls[FOLLOW_TOUCHED], (film.contact, film.x[k % 2]))
+    return ALL_DONE, kept
 
 
 @device_function

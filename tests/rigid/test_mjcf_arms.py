@@ -60,7 +60,11 @@ def test_what_the_file_says_is_kept(tmp_path: Path) -> None:
     arm = find_arm(written(tmp_path, SIX_JOINTS_MJCF))
     assert arm.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
     assert arm.joint_kinds == ("revolute", "revolute", "continuous", "revolute", "revolute", "revolute")
-    assert arm.notes == ("flange 'attachment_site', by its name", "home from its keyframe")
+    assert arm.notes[:2] == ("flange 'attachment_site', by its name", "home from its keyframe")
+    assert [note.split(" in the file")[0] for note in arm.notes[2:]] == [
+        "no effort limit",
+        "no velocity limit",
+    ]
     np.testing.assert_array_equal(arm.home, [-0.6, 1.7, -1.5, 0.1, -1.5, -1.3])
     np.testing.assert_array_equal(arm.armature, np.full(6, 0.2))
     kinematics, scene = Arm(arm), RigidScene(SceneDescription(arm))

@@ -73,11 +73,11 @@ def test_a_law_that_reaches_beyond_the_lists_of_near_films_finds_an_end(
 ) -> None:
     body, made, count = hexagon_arm(3), FilmLists.made, 0
 
-    def counted(self: FilmLists, x: Array, room_m: float) -> FilmLists:
+    def counted(self: FilmLists, x: Array, room_m: float, moves: bool) -> FilmLists:
         nonlocal count
         count += 1
         assert count < 5, "the lists are made again and again"
-        return made(self, x, room_m)
+        return made(self, x, room_m, moves)
 
     monkeypatch.setattr(FilmLists, "made", counted)
     assert SelfContact(body, FilmContactLaw(replace(LAW, smoothing_m=0.03))).press_at_rest(body.positions)

@@ -13,12 +13,9 @@ import pytest
 
 from cosim.app.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
 from cosim.app.simulation import Simulation
-from cosim.base.frames import Array
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.contact.contact_arrays import AGREED_M
-from cosim.coupling.contact.contact_kernels import follow_touched
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
@@ -142,53 +139,6 @@ def test_rows_are_ticks_in_contact_too(
         assert found.node_position == pytest.approx(expected.node_position, abs=1e-9)
         assert found.body_position == pytest.approx(expected.body_position, abs=1e-9)
         assert found.body_contact_force == pytest.approx(expected.body_contact_force, abs=1e-5)
-
-
-def test_a_body_that_goes_on_evenly_is_met_where_it_will_be(path: Path, tmp_path: Path) -> None:
-    """As MuJoCo's steps ahead say, which are not taken for it."""
-    turn = "flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }"
-    text = SCENARIO.replace(turn, "flange_shift_m = [0.0, 0.0, -0.006]").replace("0.06\n", "0.3\n")
-    (tmp_path / "lowered.toml").write_text(text, encoding="utf-8")
-    objects = [TABLE, PLATE | {"mass_kg": 0.05}]
-    run: Any = build_simulation(scenario(tmp_path / "lowered.toml", object=objects))
-    plate, off = run.stage.body_names.index("plate"), list[Array]()
-    for _ in run.batches(4, most=140):
-        exchange, tick_s = run._parts.carrier._coupling.interface.contact, run.stage.tick_s
-        leads, bodies = exchange.arrays.bodies.leads, np.array([plate])
-        if leads.ahead[plate] > 0 and exchange.arrays.went[plate, 12] >= 3:
-            exchange.find(run._parts.soft.state, tick_s)
-            met = leads.lead[plate].copy()
-            off.append(met - exchange.ahead(bodies, exchange.bodies.applied[bodies].ravel(), tick_s)[0])
-    assert any(row.any() for row in off), "it has moved evenly"
-    assert np.abs(off).max() < 0.5 * AGREED_M
-    # four steps of a tick, in which its speed over the flange grows as in the last one
-    went, change = exchange.arrays.went[plate], np.full(6, 1e-3)
-    speed = went[:6].copy()
-    went[:6], went[6:12], went[12] = speed - change, change, 3
-    exchange.find(run._parts.soft.state, tick_s)
-    expected = sum(0.25 * tick_s * (speed + 0.25 * step * change) for step in (1, 2, 3, 4))
-    assert leads.lead[plate] == pytest.approx(expected, abs=1e-12)
-
-
-def test_contacts_follow_a_body_with_all_that_ties_them_to_it(path: Path) -> None:
-    wanted = scenario(path, object=[TABLE, PLATE | {"mass_kg": 0.05}], solver__damping_per_s=5.0)
-    run: Any = build_simulation(wanted)
-    plate, last = run.stage.body_names.index("plate"), together(run, most=40)[-1]
-    exchange, motion = run._parts.carrier._coupling.interface.contact, np.arange(1.0, 7.0) * 1e-4
-    before = exchange.find(run._parts.soft.state, run.stage.tick_s)
-    mine, center = before.body == plate, exchange.arrays.bodies.centers[plate].copy()
-    assert mine.any()
-    exchange.arrays.met[plate, :6] = motion
-    x = np.ascontiguousarray(last.node_position)
-    follow_touched(exchange.at, x)
-    exchange.forget()
-    points = np.einsum("ka,kar->kr", before.weights, x[before.nodes])
-    shift = (motion[:3] + np.cross(motion[3:], points)) * mine[:, None]
-    assert exchange.planes.anchor - before.anchor == pytest.approx(shift, abs=1e-12)
-    rises = np.einsum("kr,kr->k", before.normal, shift)
-    assert exchange.planes.offset - before.offset == pytest.approx(rises, abs=1e-12)
-    moved = exchange.arrays.bodies.centers[plate] - center
-    assert moved == pytest.approx(motion[:3] + np.cross(motion[3:], center), abs=1e-12)
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:

@@ -359,10 +359,7 @@ class ContactArrays(NamedTuple):
         touching: (f,) [N/m], stiffness of their contacts when they were weighed.
         gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it for a
             change of its load in a tick, over what may be; `UNKNOWN` where that is not known.
-        met: (bodies, 18), of the last look at other loads: how much further it leads, the lead before, and
-            the loads.
-        went: (bodies, 13), of those that are met ahead: speed over the flange at the end of the last tick,
-            see `fill_speed`, its change in that, and for how many ticks this has been much the same.
+        met: (bodies, 12), scratch: load and lead of each before a look at other loads.
         speed: (1,) [m/s], of the film's fastest node before the step.
         counts: (7,).
         calls: of the kernels that these call.
@@ -383,7 +380,6 @@ class ContactArrays(NamedTuple):
     touching: Vector
     gives: Matrix
     met: Matrix
-    went: Matrix
     speed: Vector
     counts: Indices
     calls: Indices

@@ -83,7 +83,6 @@ class ContactState:
         age: ticks of contact since bodies were weighed.
         centers: (bodies, 3) [m], of masses, where the film has met them.
         force: (touched nodes, 3) [N], on the film.
-        went: see `ContactArrays`.
     """
 
     memory: ContactMemory
@@ -91,7 +90,6 @@ class ContactState:
     age: int
     centers: Annotated[Array, ("bodies", 3)]
     force: Annotated[Array, ("touched nodes", 3)]
-    went: Annotated[Array, ("bodies", 13)]
 
 
 @final
@@ -279,7 +277,7 @@ class ContactExchange:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
         age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
-        return ContactState(self.memory, self.planes, age, centers, force, self.arrays.went.copy())
+        return ContactState(self.memory, self.planes, age, centers, force)
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -290,7 +288,7 @@ class ContactExchange:
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
             part[:count] = getattr(state.memory, name)
         self.arrays.bodies.centers[:] = state.centers
-        self.arrays.end.force[:], self.arrays.went[:] = state.force, state.went
+        self.arrays.end.force[:] = state.force
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -378,8 +376,7 @@ class ContactExchange:
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 18)),
-            np.zeros((bodies.count, 13)), np.zeros(1),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 12)), np.zeros(1),
             np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip

@@ -42,7 +42,7 @@ from cosim.coupling.contact.contact_arrays import (
     fill_speed,
     led,
 )
-from cosim.coupling.contact.foresight_kernels import fill_leads, foresee, goes_on, note_how_they_go
+from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
 from cosim.coupling.contact.search_kernels import find_near
 from cosim.rigid.distance.shapes import ShapePoses, fill_near_box
 from cosim.soft.contact.contact_law import GLUED, shorten, touch
@@ -86,15 +86,13 @@ def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
 
 _EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
 _CALLED = (find_near, span, fill_near_box, foresee)
-_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST, FOLLOW_TOUCHED = range(
-    len(_CALLED) + 5
-)
+_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST = range(len(_CALLED) + 4)
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick."""
-    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched, follow_touched
+    """Return the addresses (8,) of the kernels of contact, for one another and for who takes a whole tick."""
+    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched
     return np.array([address_of(called) for called in taken])
 
 
@@ -236,15 +234,12 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     reach = rest + ahead * contact.speed[0]
     poses = ShapePoses(bounds.position, bounds.rotation)
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
-    looks = False
     for k in range(near + (contact.glue.point.shape[0] > 0)):
         b = body[bounds.near[k]] if k < near else contact.glue.body[0]
         if ahead > 0.0 and bodies.leads.ahead[b] > 0:
             met += 1
-            looks = looks or not goes_on(bodies.leads, contact.went, b)
     if met > 0:
-        if looks:
-            _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
+        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
     if near == 0:
         return 0, 0
@@ -284,8 +279,6 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     counts[POINTS], counts[TOUCHES] = points, touches
     if touches == 0:
         counts[REMEMBERED] = 0
-        for b in range(contact.went.shape[0]):
-            contact.went[b, 12] = 0.0
         return 0
     _describe(contact, x)
     return touches
@@ -376,14 +369,13 @@ def _bear(bodies: Any, load: Vector, b: int) -> None:
 
 
 @device_function
-def _changed(contact: Any, b: int, first: int, again: bool) -> float:
-    """Return by how much the force (first 0) or torque (3) on a body is another than it was met with."""
+def _changed(contact: Any, b: int, first: int) -> float:
+    """Return by how much the force (first 0) or torque (3) on a body has changed, about its centre."""
     load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
         about = center[s] * load[q] - center[q] * load[s] if first else 0.0
-        before = contact.met[b, 12 + first + r] if again else contact.bodies.applied[b, first + r]
-        square += (load[first + r] - about - before) ** 2
+        square += (load[first + r] - about - contact.bodies.applied[b, first + r]) ** 2
     return math.sqrt(square)
 
 
@@ -399,7 +391,7 @@ def _away(contact: Any, h: float) -> float:
     _foresee(contact.calls[_FORESEE], (bodies.leads, h))
     for b in range(bodies.loaded.shape[0]):
         for r in range(6):
-            met[b, 12 + r], bodies.applied[b, r] = bodies.applied[b, r], met[b, r]
+            bodies.applied[b, r] = met[b, r]
             met[b, r] = bodies.leads.lead[b, r] - met[b, 6 + r]
         if bodies.leads.ahead[b] > 0:
             for r in range(3):
@@ -409,20 +401,16 @@ def _away(contact: Any, h: float) -> float:
 
 
 @kernel
-def meet_touched(at: int, x: Matrix, tolerance: float, h: float, again: bool) -> float:
-    """Return how far bodies go from where a step that ends at x (n, 3) [m] has met them, under its loads.
+def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
+    """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
 
-    Where free ones would not go too far, held ones do not; otherwise MuJoCo's next step is looked at.
+    Where free ones would, held ones do; otherwise MuJoCo's next step is looked at.
 
     Args:
         at: address of the `ContactArrays`, whose end is filled.
         x: of the film's nodes.
         tolerance: of the film's forces [N].
         h: length of MuJoCo's step [s].
-        again: whether the film has followed them in this tick.
-
-    Returns:
-        The distance over what may be, at most 1 if that is agreed; infinite where it is not known.
     """
     contact = record_at(at, ContactArrays)
     end, bodies, touched, most = contact.end, contact.bodies, 0, 0.0
@@ -430,48 +418,16 @@ def meet_touched(at: int, x: Matrix, tolerance: float, h: float, again: bool) ->
     for b in range(bodies.loaded.shape[0]):
         if bodies.leads.ahead[b] <= 0 or not (end.acting[b] or bodies.loaded[b]):
             continue
-        force, torque = _changed(contact, b, 0, again), _changed(contact, b, 3, again)
+        force, torque = _changed(contact, b, 0), _changed(contact, b, 3)
         gives = contact.gives[b]
         if gives[0] * tolerance > _EXACTLY and force + torque > 0.0:  # as where it is not known
-            return np.inf
+            return False
         most = max(most, gives[0] * force, gives[1] * torque)
         touched = max(touched, end.acting[b])
-    if not most <= 1.0:
-        most = _away(contact, h) / AGREED_M
-    if most <= 1.0:
-        contact.counts[MET] += touched
-    return most
-
-
-@kernel
-def follow_touched(at: int, x: Matrix) -> None:
-    """Let contacts follow bodies to where they would go from where the film has met them, see `meet_touched`.
-
-    Args:
-        at: address of the `ContactArrays`.
-        x: (n, 3) [m], of the film's nodes before the step.
-    """
-    contact = record_at(at, ContactArrays)
-    planes, ties, bodies, point = contact.touched.planes, contact.ties, contact.bodies, small_vector(3)
-    for e in range(contact.counts[TOUCHES]):
-        b = planes.body[e]
-        if bodies.leads.ahead[b] <= 0:
-            continue
-        for r in range(3):
-            point[r] = 0.0
-            for a in range(3):
-                point[r] += planes.weights[e, a] * x[planes.nodes[e, a], r]
-        for r in range(3):
-            shift = led(contact.met[b], point, r)
-            planes.offset[e] += planes.normal[e, r] * shift
-            planes.anchor[e, r] += shift
-            ties.carrier[e, r] += shift
-    for b in range(bodies.loaded.shape[0]):
-        if bodies.leads.ahead[b] > 0:
-            for r in range(3):
-                point[r] = bodies.centers[b, r]
-            for r in range(3):
-                bodies.centers[b, r] += led(contact.met[b], point, r)
+    if not most <= 1.0 and not _away(contact, h) <= AGREED_M:
+        return False
+    contact.counts[MET] += touched
+    return True
 
 
 @device_function
@@ -517,7 +473,6 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
     if counts[TOUCHES] > 0:
         pressing = _conclude(contact, x)
         counts[AGE] += 1
-        note_how_they_go(contact.bodies.leads, contact.went)
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
     end.figures[2] = _work(contact, before, x)

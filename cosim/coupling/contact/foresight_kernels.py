@@ -3,30 +3,16 @@
 A tick of one step: the accelerations under the loads that act, with all that touches and holds bodies now. A
 tick of several: these steps themselves, in a second state of the scene, so contacts that come about within
 the tick count, and servos continue at the speed that they were asked for last.
-
-Such a look costs as much as the tick itself. Bodies whose speed over the flange has changed evenly for some
-ticks are taken to go on so: what that is off was measured in these ticks, and is far below what may be. A hit
-ends it, one tick later.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
-from cosim.base.kernels import Indices, Matrix, Vector, device_function, kernel, small_vector
+from cosim.base.kernels import Indices, Vector, device_function, kernel, small_vector
 from cosim.base.numba_insides import call_native
-from cosim.coupling.contact.contact_arrays import (
-    AGREED_M,
-    TURN_LEVER_M,
-    Leads,
-    fill_speed,
-    fill_velocity,
-    led,
-)
+from cosim.coupling.contact.contact_arrays import Leads, fill_speed, fill_velocity
 from cosim.rigid.scene.bodies import ACCELERATE, CONSTRAIN, REBEGIN, REFACTORISE, REFINISH, VELOCITIES
-
-_EVEN_TICKS: Final = 3  # after which bodies are taken to go on as they do
-_EVENLY: Final = 0.1  # share of what they may be off that they were in these
 
 
 @device_function
@@ -118,52 +104,3 @@ def foresee(leads: Leads, h: float) -> None:
     for j in range(speed.shape[0]):
         speed[j], sight.acceleration[j] = kept[0, j], kept[1, j]
     call_native(sight.steps[VELOCITIES], sides[0], sides[1])
-
-
-@device_function
-def _look(leads: Any, went: Matrix, b: int, change: Vector) -> bool:
-    """Fill change (6,) of a body's speed since the last tick; return whether it is much as it was in that."""
-    now, flange, other = small_vector(6), small_vector(6), small_vector(6)
-    fill_speed(leads, leads.flange, flange)
-    fill_speed(leads, b, now)
-    for r in range(6):
-        change[r] = now[r] - flange[r] - went[b, r]
-        other[r] = change[r] - went[b, 6 + r]
-    off = 0.0
-    for r in range(3):
-        off = max(off, abs(led(other, leads.mass[b], r)), TURN_LEVER_M * abs(other[3 + r]))
-    ahead = leads.foresight.ahead
-    return off * ahead.step_s * (ahead.pace[0] + 1) / 2 <= _EVENLY * AGREED_M
-
-
-@device_function
-def goes_on(leads: Any, went: Matrix, b: int) -> bool:
-    """Fill by how much a body is ahead if it goes on as it did; return False where it may not.
-
-    Args:
-        leads: filled.
-        went: (bodies, 13), see `ContactArrays`.
-        b: the body.
-    """
-    ahead, change = leads.foresight.ahead, small_vector(6)
-    steps, h = ahead.pace[0], ahead.step_s
-    if steps == 1 or went[b, 12] < _EVEN_TICKS or not _look(leads, went, b, change):
-        return False
-    for r in range(6):  # its speed grows from step to step of the tick
-        now = went[b, r] + change[r]
-        leads.lead[b, r] = h * (steps * now + 0.5 * (steps + 1) * change[r])
-    return True
-
-
-@device_function
-def note_how_they_go(leads: Any, went: Matrix) -> None:
-    """Bring `ContactArrays.went` up to the end of a tick."""
-    change = small_vector(6)
-    for b in range(leads.ahead.shape[0]):
-        if leads.ahead[b] <= 0:
-            went[b, 12] = 0.0
-            continue
-        went[b, 12] = went[b, 12] + 1.0 if _look(leads, went, b, change) else 0.0
-        for r in range(6):
-            went[b, r] += change[r]
-            went[b, 6 + r] = change[r]

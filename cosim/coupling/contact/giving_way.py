@@ -326,8 +326,11 @@ class LightBodies:
         if len(step.bodies):
             touched = step.touched
             self._counts[MET] += len(touched) > 0
-            if not np.isin(touched, self._known).all():
-                self._learn(step)
+            # what has been light may be held by something else by now
+            new = not np.isin(touched, self._known).all()
+            if len(touched) and (new or self._counts[MET] > self._ticks):
+                if new or not self._held / _OTHER < step.held_N_m() < self._held * _OTHER:
+                    self._learn(step)
                 self._counts[MET] = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
@@ -342,7 +345,7 @@ class LightBodies:
         assert trial.reply is not None, "the film has stepped"
         self.trials = step.trials
         self._exchange.settle(step.before.positions, self._soft.state.positions)
-        self.weigh()
+        self._weigh_heavy()
         return trial.reply
 
     def begin_ticks_of(self, tick_s: float) -> None:
@@ -351,10 +354,13 @@ class LightBodies:
         self.restore_state(self._first)
 
     def weigh(self) -> None:
-        """Find again which bodies are heavy, where the last tick asks for it."""
-        exchange = self._exchange
-        if exchange.asks_for_weighing and not exchange.asks_for_heavy:
+        """Find again which bodies are heavy, where the last tick of a row asks for it."""
+        if self._exchange.asks_for_weighing and not self._exchange.asks_for_heavy:
             self._weigh_light()
+        self._weigh_heavy()
+
+    def _weigh_heavy(self) -> None:
+        exchange = self._exchange
         if not exchange.asks_for_heavy:
             return
         held, planes = exchange.held_N_m[self._movable], exchange.sticking
