@@ -49,7 +49,7 @@ SAVED_OTHERWISE = {
     "SceneRenderer": "poses, set again for every picture",
     "SearchEffort": "lives for one search",
     "SectionBody": "what it keeps by pressure",
-    "SectionHalves": "room for the film of a row of ticks, filled anew in each",
+    "SectionHalves": "room for the film of a row of ticks; every row fills it again",
     "SelfContact": "what presses is in SoftState; lists that are made anew where they do not serve",
     "SoftHalves": "room for the ticks in progress",
     "ShiftSearch": "where a search begins; what it finds does not depend on it",

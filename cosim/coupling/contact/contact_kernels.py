@@ -1,7 +1,6 @@
 """The kernels of a tick's contacts: what is near, what may be touched, and what was at the tick's end.
 
-Bodies that give way are met where they will be, see `LightBodies`. A film that has met them elsewhere may
-follow: it meets them where its own load of that step takes them.
+Bodies that give way are met where they will be, see `LightBodies`.
 """
 
 from __future__ import annotations

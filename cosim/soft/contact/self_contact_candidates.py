@@ -77,7 +77,7 @@ class NearList(NamedTuple):
 
 
 _MARGIN_M, _MARGIN_AT_REST_M = 4e-3, 0.5e-3
-"""More room lengthens the list, less makes it anew more often. States at rest are often far apart."""
+"""A larger margin makes the list longer, a smaller one ends it sooner. States at rest are often far apart."""
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 16
 VALLEY: Final = int(Relation.VALLEY)
 
@@ -209,7 +209,7 @@ def _find_near(
 
 @device_function
 def _fill_squares(columns: Matrix, count: int, point: Vector, squares: Vector) -> None:
-    """Fill the squared distances of the first boxes from a point: side by side, as processors like it."""
+    """Fill the squared distances of the first boxes from a point: in one loop without branches, for speed."""
     x, y, z = point[0], point[1], point[2]
     for e in range(count):
         along = max(columns[0, e] - x, x - columns[3, e], 0.0)
@@ -222,7 +222,7 @@ def _fill_squares(columns: Matrix, count: int, point: Vector, squares: Vector) -
 def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: Indices) -> int:
     """Fill each point's triangles; return how many there are.
 
-    None are written beyond the room of the list; where there is none at all, more than there are is returned.
+    What is beyond the room of the list is only counted. Without any room the result is an upper bound.
     """
     points, triangles = np.empty((rows.nodes.shape[0], 6)), np.empty((rows.triangles.shape[0], 6))
     bundles, own = np.empty((rows.triangles_from.shape[0] - 1, 6)), np.empty(6)
@@ -399,7 +399,7 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float, moves: bool) -> int:
     return needed
 
 
-_MOTION_M: Final = 0.3e-3  # more of it lengthens the short list, less makes it anew more often
+_MOTION_M: Final = 0.3e-3  # a larger one makes the short list longer, a smaller one ends it sooner
 _FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what is asked for
 
 
