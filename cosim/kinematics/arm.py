@@ -411,7 +411,7 @@ class Clearance:
     """Measures how far apart solids are.
 
     Args:
-        solids: on bodies whose places `at` is told.
+        solids: on bodies; `at` is given their places.
     """
 
     def __init__(self, solids: Sequence[Solid]) -> None:
