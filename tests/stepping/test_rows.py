@@ -141,6 +141,18 @@ def test_rows_are_ticks_in_contact_too(
         assert found.body_contact_force == pytest.approx(expected.body_contact_force, abs=1e-5)
 
 
+def test_bodies_are_weighed_again_while_rows_press_harder_on_them(tmp_path: Path) -> None:
+    turn = "flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }"
+    text = SCENARIO.replace(turn, "flange_shift_m = [0.0, 0.0, -0.012]").replace("0.06\n", "0.3\n")
+    (tmp_path / "lowered.toml").write_text(text, encoding="utf-8")
+    objects = [TABLE, PLATE | {"mass_kg": 0.05}]
+    wanted = scenario(tmp_path / "lowered.toml", object=objects, solver__damping_per_s=5.0)
+    rows, together = kernels_take(build_simulation(wanted))
+    ratios = [snapshot.ledger.contact_ratio for snapshot in rows if snapshot.ledger.contacts]
+    assert len(together) > 0.9 * len(rows)
+    assert ratios[-1] > 5.0 * min(ratio for ratio in ratios if ratio)  # contacts have become stiffer
+
+
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
     wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
     rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
