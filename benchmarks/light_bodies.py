@@ -141,8 +141,7 @@ def dropped(scenario: Path, place: list[float], mass_kg: float, tick_s: float, s
     spent = time.process_time() - began
     force = np.array([each.body_contact_force[ball] for each in seen[1:]])
     position, velocity = np.array([each.body_position[ball] for each in seen]), np.array(speeds)
-    # what MuJoCo bears at the end is counted in the force, and acts in the next tick, or in a piece of it
-    impulse = tick_s * force.sum(axis=0) - scene.tick_s * scene.bodies.applied[ball, :3]
+    impulse = tick_s * force.sum(axis=0)
     weight = mass_kg * GRAVITY * tick_s * len(force)
     gained = mass_kg * velocity[-1]
     height = position[:, 2] - position[0, 2] + (velocity**2).sum(axis=1) / (2.0 * GRAVITY)

@@ -132,14 +132,15 @@ def _momentum_error(scene: NativeScene, bodies: BodyLoads, handed: Vector) -> fl
 
 
 @device_function
-def _read_scene(scene: NativeScene, ticks: Any, k: int) -> None:
-    """Keep where arm and bodies are at the end of tick k, and how the flange moves."""
+def _read_scene(scene: NativeScene, bodies: BodyLoads, ticks: Any, k: int) -> None:
+    """Keep where arm and bodies are at the end of tick k, the flange's velocity, and the forces on bodies."""
     for j in range(scene.position.shape[0]):
         ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
         ticks.servo_torque[k, j] = scene.servo_torque[j]
     for body in range(scene.places.shape[0]):
         for r in range(3):
             ticks.places[k, body, r] = scene.places[body, r]
+            ticks.body_force[k, body, r] = bodies.applied[body, r] if bodies.loaded[body] else 0.0
         for r in range(4):
             ticks.quaternions[k, body, r] = scene.quaternions[body, r]
     for r in range(3):
@@ -201,7 +202,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         for j in range(scene.speed.shape[0]):
             change = scene.speed[j] - ticks.joint_speed[k, j]
             scene.acceleration[j] = change / (scene.pace[0] * scene.step_s)
-    _read_scene(scene, ticks, k)
+    _read_scene(scene, rigid.bodies, ticks, k)
     return True
 
 
@@ -221,7 +222,7 @@ def load_rigid_side(rigid: RigidSide, ticks: Ticks, k: int) -> None:
 def read_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
     """Read what the rigid half of a tick has led to that somebody else has taken, see `rigid_half`."""
     ticks.momentum_error[k] = _momentum_error(rigid.scene, rigid.bodies, ticks.handed[k])
-    _read_scene(rigid.scene, ticks, k)
+    _read_scene(rigid.scene, rigid.bodies, ticks, k)
     return True
 
 

@@ -71,7 +71,8 @@ class Ticks(NamedTuple):
         iterations: (n,).
         contacts: (n,), points that press.
         contact: (n, 3), sum of their normal forces [N], depth of the deepest [m], contact ratio.
-        body_force: (n, bodies, 3) [N], of the soft robot on each body, world axes.
+        body_force: (n, bodies, 3) [N], mean over the tick of what has acted on each body, of the soft robot,
+            world axes.
         self_contact: (n, 3), points of films on films, sum of their normal forces [N], depth of the deepest
             [m].
         work: (n, 3) [J], of contacts with the scene on the film, of those between films on these, and lost at

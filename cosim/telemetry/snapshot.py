@@ -376,7 +376,7 @@ class Snapshot(Shown):
         joint_target: (joints,) [rad], what the controller was asked for.
         body_position: (bodies, 3) [m], world.
         body_quaternion: (bodies, 4), (w, x, y, z), world from body.
-        body_contact_force: (bodies, 3) [N], of the soft robot on each body, world axes.
+        body_contact_force: (bodies, 3) [N], of the soft robot on each body, mean over the tick, world axes.
         film: where it is, and what follows from that; read when asked for.
         world_from_flange: pose of the flange.
         flange_twist: of the flange origin, world axes.

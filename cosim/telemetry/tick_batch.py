@@ -76,7 +76,8 @@ class TickBatch(RigidColumns):
         joint_target: (n, joints) [rad].
         body_position: (n, bodies, 3) [m], world.
         body_quaternion: (n, bodies, 4), (w, x, y, z), world from body.
-        body_contact_force: (n, bodies, 3) [N], world axes.
+        body_contact_force: (n, bodies, 3) [N], of the soft robot on each body, mean over the tick, world
+            axes. In a staggered tick that is the force found at the end of the one before.
         film: where it is.
         flange_position: (n, 3) [m], world.
         flange_rotation: (n, 3, 3), world from flange.

@@ -97,8 +97,7 @@ def bounce(
         entry = taken.ledger()
         places.append(scene.body_poses()[0][index])
         shown = shown + tick_s * taken.ticks.body_force[0, index]
-        pending = scene.tick_s * scene.bodies.applied[index, :3]  # acts in the next tick, or piece
-        ball = mass_kg * scene.bodies.spins[index, 3:], shown - pending
+        ball = mass_kg * scene.bodies.spins[index, 3:], shown
         force = exchange.report.on_each(len(scene.body_names))[index]
         seen.append((force, entry["contact_ratio"].item(), *ball, fine))
         assert entry["momentum_error"].item() < 1e-10

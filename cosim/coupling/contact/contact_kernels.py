@@ -16,7 +16,6 @@ from cosim.base.kernels import (
     Matrix,
     Vector,
     address_of,
-    copy_rows,
     device_function,
     handing_on_views,
     kernel,
@@ -525,5 +524,4 @@ def conclude_touch(
     ticks.contacts[k] = contact.counts[REMEMBERED]
     ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
     ticks.work[k, 0] = contact.end.figures[2]
-    copy_rows(contact.end.loads, ticks.body_force[k])
     return contact.counts[ASKS] != 0 or contact.counts[MET] >= contact.numbers.renewed_after

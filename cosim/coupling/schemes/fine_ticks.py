@@ -8,8 +8,8 @@ shakes the film, and a light body turns back within one tick, slow at its end wh
 ticks stay fine until several in a row have been calm.
 
 Servos and loads continue within the tick. What is shown of it belongs to its end, but for sums of work and
-iterations, and the force on bodies: its product with the tick is the impulse that they get. What is left at
-the end of a piece acts through the next one, or the next whole tick.
+iterations, and means of power and of what acts on bodies. What is left at the end of a piece acts through the
+next one, or the next whole tick.
 """
 
 from __future__ import annotations
@@ -48,15 +48,13 @@ class FineTicks:
         known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
         self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
 
-    def look(self, taken: TicksTaken) -> None:
+    def look(self) -> None:
         """Decide on the next tick, after one."""
-        interface, before = self._interface, self.left
+        interface = self._interface
         if self.fast_m_s < np.inf and interface.contact is not None:
             bound = (_SETTLED if self.left else 1.0) * self.fast_m_s
             moves = interface.contact.fastest_m_s(interface.soft.state) > bound
             self._go(_CALM_TICKS if moves else max(0, self.left - 1))
-        if self.left and not before:  # its force acts through one piece alone
-            taken.ticks.body_force[taken.done - 1] /= interface.scene.substeps
 
     def restore(self, left: int) -> None:
         """Be where a saved state was, whose scene and soft side have been restored before."""
@@ -92,10 +90,7 @@ class FineTicks:
         taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin[1:])
         self._condense(fine, taken)
         interface.ticks = ticks + 1
-        self.look(taken)
-        acting = np.ones(count)
-        acting[-1] = 1 if self.left else count
-        taken.ticks.body_force[taken.done - 1] = np.tensordot(acting / count, fine.ticks.body_force, 1)
+        self.look()
         if not self.left:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
 
@@ -119,7 +114,7 @@ class FineTicks:
                      "contacts", "contact", "self_contact"):  # fmt: skip
             getattr(to, name)[k] = getattr(of, name)[-1]
         to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
-        to.power[k], to.work[k] = of.power.mean(0), of.work.sum(0)
+        to.power[k], to.work[k], to.body_force[k] = of.power.mean(0), of.work.sum(0), of.body_force.mean(0)
         taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
         taken.parts.append([soft.shape_now()])
         taken.done += 1

@@ -297,7 +297,6 @@ class Interface:
         ticks.contacts[k] = touched.count
         ticks.contact[k] = touched.normal_force_N, touched.depth_m, self.contact_ratio
         ticks.work[k, 0] = touched.work_J
-        ticks.body_force[k] = touched.on_each(len(self._bodies.loaded))
         taken.stability_ratio[k] = self.ratio
         self._count(taken, 1)
 

@@ -124,7 +124,7 @@ class StaggeredCoupling(Coupling):
         row.close()
         if row.done:
             self.interface.follow(row.taken, row.done)
-            self._fine.look(row.taken)
+            self._fine.look()
         if row.in_tick:
             taken = self.interface.begin(1)
             taken.algorithmic_mass[:] = self._carries
@@ -140,7 +140,7 @@ class StaggeredCoupling(Coupling):
         self.follow()
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads))
-        self._fine.look(taken)
+        self._fine.look()
         return taken
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
@@ -200,12 +200,12 @@ class StaggeredCoupling(Coupling):
         if ending == RIGID_SIDE_WARNS:
             interface.scene.check()
         if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
-            self._fine.look(taken)
+            self._fine.look()
             return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
         interface.take_reply(taken, interface.advance_soft(loads[done]))
-        self._fine.look(taken)
+        self._fine.look()
         return not self._halves.plain and interface.soft.rowing is self._rowing
 
     def carried(self) -> CarriedInertia:
