@@ -328,9 +328,8 @@ class LightBodies:
             self._counts[MET] += len(touched) > 0
             # what has been light may be held by something else by now
             new = not np.isin(touched, self._known).all()
-            if len(touched) and (new or self._counts[MET] > self._ticks):
-                if new or not self._held / _OTHER < step.held_N_m() < self._held * _OTHER:
-                    self._learn(step)
+            if len(touched) and new:
+                self._learn(step)
                 self._counts[MET] = 0
                 if self._are_heavy(self._known, self._stiffness):
                     self._heavy[np.isin(self._movable, touched)] = 1
@@ -345,7 +344,7 @@ class LightBodies:
         assert trial.reply is not None, "the film has stepped"
         self.trials = step.trials
         self._exchange.settle(step.before.positions, self._soft.state.positions)
-        self._weigh_heavy()
+        self.weigh()
         return trial.reply
 
     def begin_ticks_of(self, tick_s: float) -> None:
