@@ -1,7 +1,5 @@
 """Running a scenario from Python."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -42,8 +40,8 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     recording: bool = False,
-    controllers: Mapping[str, AnyController] | None = None,
-    body: AnyBody | None = None,
+    controllers: "Mapping[str, AnyController] | None" = None,
+    body: "AnyBody | None" = None,
     observers: Sequence[Observer] = (),
     error: bool | None = None,
 ) -> RunResult:

@@ -4,8 +4,6 @@ The FMU runs cosim in the Python that it is loaded into, so cosim and its packag
 Needs the extra `fmi`, as does whoever loads the FMU.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Mapping, Sequence

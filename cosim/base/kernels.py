@@ -9,8 +9,6 @@ Machine code is kept under a hash of all source that it comes from. It is read b
 its folder can run code: a folder is used only if nobody else owns it or may write to it.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys

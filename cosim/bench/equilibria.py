@@ -1,7 +1,5 @@
 """Equilibria under rows of loads as a robot's values change, their exact Jacobian, and a bench's curves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, final

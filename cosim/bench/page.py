@@ -1,7 +1,5 @@
 """What an identification or a design leaves: an HTML page, and the robot's file with the values found."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape

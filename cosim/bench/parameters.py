@@ -4,8 +4,6 @@ A key of the file is moved by building the body again with the changed value, so
 by itself as long as the mesh keeps its nodes and triangles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from copy import deepcopy
@@ -81,7 +79,7 @@ class StaticModel:
     cables: tuple[str, ...]
 
     @classmethod
-    def of(cls, scenario: Scenario, system: SoftSystem) -> StaticModel:
+    def of(cls, scenario: Scenario, system: SoftSystem) -> "StaticModel":
         """Return the model of a scenario.
 
         Args:

@@ -9,8 +9,6 @@ Stacks of polygonal units as a source of soft bodies: the one place that turns t
 Soft bodies that are given from Python, as arrays, in place of a scenario's soft robot.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -308,7 +306,7 @@ class NamedBody:
         self.table()
 
     @classmethod
-    def of(cls, body: SoftBody | NamedBody) -> NamedBody:
+    def of(cls, body: "SoftBody | NamedBody") -> "NamedBody":
         """Return a body with names, the usual ones where it has none."""
         return body if isinstance(body, NamedBody) else cls(body)
 

@@ -7,8 +7,6 @@ Section models of soft robots, built once and kept on disk.
 What represents the soft robot of a scenario: its body, its section model, and soft sides made of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace

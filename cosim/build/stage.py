@@ -3,8 +3,6 @@
 How far the model of a soft robot is expected to be off, from a table of what has been measured.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -159,7 +157,7 @@ _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
 def contact_decision(
-    scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, scene: RigidScene, ready: Callable[[], None]
+    scenario: Scenario, soft: SoftSide, plan: Plan, arm: "Arm", scene: "RigidScene", ready: Callable[[], None]
 ) -> Decision:
     """Decide whether contact with the scene is searched for.
 

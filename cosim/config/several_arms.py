@@ -3,8 +3,6 @@
 Each arm with the shared keys is a scenario of one arm, so every key means what it means there.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Writes scenario dataclasses back as TOML, every default spelled out."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

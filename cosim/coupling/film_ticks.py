@@ -7,8 +7,6 @@ they give way (`giving_way`); its soft step in the middle where a tangent is ind
 where bodies do not go where it has met them. A row ends after a tick with which bodies are to be weighed.
 """
 
-from __future__ import annotations
-
 import math
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -91,7 +89,7 @@ class FilmCommands(NamedTuple):
     tension: Matrix
     gravity: Matrix
 
-    def some(self, first: int, end: int) -> FilmCommands:
+    def some(self, first: int, end: int) -> "FilmCommands":
         """Return what is asked for in some of the ticks."""
         return FilmCommands._make(map(itemgetter(slice(first, end)), self))
 
@@ -109,7 +107,7 @@ class FilmMotion(NamedTuple):
     velocity: Blocks
     memory: Matrix
 
-    def from_on(self, first: int) -> FilmMotion:
+    def from_on(self, first: int) -> "FilmMotion":
         """Return the rows of a tick and all after it."""
         return FilmMotion._make(map(itemgetter(slice(first, None)), self))
 

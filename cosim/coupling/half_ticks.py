@@ -7,8 +7,6 @@ with the flange's new pose, and its wrench is handed over for the next tick. The
 figures alone: the wrench on the flange, centre and inertia of its mass.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

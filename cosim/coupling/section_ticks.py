@@ -6,8 +6,6 @@ nodes are combinations of the frames. A soft half is left, as that of a film is,
 near are not valid, or bodies give way otherwise than known; so is a step that does not converge in one go.
 """
 
-from __future__ import annotations
-
 from operator import itemgetter
 from typing import Annotated, NamedTuple
 
@@ -70,7 +68,7 @@ class ChainCommands(NamedTuple):
     weights: Matrix
     tension: Matrix
 
-    def some(self, first: int, end: int) -> ChainCommands:
+    def some(self, first: int, end: int) -> "ChainCommands":
         """Return what is asked for in some of the ticks."""
         return ChainCommands._make(map(itemgetter(slice(first, end)), self))
 
@@ -86,7 +84,7 @@ class ChainMotion(NamedTuple):
     motion: Annotated[NDArray[np.float64], numba.float64[:, :, :, :, ::1]]
     gradient: Blocks
 
-    def from_on(self, first: int) -> ChainMotion:
+    def from_on(self, first: int) -> "ChainMotion":
         """Return the rows of a tick and all after it."""
         return ChainMotion._make(map(itemgetter(slice(first, None)), self))
 

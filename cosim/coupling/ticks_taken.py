@@ -1,7 +1,5 @@
 """What ticks have left, whoever has taken them: as columns, with the shapes of the film."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -48,7 +46,7 @@ class TicksTaken:
     error: BaseException | None = None
 
     @classmethod
-    def room(cls, n: int, joints: int, bodies: int, chambers: int) -> TicksTaken:
+    def room(cls, n: int, joints: int, bodies: int, chambers: int) -> "TicksTaken":
         """Return room for n ticks."""
         return cls(
             Ticks.room(n, joints, bodies), np.zeros((n, chambers)), np.zeros(n), np.zeros(n, dtype=bool),

@@ -10,8 +10,6 @@ winches turn. A scenario without any of these passes through untouched.
 The commands of a scenario: its phases, the gas in the chambers, and its devices and controllers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ A controller that closes one loop: a measured quantity, a feedback law, and the 
 A controller that leads the tip along a path by the flange's motion, from what it measures of the tip.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable

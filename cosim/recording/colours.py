@@ -3,8 +3,6 @@
 Colours of the film: its stress on a perceptual scale, softly lit so that the shape reads.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Final, TypeAlias, final
 
 import numba

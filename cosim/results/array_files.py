@@ -13,8 +13,6 @@ A part of a run that resumed from a checkpoint begins there; what an earlier par
 passed over.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
@@ -113,7 +111,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         return {field.name: _array(table[field.name], _own(field.metadata, path)) for field in table.schema}
 
 
-def _column(array: Array) -> pa.Array:
+def _column(array: Array) -> "pa.Array":
     import pyarrow as pa
 
     if array.ndim == 1:
@@ -123,7 +121,7 @@ def _column(array: Array) -> pa.Array:
     return pa.FixedShapeTensorArray.from_numpy_ndarray(np.ascontiguousarray(array))
 
 
-def _array(column: pa.ChunkedArray, said: Mapping[str, Any]) -> Array:
+def _array(column: "pa.ChunkedArray", said: Mapping[str, Any]) -> Array:
     import pyarrow as pa
 
     shape, dtype = (len(column), *said["shape"]), np.dtype(said["dtype"])

@@ -3,8 +3,6 @@
 One of several arms in a scene as the carrier of its flange: one call steps the scene for all of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final

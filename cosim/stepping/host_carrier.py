@@ -1,7 +1,5 @@
 """A scene of somebody else as the carrier of the flange: the soft robot follows whoever steps it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, final

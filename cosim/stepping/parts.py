@@ -1,7 +1,5 @@
 """The parts of a run that both modes step, and what a snapshot reads off them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

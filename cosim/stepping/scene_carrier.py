@@ -1,7 +1,5 @@
 """A MuJoCo scene that carries the flange: what arms and scenes of others have in common as carriers."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any

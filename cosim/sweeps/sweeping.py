@@ -8,8 +8,6 @@ The rows of a sweep, one line of JSON each, written as they come: what a killed 
 `cosim.sweep`.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import os
@@ -138,7 +136,7 @@ class Journal:
         self._file: TextIO | None = None
 
     @contextmanager
-    def open(self) -> Iterator[Journal]:
+    def open(self) -> "Iterator[Journal]":
         """Open its file for further rows.
 
         Raises:

@@ -1,7 +1,5 @@
 """The figures of a run, gathered tick by tick; `docs/summary.md` documents every key."""
 
-from __future__ import annotations
-
 import math
 from copy import copy
 from dataclasses import dataclass, replace

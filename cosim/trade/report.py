@@ -9,8 +9,6 @@ A trade as a picture: errors of positions and forces against the real-time facto
 Chooses fidelity, tick and integrator of a scenario by a short trade, whose figures are kept on disk.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

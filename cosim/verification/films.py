@@ -13,8 +13,6 @@ A sheared panel of film that bends: how far apart its wrinkles are.
 A closed cylinder of fabric whose yarns straighten, under pressure and twisted.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import final

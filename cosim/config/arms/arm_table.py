@@ -8,8 +8,6 @@ joints lengths in m and forces in N.
 A rigid piece between an arm's flange and the soft robot.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field, replace

@@ -8,8 +8,6 @@ ticks that they take by themselves as well; here is what they act on, and the li
 again where they are no longer valid.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Final, final

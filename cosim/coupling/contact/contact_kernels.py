@@ -3,8 +3,6 @@
 Bodies that give way are met where they will be, see `LightBodies`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """What the contacts of the film with the scene did in a tick, and what they carry to the next one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Final, final
 
@@ -32,7 +30,7 @@ class ContactMemory:
     triangle: Annotated[IntArray, ("k",)]
 
     @classmethod
-    def empty(cls) -> ContactMemory:
+    def empty(cls) -> "ContactMemory":
         """Return the memory of no contact."""
         return cls(
             np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64)
@@ -63,7 +61,7 @@ class ContactReport:
     work_J: float = 0.0
 
     @classmethod
-    def of(cls, planes: ContactPlanes, found: ContactForces) -> ContactReport:
+    def of(cls, planes: ContactPlanes, found: ContactForces) -> "ContactReport":
         """Return the report of contact points that know their bodies.
 
         Args:

@@ -5,8 +5,6 @@ tick of several: these steps themselves, in a second state of the scene, so cont
 the tick count, and servos continue at the speed that they were asked for last.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from cosim.base.kernels import Indices, Vector, device_function, kernel, small_vector

@@ -6,8 +6,6 @@ then: points of the film to the shape, the shape's sharp features to triangles o
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

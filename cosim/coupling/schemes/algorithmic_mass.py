@@ -24,8 +24,6 @@ Euler answers a tick late by itself: its whole mass at the last acceleration mak
 Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cosim.base.frames import Array

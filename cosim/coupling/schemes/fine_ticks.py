@@ -12,8 +12,6 @@ iterations, and the force on bodies: its product with the tick is the impulse th
 the end of a piece acts through the next one, or the next whole tick.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final, final
 

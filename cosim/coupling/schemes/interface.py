@@ -8,8 +8,6 @@ angular momentum, each times the tick. In the staggered exchange a tick receives
 handed over; in the iterated one, what the same tick hands over, and what the last one left over.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -14,8 +14,6 @@ Sources: Degroote, Bathe, Vierendeels, Computers and Structures 87 (2009) 793 (I
 Bogaers, Kok, Reddy, Franz, CMAME 279 (2014) 113 (the inverse is kept: MVQN).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, final

@@ -5,8 +5,6 @@ It is the row that kernels take where the scene steps itself, so it has the same
 a row is done when something of it is read, when it is full, or when a soft half is more than kernels know.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, final

@@ -13,8 +13,6 @@ half is left to Python, and the row continues.
 The automatic exchange is iterated where the staggered one would need an algorithmic mass.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ or loses its equilibrium, is taken by the film; the chain takes back when the fi
 range for a while. How one begins where the other is: `taking_over`.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ distance is the error. BDF2 leaves -2 h^3 x'''/9, the explicit x + h (3 v_n - v_
 Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constants; Milne's device).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The soft side as a chain of rigid frames with condensed sections between them: stepped, solved, read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -136,8 +134,8 @@ class ChainShapes(Sequence[ChainShape]):
     @overload
     def __getitem__(self, row: int) -> ChainShape: ...
     @overload
-    def __getitem__(self, row: slice) -> ChainShapes: ...
-    def __getitem__(self, row: int | slice) -> ChainShape | ChainShapes:
+    def __getitem__(self, row: slice) -> "ChainShapes": ...
+    def __getitem__(self, row: int | slice) -> "ChainShape | ChainShapes":
         """Return a shape, in its own arrays, or some."""
         if isinstance(row, slice):
             return ChainShapes(self.frames[row], self.pressure_Pa[row])

@@ -11,8 +11,6 @@ Kernels on the shapes that a chain takes on one after the other.
 What a chain of frames shows its surroundings: the wrench on the flange, centre and inertia of its mass.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -24,8 +24,6 @@ sides (2), and halfway to the corners (3). Each f is a uniform cubic spline, fin
 Source of the splines: de Boor, A Practical Guide to Splines, chapter IX.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple, final
@@ -77,7 +75,7 @@ class PressureSpline(NamedTuple):
             row[:, terms.first : terms.first + TERMS] = terms.weights
         return result
 
-    def terms(self, pressure_Pa: float) -> SplineTerms:
+    def terms(self, pressure_Pa: float) -> "SplineTerms":
         """Return the functions that are not zero at a pressure."""
         weights = np.empty((2, TERMS))
         return SplineTerms(active_terms(pressure_Pa, self, weights), weights)

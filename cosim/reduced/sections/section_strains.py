@@ -19,8 +19,6 @@ Inertia of an implicit step is an elastic bed, as for nodes: c / 2 sum_ab M_ab (
 Contact points on a chain of frames: energy, gradient and Hessian; see `chain_contact`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -107,7 +105,7 @@ class ChainWork(NamedTuple):
     along: Blocks
 
     @classmethod
-    def room(cls, frames: int) -> ChainWork:
+    def room(cls, frames: int) -> "ChainWork":
         """Return that of so many frames."""
         diagonal, off, low, side = np.zeros((4, frames, 6, 6))
         trial, target, along = np.zeros((3, frames, 4, 3))

@@ -6,8 +6,6 @@ with the flange, inertia is an elastic bed of coefficient (1 + c span) / span^2 
 base + span / (1 + c span) (speed + alpha span u). Statics are without it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple, final
 
@@ -66,7 +64,7 @@ class ChainState:
     earlier: Annotated[Array, (2, "frames", 4, 3)] | None = None
 
     @classmethod
-    def at_rest(cls, frames: Array) -> ChainState:
+    def at_rest(cls, frames: Array) -> "ChainState":
         """Return frames (f, 4, 3) without velocity."""
         return cls(np.array((frames, np.zeros_like(frames))))
 

@@ -12,8 +12,6 @@ energy adds J^T g to the gradient, J^T K J and the second order of the rotations
 How the tip of a chain of frames moves with its loads: the implicit function theorem.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Annotated, final
 

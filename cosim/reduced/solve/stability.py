@@ -1,7 +1,5 @@
 """How firmly a chain of frames stands, by its small tangent, and one implicit step of it as a matrix."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

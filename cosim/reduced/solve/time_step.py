@@ -10,8 +10,6 @@ sum_i c_i L_i, m_c that sum over L_c, and H the tangent, a unit of tension d sho
 g_c^T H^-1 g_d / m_c.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -84,7 +82,7 @@ class Pulls:
     missing_N: Array
 
     @classmethod
-    def of(cls, solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> Pulls:
+    def of(cls, solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> "Pulls":
         """Return the commanded cables of some loads at frames (f, 4, 3)."""
         chosen, cables = commanded(loads), solver.section.body.cables
         x = solver.section.positions(frames, pressure_Pa)

@@ -1,7 +1,5 @@
 """The film triangle nearest to a point, such as a corner of an obstacle, and on which side of it that is."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -133,7 +131,7 @@ class TriangleLists(NamedTuple):
     listed: Indices
 
     @classmethod
-    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> TriangleLists:
+    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> "TriangleLists":
         """Return all that come within `room_m` of the points (k, 3) [m], and some others."""
         first, listed = np.empty(len(points) + 1, np.int64), np.empty(16 * len(points), np.int64)
         while True:

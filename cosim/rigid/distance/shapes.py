@@ -5,8 +5,6 @@ Bounds of the shapes of a scene as kernels see them.
 Corners of obstacles, and points on their edges: points of the film alone miss what enters between them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, final

@@ -8,8 +8,6 @@ How bodies of a compiled scene answer impulses.
 Stepping by way of Python costs several times what the step itself does.
 """
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from pathlib import Path

@@ -30,8 +30,6 @@ The energy is one of measures that are linear in the chord's direction t and in 
 v the direction by (1 - t t^T) dv / l; the derivatives of products follow from these.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

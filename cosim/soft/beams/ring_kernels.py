@@ -20,8 +20,6 @@ A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; of a factor,
 Kernels of rings of beams: what they add to gradient and tangent, how far their fibres are strained.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -7,8 +7,6 @@ Where the tip of a body is, and how it moves with the nodes.
 Where on a body something is, in words.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import final
@@ -96,7 +94,7 @@ class TipFrame:
     rotation: Array
 
     @classmethod
-    def of(cls, body: SoftBody, positions: Array) -> TipFrame:
+    def of(cls, body: SoftBody, positions: Array) -> "TipFrame":
         """Return the tip frame at the given node positions (n, 3) [m]."""
         center = body.tip_position(positions)
         z = body.tip_direction(positions)

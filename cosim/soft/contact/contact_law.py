@@ -14,8 +14,6 @@ Source: the smooth friction mollifier of Li et al., Incremental Potential Contac
 here on the distance from an anchor instead of the displacement in a step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, final
 

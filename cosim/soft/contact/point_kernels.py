@@ -6,8 +6,6 @@ With n the unit normal and A the area, the weight of corner j has the gradient n
 across from it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cosim.base.frames import Array, IntArray

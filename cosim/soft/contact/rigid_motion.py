@@ -5,8 +5,6 @@ Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar
 Stat. Comput. 7 (1986) 1160.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cosim.base.kernels import Indices, Matrix, device_function, zero_vector

@@ -9,8 +9,6 @@ Contact points of a film for contact with itself: those of `contact_surface`, bu
 So a point on a seam or in a valley has the normal of one film, and touches what lies in front of that film.
 """
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 from functools import cached_property
@@ -64,7 +62,7 @@ class FilmFaces:
     relation: IntArray
 
     @classmethod
-    def of(cls, body: SoftBody) -> FilmFaces:
+    def of(cls, body: SoftBody) -> "FilmFaces":
         """Return those of a body, by its drawn shape."""
         triangles = body.triangles
         hinges = interior_hinges(triangles)
@@ -160,7 +158,7 @@ class FilmPoints:
     on_triangle: IntArray
 
     @classmethod
-    def of(cls, faces: FilmFaces, positions: Array) -> FilmPoints:
+    def of(cls, faces: FilmFaces, positions: Array) -> "FilmPoints":
         """Return those of a film.
 
         Args:

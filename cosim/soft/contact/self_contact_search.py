@@ -5,8 +5,6 @@ through between two) and its distance is in -behind .. reach. Of the triangles o
 nearest, and only if the two films face each other there; see `Relation`.
 """
 
-from __future__ import annotations
-
 from typing import final
 
 import numpy as np

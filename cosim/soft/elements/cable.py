@@ -34,8 +34,6 @@ that knows no direction loses, and one that knows it (`eyelets`) as long as it s
 cannot push: negative tensions are refused, zero tension is a slack cable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -230,7 +228,7 @@ class Cable(Element):
         return UNSLID_m + np.cumsum(self.segment_lengths(positions)[::-1])[::-1]
 
     @classmethod
-    def bound(cls, alike: Sequence[Cable], sums: Sums) -> Sequence[Term]:
+    def bound(cls, alike: "Sequence[Cable]", sums: Sums) -> Sequence[Term]:
         """Return no terms: what a cable does follows from the loads of its body, see `film_terms`."""
         return ()
 

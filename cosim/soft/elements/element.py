@@ -8,8 +8,6 @@ hash, saved states and the kernels to compile. What these loops need to know of 
     none    a constant of all parts; not an array.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -95,7 +93,7 @@ class Instant(NamedTuple):
     loads: Acting | None = None
     closely: bool = False
 
-    def part(self, own: slice) -> Instant:
+    def part(self, own: slice) -> "Instant":
         """Return the same for one of several elements that remember something, its part cut out."""
         return self._replace(memory=self.memory[own], tracked=self.tracked[own])
 

@@ -30,8 +30,6 @@ Sources: Simo and Hughes, Computational Inelasticity, 1998, chapter 1; Wriggers,
 Mechanics, 2nd ed., section 5.2 (frozen limits).
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Final, TypeAlias

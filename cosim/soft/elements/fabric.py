@@ -9,8 +9,6 @@ straighten, and their modulus grows in proportion to e from E_i to the straight 
 Source: Jones, Mechanics of Composite Materials, 2nd ed., section 2.6; the straightening is chosen here.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, final

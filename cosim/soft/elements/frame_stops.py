@@ -8,8 +8,6 @@ with F and f the onset of a cable's tension (`cable`): no force beyond g, a spri
 equal, opposite and on one line. Frames slide over one another without friction, on a sphere of radius g.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, final
@@ -83,7 +81,7 @@ class FrameStops(DirectElement):
     springs: Annotated[Array, ROWS]
 
     @classmethod
-    def from_shape(cls, positions: Array, rings: IntArray, rest_m: float) -> FrameStops:
+    def from_shape(cls, positions: Array, rings: IntArray, rest_m: float) -> "FrameStops":
         """Return the stops of a straight stack drawn along z.
 
         Args:

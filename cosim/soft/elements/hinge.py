@@ -36,8 +36,6 @@ Source: form of the energy: Grinspun et al., Discrete shells, SCA 2003; equilate
 Nelson, Phys. Rev. A 38 (1988) 1005; the rule by area and mean direction is derived here.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -7,8 +7,6 @@ with M_b the mass matrix of block b in weights of its points p_bk, of which the 
 a block is one point, and M_b its mass; frames carry a ring together on their points.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import final

@@ -1,7 +1,5 @@
 """The material of the film: elastic constants, thickness, and the law by which it answers to strain."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias, final

@@ -21,8 +21,6 @@ Source: Holzapfel, Nonlinear Solid Mechanics, section 6.5; Mueller and Strehlow,
 chapter 2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple, final
@@ -460,7 +458,7 @@ class Membranes(DirectElement):
     @classmethod
     def from_shape(
         cls, positions: Array, triangles: IntArray, film: Film, wrinkle_panel_m: Array | None = None
-    ) -> Membranes:
+    ) -> "Membranes":
         """Return the triangles, stress free in the given shape.
 
         Args:

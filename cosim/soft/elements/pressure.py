@@ -14,8 +14,6 @@ They follow from the body's film, caps and chambers, and are no element beside t
 potential is in `film_terms`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import final
 

@@ -47,8 +47,6 @@ Source: buckling loads: Timoshenko and Gere, Theory of elastic stability, 2nd ed
 complementary density: as for tension fields, see `tension_field`; the law is derived here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -4,8 +4,6 @@ The terms are added by the kernels that sum them one by one, called by their add
 those of beams and of frames for bodies that have some.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

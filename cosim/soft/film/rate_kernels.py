@@ -19,8 +19,6 @@ so no tension comes of unfolding.
 Source: Kelvin-Voigt material in any text on viscoelasticity, e.g. Lakes, Viscoelastic Materials, chapter 2.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

@@ -6,8 +6,6 @@ Bodies side by side that nothing couples, such as the fingers of a gripper, are 
 listed follows in one stretch.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the materials of a film resist rates of strain with, step by step; formulas: see `rate_kernels`."""
 
-from __future__ import annotations
-
 from typing import final
 
 import numpy as np
@@ -43,7 +41,7 @@ class StrainRates:
         self.address = self._store.address(self._arrays)
 
     @classmethod
-    def of(cls, body: SoftBody, film: FilmArrays) -> StrainRates | None:
+    def of(cls, body: SoftBody, film: FilmArrays) -> "StrainRates | None":
         """Return them for a body with its arrays; None where none of its films has a loss factor."""
         return cls(body, film) if any(each.film.loss_factor for each in body.membranes) else None
 

@@ -6,8 +6,6 @@ Source: R. E. Bank, A. H. Sherman, A. Weiser, "Refinement algorithms and data st
 mesh refinement", Scientific Computing (1983): red triangles are cut in four, green ones close the mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -119,7 +117,7 @@ class NamedMesh:
         rings: Mapping[str, IntArray],
         caps: tuple[IntArray, ...],
         lines: Mapping[str, IntArray],
-    ) -> NamedMesh:
+    ) -> "NamedMesh":
         """Return the mesh with parts of its triangles in their place.
 
         Args:

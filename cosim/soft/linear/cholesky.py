@@ -13,8 +13,6 @@ L^-1 is kept instead of L: fronts are narrow, and products with it are what proc
 Source: Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal method).
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from functools import cached_property
@@ -113,7 +111,7 @@ class _Part:
     bandwidth: int
 
     @classmethod
-    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> _Part:
+    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> "_Part":
         """Return that of a range of nodes.
 
         Args:
@@ -146,7 +144,7 @@ class EnvelopeCholesky(LinearSolver):
         like: of the same components with fewer ties, whose order is taken over.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Mask, like: EnvelopeCholesky | None = None) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask, like: "EnvelopeCholesky | None" = None) -> None:
         super().__init__(pattern, free)
         apart, order = ranges_apart(pattern), None if like is None else like.order
         parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(apart.tolist())]

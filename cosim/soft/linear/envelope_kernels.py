@@ -1,7 +1,5 @@
 """Kernels of Cholesky's method within the envelope, on tiles of four rows and four columns."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple, TypeAlias
 

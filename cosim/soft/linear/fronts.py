@@ -16,8 +16,6 @@ Ford and Fulkerson, Flows in Networks, 1962, chapter I.11 (Menger's theorem).
 A front's own columns, p of them, are assembled in `work`. Its factor is kept as L_pp^-1 and W, row by row.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
@@ -210,7 +208,7 @@ class FrontTree:
     stack: int
 
     @classmethod
-    def of(cls, graph: csr_matrix, groups: list[IntArray], number: IntArray) -> FrontTree:
+    def of(cls, graph: csr_matrix, groups: list[IntArray], number: IntArray) -> "FrontTree":
         """Return the fronts of groups of nodes.
 
         Args:

@@ -5,8 +5,6 @@ A factorisation by its envelope as kernels keep it: solved with, turned with the
 Nodes begin to end of a body are one or more of its parts that nothing couples.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple, final
@@ -81,8 +79,8 @@ class DefiniteTangent:
 
     @classmethod
     def after(
-        cls, before: DefiniteTangent | None, pivots: Array, begin: Array, end: Array
-    ) -> DefiniteTangent:
+        cls, before: "DefiniteTangent | None", pivots: Array, begin: Array, end: Array
+    ) -> "DefiniteTangent":
         """Return one that was made somewhere on a way, at its end if that has no length.
 
         Args:

@@ -8,8 +8,6 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4; upon
 elements: Matthies and Strang, Int. J. Numer. Meth. Eng. 14 (1979) 1613.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -38,7 +36,7 @@ class SecantPairs(NamedTuple):
     share: Vector
 
     @classmethod
-    def room(cls, nodes: int) -> SecantPairs:
+    def room(cls, nodes: int) -> "SecantPairs":
         """Return room for the pairs of a body with so many nodes."""
         return cls(
             np.empty((_MOST, 3 * nodes)), np.empty((_MOST, 3 * nodes)), np.empty(_MOST), np.empty(_MOST)

@@ -8,8 +8,6 @@ of these and E what the missing caps add there, less D,
 solved as a term of low rank beside K (`Correction`).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np

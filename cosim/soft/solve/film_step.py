@@ -12,8 +12,6 @@ of the factorisation. What the kernel cannot do by itself it asks for (`step_arr
 there. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, NamedTuple
 

@@ -4,8 +4,6 @@ The iterations are those of `film_step`. Here are the factorisation, the shift m
 indefinite, and terms that kernels do not know.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ their distances and normals are exact. Modelled is the outside of the film: diff
 modelled are the inner sides of one unit, and one unit folded onto itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, final
 

@@ -5,8 +5,6 @@ about the target y = base + s / (1 + (alpha + beta) s) (speed + alpha s u), from
 v = (x - base) / s.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 from cosim.base.kernels import IndexTable, Matrix, Vector, kernel
