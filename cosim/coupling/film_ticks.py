@@ -14,18 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.base.frames import IntArray
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    address_of,
-    device_function,
-    kernel,
-    record_at,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import address_of, device_function, kernel, record_at, small_matrix, small_vector
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.contact_kernels import (

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Matrix, Vector, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import BodyLoads
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks

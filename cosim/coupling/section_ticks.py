@@ -13,17 +13,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    handing_on_views,
-    kernel,
-    record_at,
-    small_matrix,
-)
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, handing_on_views, kernel, record_at, small_matrix
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.contact_kernels import (

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.base.kernels import Blocks, Indices, Matrix, Vector
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.reduced.sections.assembly import FIGURES
 
 

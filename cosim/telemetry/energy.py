@@ -18,7 +18,8 @@ from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Shown
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions

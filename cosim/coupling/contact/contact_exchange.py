@@ -15,7 +15,8 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import RecordStore, address_of, nothing_of
+from cosim.base.kernel_types import nothing_of
+from cosim.base.kernels import RecordStore, address_of
 from cosim.base.state_check import check_indices
 from cosim.coupling.contact.contact_arrays import (
     AGE,

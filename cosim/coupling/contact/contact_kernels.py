@@ -9,10 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.frames import IntArray
+from cosim.base.kernel_types import Indices, Matrix, Vector
 from cosim.base.kernels import (
-    Indices,
-    Matrix,
-    Vector,
     address_of,
     copy_rows,
     device_function,

@@ -12,7 +12,8 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.kernels import RecordStore, address_of, nothing_of
+from cosim.base.kernel_types import nothing_of
+from cosim.base.kernels import RecordStore, address_of
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays, no_contact
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls

@@ -16,18 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Wrench
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    Flags,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, Cubes, Flags, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.reduced.sections.section_energy import (
     TERMS,
     PressureSpline,

@@ -31,7 +31,8 @@ from typing import Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, Matrix, Vector, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Blocks, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 
 _SCALE_Pa = 200.0
 TERMS = 4

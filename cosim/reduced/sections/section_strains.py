@@ -23,16 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    small_matrix,
-    small_vector,
-    zero_matrix,
-)
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, small_matrix, small_vector, zero_matrix
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, add_gaps, section_energy
 from cosim.soft.contact.contact_law import touch
 

@@ -12,18 +12,8 @@ from typing import Annotated, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    Flags,
-    Matrix,
-    Vector,
-    copy,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, Cubes, Flags, Matrix, Vector
+from cosim.base.kernels import copy, device_function, kernel, small_matrix, small_vector
 from cosim.reduced.sections.assembly import (
     WRENCH,
     assemble,

@@ -12,7 +12,8 @@ from typing import NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import kernel
 
 
 class ShapeKind(IntEnum):

@@ -17,16 +17,8 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.rigid.distance.shapes import ShapeKind, ShapePoses, Shapes
 
 _BOUNDS = 9  # stands for a kind of shape that is as near as can be within its bounding box

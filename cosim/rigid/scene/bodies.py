@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.errors import InputError, SceneError
 from cosim.rigid.scene.arm import ArmLayout, CellDrives, Mounting
 

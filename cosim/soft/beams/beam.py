@@ -34,7 +34,8 @@ import math
 from typing import Final, NamedTuple
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Vector, device_function, inlined
+from cosim.base.kernel_types import Vector
+from cosim.base.kernels import device_function, inlined
 from cosim.soft.geometry.surface import full_angle
 
 

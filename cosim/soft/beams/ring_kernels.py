@@ -26,18 +26,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    allocating,
-    device_function,
-    kernel,
-    small_matrix,
-)
+from cosim.base.kernel_types import Blocks, Cubes, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import allocating, device_function, kernel, small_matrix
 from cosim.soft.beams.beam import (
     BENT,
     DIRECTION,

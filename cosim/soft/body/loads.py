@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Vector, nothing_of
+from cosim.base.kernel_types import Vector, nothing_of
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import ContactPlanes, TouchedPlanes
 from cosim.soft.contact.self_contact_memory import PairRows

@@ -14,7 +14,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import Blocks, Matrix, Vector, kernel, small_vector
+from cosim.base.kernel_types import Blocks, Matrix, Vector
+from cosim.base.kernels import kernel, small_vector
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 

@@ -19,7 +19,8 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.kernels import Matrix, Vector, device_function, small_vector
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, small_vector
 from cosim.errors import InputError
 
 GLUED: Final = -1.0

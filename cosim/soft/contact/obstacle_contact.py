@@ -14,17 +14,8 @@ from typing import Annotated, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    address_of,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import address_of, kernel, small_matrix, small_vector
 from cosim.soft.contact.contact_law import GLUED, ContactLaw, touch
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import add_block

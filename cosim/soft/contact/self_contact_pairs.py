@@ -26,11 +26,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
     address_of,
     device_function,
     inlined,

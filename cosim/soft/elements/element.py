@@ -31,7 +31,7 @@ from typing import (
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas

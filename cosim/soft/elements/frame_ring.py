@@ -15,7 +15,8 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, kernel, small_vector, zero_matrix
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix
+from cosim.base.kernels import kernel, small_vector, zero_matrix
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block

@@ -15,7 +15,8 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block

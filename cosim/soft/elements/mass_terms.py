@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, Indices, Matrix, Vector, kernel
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import kernel
 
 
 @kernel

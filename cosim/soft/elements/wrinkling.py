@@ -53,7 +53,8 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Matrix, Vector, device_function, inlined
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, inlined
 from cosim.base.numba_insides import same_bits
 
 

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Blocks, Matrix, address_of, device_function, kernel, record_at
+from cosim.base.kernel_types import Blocks, Matrix
+from cosim.base.kernels import address_of, device_function, kernel, record_at
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import PlainLoads, Touching

@@ -30,7 +30,8 @@ from scipy.sparse.csgraph import (
 )
 
 from cosim.base.frames import IntArray, Mask
-from cosim.base.kernels import Places, PlaceTable, Vector, allocating, device_function, kernel
+from cosim.base.kernel_types import Places, PlaceTable, Vector
+from cosim.base.kernels import allocating, device_function, kernel
 
 _LEAF_NODES = 40  # parts no larger are not cut
 _END = 0.2  # share of the nodes, at either end, that a cut leaves alone

@@ -12,7 +12,8 @@ from typing import Annotated, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, Indices, Masks, Matrix, address_of, device_function, handing_on_views
+from cosim.base.kernel_types import Blocks, Indices, Masks, Matrix
+from cosim.base.kernels import address_of, device_function, handing_on_views
 from cosim.base.numba_insides import caller
 from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, substitute, turned
 from cosim.soft.linear.linear_solver import (

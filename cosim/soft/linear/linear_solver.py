@@ -24,7 +24,7 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import IndexTable, Indices, Places, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Places, Vector
 from cosim.errors import InputError, SolverError
 from cosim.soft.linear.pattern import BlockPattern
 

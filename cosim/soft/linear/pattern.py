@@ -13,7 +13,8 @@ from typing import Annotated, Any, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import IndexTable, Indices, device_function, kernel
+from cosim.base.kernel_types import IndexTable, Indices
+from cosim.base.kernels import device_function, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 

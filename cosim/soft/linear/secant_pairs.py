@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Masks, Matrix, Vector, kernel
+from cosim.base.kernel_types import Masks, Matrix, Vector
+from cosim.base.kernels import kernel
 
 _MOST: Final = 8
 FAR: Final = 10.0

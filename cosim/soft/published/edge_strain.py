@@ -9,7 +9,8 @@ The paper's triangles measure strain with bars (idea: Sim-FAST, Y. Zhu); the for
 
 import math
 
-from cosim.base.kernels import Matrix, Vector, device_function, small_matrix
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, small_matrix
 
 
 @device_function

@@ -18,11 +18,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import IntArray
+from cosim.base.kernel_types import Blocks, Masks, Matrix, Vector
 from cosim.base.kernels import (
-    Blocks,
-    Masks,
-    Matrix,
-    Vector,
     address_of,
     copy,
     copy_rows,

@@ -11,12 +11,9 @@ from typing import Any, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import (
-    IndexTable,
-    Indices,
-    Matrix,
     RecordStore,
-    Vector,
     address_of,
     handing_on_views,
     inlined,
