@@ -30,15 +30,9 @@ from cosim.devices.device_loop import Actuation, PlannedCommands
 from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
+from cosim.plan import clearance
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
-from cosim.plan.clearance import (
-    ArmOnItsWay,
-    check_clearances,
-    clearances_to_others,
-    film_reach,
-    flange_travel,
-)
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
@@ -260,9 +254,9 @@ class _Planned:
     payload: Payload
 
     @property
-    def on_its_way(self) -> ArmOnItsWay:
+    def on_its_way(self) -> clearance.ArmOnItsWay:
         """As other arms in the scene see it."""
-        return ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
+        return clearance.ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
 
 
 def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmParts) -> _Planned:
@@ -294,13 +288,13 @@ def _carried(
     carrier = carried_by(
         arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, parts.driven
     )
-    travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
+    travel = clearance.flange_travel(arm, plan, clearance.film_reach(soft.body, 0.0))
     clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
-    clear = clearances_to_others(
+    clear = clearance.clearances_to_others(
         clear, planned.on_its_way, [each.on_its_way for each in others], scenario.plan,
         film_touches=contact.included,
     )  # fmt: skip
-    check_clearances(clear, plan, scenario.plan)
+    clearance.check_clearances(clear, plan, scenario.plan)
     asked = parts.asked(plan, planned.payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     way = parts.motion_name(plan)

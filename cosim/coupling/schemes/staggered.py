@@ -22,14 +22,8 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import RecordStore
-from cosim.coupling.half_ticks import (
-    RIGID_SIDE_WARNS,
-    SOFT_HALF_LEFT,
-    SOFT_STEP_BEGUN,
-    SOFT_STEP_SOLVED,
-    RigidSide,
-    load_rigid_side,
-)
+from cosim.coupling import half_ticks
+from cosim.coupling.half_ticks import RigidSide, load_rigid_side
 from cosim.coupling.open_ticks import OpenTicks
 from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, riding_along
 from cosim.coupling.schemes.fine_ticks import FineTicks
@@ -195,9 +189,9 @@ class StaggeredCoupling(Coupling):
         done, ending = self._halves.take(rigid, servos.some(0, most), loads[:most], taken)
         if done:
             interface.follow(taken, done)
-        if ending == RIGID_SIDE_WARNS:
+        if ending == half_ticks.RIGID_SIDE_WARNS:
             interface.scene.check()
-        if ending not in (SOFT_HALF_LEFT, SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
+        if ending not in (half_ticks.SOFT_HALF_LEFT, half_ticks.SOFT_STEP_BEGUN, half_ticks.SOFT_STEP_SOLVED):
             self._fine.look(taken)
             return True
         self._halves.end(taken)

@@ -14,14 +14,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.base.kernel_types import Blocks, Cubes, Flags, Matrix, Vector
 from cosim.base.kernels import copy, device_function, kernel, small_matrix, small_vector
-from cosim.reduced.sections.assembly import (
-    WRENCH,
-    assemble,
-    change_frames,
-    factorise,
-    fill_figures,
-    substitute,
-)
+from cosim.reduced.sections import assembly
+from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
 
@@ -335,8 +329,8 @@ def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
                 arm_i, arm_k = frames[f, a, i], frames[f, a, k]
                 if a == 0:
                     arm_i, arm_k = arm_i - frames[0, 0, i], arm_k - frames[0, 0, k]
-                    out[WRENCH + r] += force[r]
-                out[WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
+                    out[assembly.WRENCH + r] += force[r]
+                out[assembly.WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
 
 
 @kernel

@@ -18,15 +18,8 @@ from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
-from cosim.reduced.solve.chain_step import (
-    CARRIED,
-    FREE_FLIGHT,
-    STANDING,
-    ChainScheme,
-    ChainSide,
-    ChainState,
-    ChainStep,
-)
+from cosim.reduced.solve import chain_step
+from cosim.reduced.solve.chain_step import ChainScheme, ChainSide, ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range
 from cosim.reduced.solve.newton import ChainSolver, ChainTangent, ChainTask, KeptTangent
 from cosim.soft.body.loads import Loads
@@ -254,7 +247,7 @@ class ChainStepper:
             ConvergenceError: no solution; the caller still holds the chain.
         """
         # free flight is the best start, unless it leaves the range of the model
-        starts: list[int | Array] = [FREE_FLIGHT, STANDING, CARRIED]
+        starts: list[int | Array] = [chain_step.FREE_FLIGHT, chain_step.STANDING, chain_step.CARRIED]
         if aim is not None and aim.start is not None:
             starts.insert(0, aim.start)
         for start in starts:

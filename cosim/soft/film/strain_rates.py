@@ -7,13 +7,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import RecordStore, address_of
 from cosim.soft.body.body import SoftBody
-from cosim.soft.film.rate_kernels import (
-    RATE_ROOM,
-    add_rates,
-    add_triangle_rates,
-    fill_rates,
-    fill_triangle_rates,
-)
+from cosim.soft.film import rate_kernels
+from cosim.soft.film.rate_kernels import add_rates, add_triangle_rates, fill_rates, fill_triangle_rates
 from cosim.soft.film.step_arrays import FilmArrays, FilmPoint, StepRates
 from cosim.soft.geometry.surface import dihedral_angle, directed_edges
 
@@ -35,7 +30,7 @@ class StrainRates:
         self._arrays = StepRates(
             np.array([address_of(called) for called in kernels]),
             np.array([each.film.loss_time_s for each in body.membranes]), hinge_times(body, film.hinges),
-            np.zeros((len(film.drawn), RATE_ROOM)), np.zeros(hinges), np.zeros(hinges),
+            np.zeros((len(film.drawn), rate_kernels.RATE_ROOM)), np.zeros(hinges), np.zeros(hinges),
         )  # fmt: skip
         self._store = RecordStore(StepRates)
         self.address = self._store.address(self._arrays)
