@@ -29,8 +29,8 @@ from types import TracebackType
 from typing import Any, TextIO, final
 
 from cosim.base.files import unfinished_files, write_whole
+from cosim.config.loading import scenario_text
 from cosim.config.schema.scenario import Scenario
-from cosim.config.writing import scenario_text
 from cosim.errors import InputError, OutputError
 
 MARKER = ".cosim"

@@ -14,10 +14,9 @@ import numpy as np
 
 from cosim.base.kept_parts import content_name
 from cosim.build.options import fidelity_body
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
-from cosim.config.writing import to_table
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

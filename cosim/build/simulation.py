@@ -49,8 +49,7 @@ if TYPE_CHECKING:
     from cosim.build.arm_parts import ArmParts
     from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.host_scene import HostScene
-    from cosim.stepping.arm_carrier import ArmCarrier
-    from cosim.stepping.host_carrier import HostCarrier
+    from cosim.stepping.scene_carrier import ArmCarrier, HostCarrier
 
 
 _MOST: Final = 100  # files, of some hundred kilobytes each
@@ -141,7 +140,7 @@ def build_arms(
         InputError: as of `build`, or arms come too near to one another.
     """
     from cosim.build.arm_parts import ArmParts, check_starts, scene_of_arms  # see below
-    from cosim.stepping.arm_carrier import SharedArm
+    from cosim.stepping.scene_carrier import SharedArm
 
     kept = KeptParts() if kept is None else kept
     described, shared = scene_of_arms(scenarios, kept)
@@ -187,7 +186,7 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
     Raises:
         InputError: a mesh is degenerate, a device is wrong.
     """
-    from cosim.stepping.host_carrier import HostCarrier  # see below
+    from cosim.stepping.scene_carrier import HostCarrier  # see below
 
     soft = model.side()
     plan = _plan(scenario, HeldBase.plan, model)
@@ -226,7 +225,7 @@ def _arm(
 ) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.arm_parts import ArmParts
-    from cosim.stepping.arm_carrier import ArmCarrier
+    from cosim.stepping.scene_carrier import ArmCarrier
 
     planned = _planned(scenario, model, soft, ArmParts(scenario, model.kept))
     return _carried(planned, before, ready_for_contact, ArmCarrier)

@@ -15,11 +15,11 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
+from cosim.config.loading import to_table
 from cosim.config.rules import gas_report, gas_rules
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.writing import to_table
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import device_names, device_report
 from cosim.devices.sensor import sensor_names

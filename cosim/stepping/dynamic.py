@@ -11,8 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.coupling.ticks import Servos, Ticks
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, InstabilityError, SolverError
 from cosim.soft.body.loads import Loads

@@ -27,7 +27,7 @@ from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-    from cosim.coupling.ticks_taken import TicksTaken
+    from cosim.coupling.ticks import TicksTaken
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
 _NONE: Final = np.zeros(0)

@@ -18,13 +18,16 @@ import numpy as np
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench, cross
 from cosim.coupling import half_ticks
 from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
-from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.contact_exchange import (
+    NOTHING_TOUCHED,
+    ContactExchange,
+    ContactReport,
+    ContactState,
+)
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import CarriedInertia, Servos
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.rigid.scene.coupled_scene import CoupledScene

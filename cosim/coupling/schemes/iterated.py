@@ -24,8 +24,7 @@ from cosim.base.frames import Array, SixNumbers, Wrench
 from cosim.coupling.half_ticks import LEVER_M, take_rigid_half
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState, six_numbers
 from cosim.coupling.soft_sides.soft_side import SoftReply
-from cosim.coupling.ticks import CarriedInertia, Servos
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, SolverError
 from cosim.reduced.sections.assembly import CENTER, WRENCH
 from cosim.soft.body.loads import Loads

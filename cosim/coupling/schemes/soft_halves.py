@@ -41,8 +41,7 @@ from cosim.coupling.section_ticks import (
 )
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
-from cosim.coupling.ticks import Servos, Ticks
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.sections.section_energy import TERMS
 from cosim.reduced.sections.section_strains import COLUMNS
