@@ -34,9 +34,8 @@ from cosim import run
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.kernel_modules import compile_kernels
 from cosim.build.soft_body import build_soft_body
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.writing import to_table
 from cosim.errors import ConvergenceError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection, stiffener_strain
 from cosim.soft.body.body import SoftBody

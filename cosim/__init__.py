@@ -5,8 +5,6 @@ saved, restored and branched; `list_scenarios()` names those that come with
 cosim. Importing cosim is cheap: the simulator is loaded on first use.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

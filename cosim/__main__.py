@@ -1,7 +1,5 @@
 """Runs the command line as `python -m cosim`."""
 
-from __future__ import annotations
-
 import sys
 
 from cosim.cli.main import main

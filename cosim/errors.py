@@ -18,8 +18,6 @@ RunInterrupted              Ctrl-C during `cosim.run`; a KeyboardInterrupt, no C
 All of them can be pickled. What ends `cosim.run` or `Simulation.step` early carries `result`.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final, Self
 
 MOST_LINES: Final = 20

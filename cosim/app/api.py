@@ -1,25 +1,12 @@
 """Running a scenario from Python."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from cosim.app.driver import (
-    Observer,
-    Options,
-    build_simulation,
-    execute,
-    execute_arms,
-    log,
-    named_body,
-    prepared,
-    prepared_arms,
-    rerun_recorder,
-)
+from cosim.app import driver
 from cosim.app.run_files import default_directory
 from cosim.base.files import cache_directory
 from cosim.base.kept_parts import KeptParts
@@ -42,9 +29,9 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     recording: bool = False,
-    controllers: Mapping[str, AnyController] | None = None,
-    body: AnyBody | None = None,
-    observers: Sequence[Observer] = (),
+    controllers: "Mapping[str, AnyController] | None" = None,
+    body: "AnyBody | None" = None,
+    observers: Sequence[driver.Observer] = (),
     error: bool | None = None,
 ) -> RunResult:
     """Run a scenario and return its arrays.
@@ -68,19 +55,21 @@ def run(
         RunInterrupted: by Ctrl-C; the same.
     """
     started = time.perf_counter()
-    named = named_body(body)
+    named = driver.named_body(body)
     loaded = load_scenario(scenario, overrides, named and named.table())
     check_ends(loaded)
     kept = KeptParts(cache_directory())
-    checked = prepared(loaded, log, recording=recording, kept=kept)
+    checked = driver.prepared(loaded, driver.log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
-    recorder = rerun_recorder if recording else None
-    options = Options(directory, recorder, [arrays, *observers], error=error, tell=log)
-    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "tell": log}
+    recorder = driver.rerun_recorder if recording else None
+    options = driver.Options(directory, recorder, [arrays, *observers], error=error, tell=driver.log)
+    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "tell": driver.log}
     given["kept"] = kept
-    build = partial(build_simulation, **{key: value for key, value in given.items() if value is not None})
-    outcome = execute(checked, build, options, started)
+    build = partial(
+        driver.build_simulation, **{key: value for key, value in given.items() if value is not None}
+    )
+    outcome = driver.execute(checked, build, options, started)
     result = arrays.result(outcome.summary, directory)
     log_ending(outcome.summary)
     if outcome.error is not None:
@@ -111,11 +100,13 @@ def run_arms(
     """
     started = time.perf_counter()
     loaded, kept = load_arms(scenario, overrides), KeptParts(cache_directory())
-    checked = prepared_arms(loaded, log, recording=recording, kept=kept)
+    checked = driver.prepared_arms(loaded, driver.log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}
-    options = Options(directory, rerun_recorder if recording else None, tell=log)
-    outcomes = execute_arms(checked, options, {name: [each] for name, each in arrays.items()}, started, kept)
+    options = driver.Options(directory, driver.rerun_recorder if recording else None, tell=driver.log)
+    outcomes = driver.execute_arms(
+        checked, options, {name: [each] for name, each in arrays.items()}, started, kept
+    )
     results = {
         name: arrays[name].result(outcome.summary, None if directory is None else directory / name)
         for name, outcome in outcomes.items()
@@ -132,7 +123,7 @@ def log_ending(summary: dict[str, Any]) -> None:
     for line in (
         *summary["warnings"], *branching_lines(summary["branchings"]), *standing_lines(summary["phases"])
     ):  # fmt: skip
-        log(line)
+        driver.log(line)
 
 
 def raise_ended(error: BaseException, result: object, directory: Path | None) -> NoReturn:

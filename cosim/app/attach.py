@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from cosim.rigid.scene.host_scene import Data, HostModel, HostScene, HostSource, Model
     from cosim.soft.body.body import SoftBody
     from cosim.soft.body.loads import Loads
-    from cosim.stepping.host_carrier import HostCarrier
     from cosim.stepping.parts import Parts
+    from cosim.stepping.scene_carrier import HostCarrier
 
 Values: TypeAlias = "float | Sequence[float] | Mapping[str, float]"
 """One number for all, or one each in order, or some by name."""

@@ -4,8 +4,6 @@ The FMU runs cosim in the Python that it is loaded into, so cosim and its packag
 Needs the extra `fmi`, as does whoever loads the FMU.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,8 +16,7 @@ from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Real
 from pythonfmu.builder import FmuBuilder
 
 from cosim.base.resources import writing
-from cosim.config.loading import load_scenario
-from cosim.config.writing import scenario_text
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.devices.controller import Command
 from cosim.errors import InputError
 

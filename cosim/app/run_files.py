@@ -13,8 +13,6 @@ belong together and open as one. So do the files of arrays, which end a part at 
 checkpoint is there while the run can continue.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import json
@@ -31,8 +29,8 @@ from types import TracebackType
 from typing import Any, TextIO, final
 
 from cosim.base.files import unfinished_files, write_whole
+from cosim.config.loading import scenario_text
 from cosim.config.schema.scenario import Scenario
-from cosim.config.writing import scenario_text
 from cosim.errors import InputError, OutputError
 
 MARKER = ".cosim"
@@ -66,7 +64,7 @@ class OutputDirectory:
         self._marker: TextIO | None = None
         self._made_here = False
 
-    def __enter__(self) -> OutputDirectory:
+    def __enter__(self) -> "OutputDirectory":
         self._check()
         if (self.path / MARKER).is_file():
             self._lock()

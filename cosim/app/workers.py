@@ -4,8 +4,6 @@ A process that has ended, or that does not answer in time, is lost with its obje
 another one in its place. What cannot be sent to an object is the failure of that object alone.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import pickle

@@ -1,7 +1,5 @@
 """An arm as both engines are given it: the chain from its base to its flange, and what a file says of it."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from functools import cached_property

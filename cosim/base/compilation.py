@@ -5,8 +5,6 @@ compiles the kernels of one module, which have most functions in common. Whateve
 disk is compiled by the one that asked.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess

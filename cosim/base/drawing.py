@@ -5,8 +5,6 @@ file a layer is a group or line whose label or id is the layer's name, or the co
 `LAYER_COLOURS`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -11,8 +11,6 @@ a block nothing is noted, and nothing depends on what is noted but the names of 
 Files that are written whole, and data kept in them: readers see all of it, what was before, or nothing.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

@@ -5,8 +5,6 @@ Names that files and results give to parts without their own name.
 What docstrings say of a class's fields: schemas and files repeat it, so that every text stands once.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from typing import Final

@@ -14,8 +14,6 @@ Since then kernels have grown; the first run takes 72 s, with large records read
 Any numba other than `KNOWN` compiles in its public way instead; results are the same up to rounding.
 """
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from types import SimpleNamespace

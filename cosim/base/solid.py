@@ -1,7 +1,5 @@
 """Solids of rigid bodies, as distances are measured from them; shapes that are drawn; what a link touches."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, final
 

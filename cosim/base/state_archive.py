@@ -11,8 +11,6 @@ Nothing is executed in reading: a class is looked up among the modules that are 
 frozen dataclass, a named tuple or an enum is made.
 """
 
-from __future__ import annotations
-
 import enum
 import io
 import json

@@ -6,8 +6,6 @@ the annotation names the sizes: `Annotated[Array, ("k", 3)]`. A letter is one co
 may be any; a word such as "nodes" is one count within the whole state; "*" is checked by whoever takes it.
 """
 
-from __future__ import annotations
-
 import builtins
 import math
 import sys

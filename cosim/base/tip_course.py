@@ -1,7 +1,5 @@
 """A curve that a tip follows, and when it is where: one time law over the whole path."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -37,7 +35,7 @@ class CourseInstant:
     velocity: Array
     acceleration: Array
 
-    def row(self, k: int) -> CourseInstant:
+    def row(self, k: int) -> "CourseInstant":
         """Return one of several instants."""
         return CourseInstant(
             self.along_m[k], self.position[k], None if self.direction is None else self.direction[k],

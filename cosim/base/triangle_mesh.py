@@ -4,8 +4,6 @@ STL repeats a corner for every triangle; corners of one place become one vertex.
 every edge belongs to two triangles that run through it in opposite directions.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -48,11 +46,11 @@ class TriangleMesh:
         a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
         return float(np.einsum("mr,mr->", a, np.cross(b, c)) / 6.0)
 
-    def scaled(self, factor: float) -> TriangleMesh:
+    def scaled(self, factor: float) -> "TriangleMesh":
         """Return the mesh with its vertices multiplied by a factor."""
         return TriangleMesh(factor * self.vertices, self.triangles)
 
-    def shells(self) -> tuple[TriangleMesh, ...]:
+    def shells(self) -> "tuple[TriangleMesh, ...]":
         """Return the pieces that share no vertex, each as its own mesh.
 
         Raises:
@@ -68,7 +66,7 @@ class TriangleMesh:
             )
         return tuple(self._piece(piece == k) for k in meant)
 
-    def _piece(self, kept: Array) -> TriangleMesh:
+    def _piece(self, kept: Array) -> "TriangleMesh":
         place = np.cumsum(kept) - 1
         return TriangleMesh(self.vertices[kept], place[self.triangles[kept[self.triangles[:, 0]]]])
 

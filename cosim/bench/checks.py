@@ -6,8 +6,6 @@ is known no better than the bounds already say, or than to a quarter, is one tha
 Parameters with positive bounds are taken by their logarithms, so that a direction is a product of powers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final

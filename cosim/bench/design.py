@@ -5,8 +5,6 @@ the start. A design whose robot has no equilibrium is as bad as can be, so the s
 refined mesh changes is added to goal and limits as a constant, and found again where the search ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final

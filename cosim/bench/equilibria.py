@@ -1,7 +1,5 @@
 """Equilibria under rows of loads as a robot's values change, their exact Jacobian, and a bench's curves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, final
@@ -9,17 +7,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.bench import parameters
 from cosim.bench.outputs import Slopes, outputs_of, read_at
-from cosim.bench.parameters import (
-    AnyParameter,
-    LoadParameter,
-    StaticModel,
-    parameters_of,
-    shared,
-    value_at,
-    with_load,
-    with_values,
-)
 from cosim.build.options import dynamic_options, fidelity_body, static_options
 from cosim.config.benches import BenchTable, FreeTable, Series
 from cosim.config.loading import load_scenario
@@ -99,7 +88,7 @@ class Equilibria:
         if entry.start is not None:
             value = entry.start
         elif entry.key.startswith(_ROBOT):
-            value = value_at(self.scenario, entry.key)
+            value = parameters.value_at(self.scenario, entry.key)
         else:
             raise InputError(f"{entry.key}: needs a start, as no file has a value of it")
         if not entry.low <= value <= entry.high:
@@ -140,10 +129,10 @@ class Equilibria:
             kinks: see `EquilibriumSlope`.
         """
         model, outputs = self.model, outputs_of(names, self.model)
-        robot = parameters_of([self.keys[k] for k in self._robot], model)
+        robot = parameters.parameters_of([self.keys[k] for k in self._robot], model)
         acting = [list(self._free(row)) for row in self.rows]
         loads = list(dict.fromkeys(each for row in acting for each, _ in row))
-        columns: list[AnyParameter] = [*robot, *loads]
+        columns: list[parameters.AnyParameter] = [*robot, *loads]
         slopes, found = Slopes(columns, outputs, model, kinks=kinks), []
         solver, clamp = self._arm.equilibrium_solver.solver, self._arm.clamp
         for number, row in enumerate(acting):
@@ -156,12 +145,12 @@ class Equilibria:
             found.append(whole)
         return np.array(found)
 
-    def _built(self, values: Array) -> tuple[SoftArm, StaticModel]:
+    def _built(self, values: Array) -> tuple[SoftArm, parameters.StaticModel]:
         changes = dict[str, float]()
         for k in self._robot:
-            changes |= shared(self.keys[k], float(values[k]))
+            changes |= parameters.shared(self.keys[k], float(values[k]))
         try:
-            scenario = with_values(self.scenario, changes)
+            scenario = parameters.with_values(self.scenario, changes)
         except ScenarioError as error:
             (path, problem), *further = error.faults
             tried = ", ".join(f"{self.keys[k][0]} = {values[k]:g}" for k in self._robot)
@@ -170,7 +159,7 @@ class Equilibria:
         statics = replace(static_options(scenario), tolerance_N=_TOLERANCE_N, start_tolerance_N=_TOLERANCE_N)
         flange = pose_of(scenario.start.flange)
         arm = SoftArm(fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario))
-        return arm, StaticModel.of(scenario, arm.equilibrium_solver.solver.system)
+        return arm, parameters.StaticModel.of(scenario, arm.equilibrium_solver.solver.system)
 
     def _equilibrium(self, number: int) -> Equilibrium:
         """Find the equilibrium of a row: from its last one, that of the row before, or the start."""
@@ -192,7 +181,7 @@ class Equilibria:
                 before = replace(before, loads=replace(before.loads, cable_length_m=lengths))
             return solver.follow(before, flange, loads)
 
-    def _free(self, row: LoadRow) -> list[tuple[LoadParameter, int]]:
+    def _free(self, row: LoadRow) -> list[tuple[parameters.LoadParameter, int]]:
         """Return the loads of a row that parameters give, with the parameters' places."""
         place = {self.keys[k][0]: k for k in range(len(self.keys)) if k not in self._robot}
         found = []
@@ -202,8 +191,8 @@ class Equilibria:
                     raise ScenarioError(f"{row.key}.{name}", "is a force, which no parameter moves")
                 found += [
                     (each, place[value])
-                    for each in parameters_of([name], self.model)
-                    if isinstance(each, LoadParameter)
+                    for each in parameters.parameters_of([name], self.model)
+                    if isinstance(each, parameters.LoadParameter)
                 ]
         return found
 
@@ -243,7 +232,7 @@ class Equilibria:
                 loads = replace(loads, cable_length_m=(None,) * cables)
             for place, each in enumerate(known):
                 if of in ("", each):
-                    loads = with_load(loads, kind, place, value, chambers)
+                    loads = parameters.with_load(loads, kind, place, value, chambers)
         return loads
 
 

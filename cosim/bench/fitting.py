@@ -10,8 +10,6 @@ the noise's.
 Source: Seber and Wild, Nonlinear Regression, section 5.10.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final

@@ -1,7 +1,5 @@
 """Quantities of an equilibrium by their names: what is measured on a bench, and what a Jacobian is of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias, final

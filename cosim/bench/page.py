@@ -1,7 +1,5 @@
 """What an identification or a design leaves: an HTML page, and the robot's file with the values found."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
@@ -17,10 +15,10 @@ from cosim.bench.design import Designed, design_lines
 from cosim.bench.equilibria import bench_scenario
 from cosim.bench.fitting import Identified
 from cosim.bench.parameters import shared, with_values
+from cosim.config.loading import table_text, to_table
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
-from cosim.config.writing import table_text, to_table
 from cosim.errors import InputError
 
 _WIDE, _HIGH, _EDGE = 520.0, 260.0, 46.0

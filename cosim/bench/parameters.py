@@ -4,8 +4,6 @@ A key of the file is moved by building the body again with the changed value, so
 by itself as long as the mesh keeps its nodes and triangles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from copy import deepcopy
@@ -16,10 +14,9 @@ import numpy as np
 
 from cosim.base.kept_parts import content_name
 from cosim.build.options import fidelity_body
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
-from cosim.config.writing import to_table
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -81,7 +78,7 @@ class StaticModel:
     cables: tuple[str, ...]
 
     @classmethod
-    def of(cls, scenario: Scenario, system: SoftSystem) -> StaticModel:
+    def of(cls, scenario: Scenario, system: SoftSystem) -> "StaticModel":
         """Return the model of a scenario.
 
         Args:

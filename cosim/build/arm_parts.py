@@ -5,8 +5,6 @@ Whether MuJoCo and Pinocchio have the same arm: both are asked at random angles 
 Rigid objects of a scenario, and the palm of a soft robot, as the rigid side wants them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -231,7 +229,7 @@ class DescribedArm:
     description: SceneDescription
 
     @classmethod
-    def of(cls, scenario: Scenario, kept: KeptParts, prefix: str = "") -> DescribedArm:
+    def of(cls, scenario: Scenario, kept: KeptParts, prefix: str = "") -> "DescribedArm":
         """Return the arm of a scenario.
 
         Args:

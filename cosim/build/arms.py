@@ -5,8 +5,6 @@ Gives refusals of the sides, which know no keys, the path of the key that they a
 The cell of a scenario, as the rigid side wants it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -70,7 +68,7 @@ def find_arm(robot: str) -> ArmFile:
     return replace(arm, home=far_from_singularities(Arm(arm, Pose())), notes=notes)
 
 
-def cell_of(scene: SceneTable) -> Cell:
+def cell_of(scene: SceneTable) -> "Cell":
     """Return the cell of a scene.
 
     Raises:
@@ -82,7 +80,7 @@ def cell_of(scene: SceneTable) -> Cell:
         return read_cell(Path(scene.mjcf))
 
 
-def motion_of(scenario: Scenario, cell: Cell | None) -> CellMotion | None:
+def motion_of(scenario: Scenario, cell: "Cell | None") -> CellMotion | None:
     """Return how the phases drive a scenario's cell; None where it has no joints.
 
     Raises:

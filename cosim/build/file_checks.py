@@ -1,7 +1,5 @@
 """Checks files by building what they describe, as far as that takes no statics: nothing is run."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which kernels every run needs, and which a scenario needs beside them, for compilation ahead of it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from types import ModuleType

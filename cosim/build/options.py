@@ -1,7 +1,5 @@
 """What a scenario asks of its soft model: its body, options of the solvers, law of contact; in words too."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

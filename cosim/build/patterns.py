@@ -1,7 +1,5 @@
 """Cut patterns as a source of soft bodies: turns their tables into sheets, seams and sets."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

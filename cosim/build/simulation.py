@@ -30,15 +30,9 @@ from cosim.devices.device_loop import Actuation, PlannedCommands
 from cosim.devices.live.live_commands import LiveCommands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
+from cosim.plan import clearance
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
 from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
-from cosim.plan.clearance import (
-    ArmOnItsWay,
-    check_clearances,
-    clearances_to_others,
-    film_reach,
-    flange_travel,
-)
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
@@ -55,8 +49,7 @@ if TYPE_CHECKING:
     from cosim.build.arm_parts import ArmParts
     from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.host_scene import HostScene
-    from cosim.stepping.arm_carrier import ArmCarrier
-    from cosim.stepping.host_carrier import HostCarrier
+    from cosim.stepping.scene_carrier import ArmCarrier, HostCarrier
 
 
 _MOST: Final = 100  # files, of some hundred kilobytes each
@@ -147,7 +140,7 @@ def build_arms(
         InputError: as of `build`, or arms come too near to one another.
     """
     from cosim.build.arm_parts import ArmParts, check_starts, scene_of_arms  # see below
-    from cosim.stepping.arm_carrier import SharedArm
+    from cosim.stepping.scene_carrier import SharedArm
 
     kept = KeptParts() if kept is None else kept
     described, shared = scene_of_arms(scenarios, kept)
@@ -193,7 +186,7 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
     Raises:
         InputError: a mesh is degenerate, a device is wrong.
     """
-    from cosim.stepping.host_carrier import HostCarrier  # see below
+    from cosim.stepping.scene_carrier import HostCarrier  # see below
 
     soft = model.side()
     plan = _plan(scenario, HeldBase.plan, model)
@@ -232,7 +225,7 @@ def _arm(
 ) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.arm_parts import ArmParts
-    from cosim.stepping.arm_carrier import ArmCarrier
+    from cosim.stepping.scene_carrier import ArmCarrier
 
     planned = _planned(scenario, model, soft, ArmParts(scenario, model.kept))
     return _carried(planned, before, ready_for_contact, ArmCarrier)
@@ -260,9 +253,9 @@ class _Planned:
     payload: Payload
 
     @property
-    def on_its_way(self) -> ArmOnItsWay:
+    def on_its_way(self) -> clearance.ArmOnItsWay:
         """As other arms in the scene see it."""
-        return ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
+        return clearance.ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
 
 
 def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmParts) -> _Planned:
@@ -294,13 +287,13 @@ def _carried(
     carrier = carried_by(
         arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, parts.driven
     )
-    travel = flange_travel(arm, plan, film_reach(soft.body, 0.0))
+    travel = clearance.flange_travel(arm, plan, clearance.film_reach(soft.body, 0.0))
     clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
-    clear = clearances_to_others(
+    clear = clearance.clearances_to_others(
         clear, planned.on_its_way, [each.on_its_way for each in others], scenario.plan,
         film_touches=contact.included,
     )  # fmt: skip
-    check_clearances(clear, plan, scenario.plan)
+    clearance.check_clearances(clear, plan, scenario.plan)
     asked = parts.asked(plan, planned.payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel)
     way = parts.motion_name(plan)

@@ -9,8 +9,6 @@ Stacks of polygonal units as a source of soft bodies: the one place that turns t
 Soft bodies that are given from Python, as arrays, in place of a scenario's soft robot.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,19 +22,10 @@ from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.base.kept_parts import content_name
 from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern
+from cosim.config.schema import soft_robot
 from cosim.config.schema.film import FilmTable, StackTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable
-from cosim.config.schema.soft_robot import (
-    ARM_CHAMBER,
-    AttachmentTable,
-    CableTable,
-    LEAST_NODE_MASS_kg,
-    MeshTable,
-    NodeSetTable,
-    SoftRobotTable,
-    StiffenerTable,
-)
 from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import Faults
 from cosim.errors import MeshError, ScenarioError
@@ -45,11 +34,10 @@ from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.element import Element
-from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
-from cosim.soft.elements.material import Film
+from cosim.soft.elements.material import Fabric, Film
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh, refine, rest_angles
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.surface import (
@@ -71,7 +59,7 @@ TAKEN_AWAY: Final = (
 """Keys of a robot's file that the paper's model does not look at."""
 
 
-def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
+def published_robot(robot: soft_robot.SoftRobotTable) -> soft_robot.SoftRobotTable:
     """Return a robot in the paper's lumped model: what its file adds to that is taken away.
 
     Hinges keep their factor and barrier. What the robot carries is left as it is.
@@ -86,7 +74,7 @@ def published_robot(robot: SoftRobotTable) -> SoftRobotTable:
         groups=groups,
         hinge=replace(robot.hinge, rule="uniform"),
         cables=tuple(replace(cable, losses="one_way", eyelet_loss_N=0.0) for cable in robot.cables),
-        stiffener=StiffenerTable(),
+        stiffener=soft_robot.StiffenerTable(),
     )
 
 
@@ -99,7 +87,7 @@ def _published_film(film: FilmTable) -> FilmTable:
 _SAME_PLANE = 1e-5  # of the film's size
 
 
-def drawn_mesh(table: MeshTable) -> NamedMesh:
+def drawn_mesh(table: soft_robot.MeshTable) -> NamedMesh:
     """Return the film of a mesh file, in the flange's frame.
 
     Raises:
@@ -142,7 +130,7 @@ def _six_volumes(surface: GroupedSurface, holes: tuple[IntArray, ...]) -> float:
     return float((a * cross(b, c)).sum() + sum(caps))
 
 
-def _nodes(entry: NodeSetTable, surface: GroupedSurface) -> IntArray:
+def _nodes(entry: soft_robot.NodeSetTable, surface: GroupedSurface) -> IntArray:
     if entry.group is not None:
         if entry.group not in surface.groups:
             known = ", ".join(surface.groups) or "none"
@@ -251,7 +239,7 @@ def _stack_meshes(table: StackTable) -> tuple[NamedMesh, NamedMesh]:
     return drawn, stack_mesh(drawn, table)
 
 
-def cable_route(mesh: NamedMesh, table: CableTable) -> IntArray:
+def cable_route(mesh: NamedMesh, table: soft_robot.CableTable) -> IntArray:
     """Return the nodes of a mesh that a cable leads through, base to tip."""
     if table.units is None:
         return mesh.line(table.line or "")
@@ -293,11 +281,11 @@ class NamedBody:
             raise MeshError("the soft body has no base: no node would follow the flange")
         if len(body.tip) < LEAST_RING:
             raise MeshError(f"the tip has {len(body.tip)} nodes; a ring of {LEAST_RING} is needed at least")
-        light = np.flatnonzero(body.node_mass < LEAST_NODE_MASS_kg)
+        light = np.flatnonzero(body.node_mass < soft_robot.LEAST_NODE_MASS_kg)
         if light.size:
             raise MeshError(
                 f"node {light[0]} has a mass of {body.node_mass[light[0]]:g} kg; every node needs "
-                f"{LEAST_NODE_MASS_kg:g} kg at least"
+                f"{soft_robot.LEAST_NODE_MASS_kg:g} kg at least"
             )
         names = self.cable_names or tuple(f"cable_{k + 1}" for k in range(len(body.cables)))
         if len(names) != len(body.cables) or len(set(names)) < len(names):
@@ -308,7 +296,7 @@ class NamedBody:
         self.table()
 
     @classmethod
-    def of(cls, body: SoftBody | NamedBody) -> NamedBody:
+    def of(cls, body: "SoftBody | NamedBody") -> "NamedBody":
         """Return a body with names, the usual ones where it has none."""
         return body if isinstance(body, NamedBody) else cls(body)
 
@@ -357,7 +345,7 @@ def build_film(table: FilmTable) -> Film:
 
 
 def build_soft_body(
-    robot: SoftRobotTable, model: ModelTable, path: str = "soft_robot", finer: int = 0
+    robot: soft_robot.SoftRobotTable, model: ModelTable, path: str = "soft_robot", finer: int = 0
 ) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
@@ -410,11 +398,11 @@ def build_soft_body(
     return body
 
 
-def _drawn_body(robot: SoftRobotTable) -> tuple[NamedMesh, NamedMesh]:
+def _drawn_body(robot: soft_robot.SoftRobotTable) -> tuple[NamedMesh, NamedMesh]:
     """Return the unrefined mesh of a robot that is no stack, twice."""
     assert robot.body is not None, "a checked robot has one of the two"
     mesh: NamedMesh
-    if isinstance(robot.body, MeshTable):
+    if isinstance(robot.body, soft_robot.MeshTable):
         mesh = drawn_mesh(robot.body)
         _check_held(mesh, robot.base)
     elif isinstance(robot.body, PatternTable):
@@ -442,13 +430,13 @@ def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
             )
 
 
-def _films(robot: SoftRobotTable) -> Film | dict[str, Film]:
+def _films(robot: soft_robot.SoftRobotTable) -> Film | dict[str, Film]:
     film = build_film(robot.film)
     own = {name: build_film(table) for name, table in _own_films(robot).items()}
     return {_REST: film, **own} if own else film
 
 
-def _own_films(robot: SoftRobotTable) -> dict[str, FilmTable]:
+def _own_films(robot: soft_robot.SoftRobotTable) -> dict[str, FilmTable]:
     """Return the films of face groups that have one of their own."""
     own = {entry.name: entry.film for entry in robot.groups}
     if robot.stack is None or robot.stack.neck is None:
@@ -456,14 +444,14 @@ def _own_films(robot: SoftRobotTable) -> dict[str, FilmTable]:
     return {**own, FUSED: replace(robot.film, thickness_m=2.0 * robot.film.thickness_m)}
 
 
-def _face_groups(robot: SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
+def _face_groups(robot: soft_robot.SoftRobotTable, mesh: NamedMesh) -> dict[str, IntArray]:
     """Return the face groups, and under its own name what is in none with a film."""
     own = [mesh.face_groups[name] for name in _own_films(robot) if name in mesh.face_groups]
     rest = np.setdiff1d(np.arange(len(mesh.triangles)), np.concatenate([np.zeros(0, np.int64), *own]))
     return {**mesh.face_groups, _REST: rest}
 
 
-def _chambers(robot: SoftRobotTable, mesh: NamedMesh) -> tuple[GasChamber, ...]:
+def _chambers(robot: soft_robot.SoftRobotTable, mesh: NamedMesh) -> tuple[GasChamber, ...]:
     """Return the chambers of a film that encloses several; the body has its triangles film by film."""
     if not mesh.chambers:
         return ()
@@ -481,7 +469,9 @@ def _chambers(robot: SoftRobotTable, mesh: NamedMesh) -> tuple[GasChamber, ...]:
     return tuple(found)
 
 
-def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmTable], float]) -> Array:
+def _of_triangles(
+    robot: soft_robot.SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmTable], float]
+) -> Array:
     """Return a value (m,) of the film of each triangle."""
     found = np.full(len(mesh.triangles), value(robot.film))
     for name, film in _own_films(robot).items():
@@ -490,7 +480,7 @@ def _of_triangles(robot: SoftRobotTable, mesh: NamedMesh, value: Callable[[FilmT
     return found
 
 
-def _check_panels(robot: SoftRobotTable, mesh: NamedMesh, path: str) -> None:
+def _check_panels(robot: soft_robot.SoftRobotTable, mesh: NamedMesh, path: str) -> None:
     """Refuse films that wrinkle on a mesh that does not say how wide their panels are."""
     known, groups = mesh.face_values.get("wrinkle_panel_m"), _face_groups(robot, mesh)
     for name, film in {_REST: robot.film, **_own_films(robot)}.items():
@@ -506,15 +496,15 @@ def _check_panels(robot: SoftRobotTable, mesh: NamedMesh, path: str) -> None:
 
 
 def _with_attachment(
-    body: SoftBody, entry: AttachmentTable, model: ModelTable, path: str, finer: int
+    body: SoftBody, entry: soft_robot.AttachmentTable, model: ModelTable, path: str, finer: int
 ) -> SoftBody:
     top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
     plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
     part = build_soft_body(entry.robot, model, path, finer)
-    return attached(body, ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
+    return attached(body, soft_robot.ARM_CHAMBER, part, entry.name, Pose(np.eye(3), top), plate)
 
 
-def _cable(mesh: NamedMesh, entry: CableTable) -> Cable:
+def _cable(mesh: NamedMesh, entry: soft_robot.CableTable) -> Cable:
     return Cable(
         cable_route(mesh, entry),
         1.0 if entry.capstan_factor is None else entry.capstan_factor,
@@ -527,7 +517,7 @@ def _cable(mesh: NamedMesh, entry: CableTable) -> Cable:
 
 
 def _hinges(
-    robot: SoftRobotTable, model: ModelTable, coarse: NamedMesh, mesh: NamedMesh
+    robot: soft_robot.SoftRobotTable, model: ModelTable, coarse: NamedMesh, mesh: NamedMesh
 ) -> tuple[IntArray, Array]:
     """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
 
@@ -564,7 +554,7 @@ def _shell(mesh: NamedMesh, places: IntArray, folds: IntArray, rigidity: Array) 
     return shell_stiffness(mesh.positions, triangles, folds, mean_beside(triangles, folds, rigidity[places]))
 
 
-def _stiffeners(mesh: NamedMesh, robot: SoftRobotTable) -> list[Element]:
+def _stiffeners(mesh: NamedMesh, robot: soft_robot.SoftRobotTable) -> list[Element]:
     rings, table = np.array([mesh.ring(name) for name in mesh.seam_rings]), robot.stiffener
     if table.kind == "stiff":
         return [FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)]
@@ -574,13 +564,13 @@ def _stiffeners(mesh: NamedMesh, robot: SoftRobotTable) -> list[Element]:
     return found
 
 
-def _section(table: StiffenerTable) -> RectangularSection:
+def _section(table: soft_robot.StiffenerTable) -> RectangularSection:
     # what is missing was refused before
     width, height, modulus = table.width_m or 0.0, table.height_m or 0.0, table.young_modulus_Pa or 0.0
     return RectangularSection(width, height, modulus, table.poisson_ratio, table.strength_strain or math.inf)
 
 
-def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:
+def _node_mass(robot: soft_robot.SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:
     """Return the mass (n,) [kg] of each node; a refined mesh spreads what the unrefined one carries."""
     evenly = 0.0 if NODES_PER_AREA in mesh.face_values else robot.mass.node_mass_kg
     mass = np.full(len(mesh.positions), evenly * len(coarse.positions) / len(mesh.positions))
@@ -594,15 +584,15 @@ def _node_mass(robot: SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Arr
         np.add.at(mass, mesh.triangles[:, corner], share)
     if robot.stiffener.kind == "beam":
         _add_beam_mass(mass, mesh, robot.stiffener)
-    if mass.min() < LEAST_NODE_MASS_kg:
+    if mass.min() < soft_robot.LEAST_NODE_MASS_kg:
         raise MeshError(
             f"node {mass.argmin()} has a mass of {mass.min():g} kg; every node needs "
-            f"{LEAST_NODE_MASS_kg:g} kg at least: give mass.node_mass_kg or film.density_kg_m3"
+            f"{soft_robot.LEAST_NODE_MASS_kg:g} kg at least: give mass.node_mass_kg or film.density_kg_m3"
         )
     return mass
 
 
-def _add_beam_mass(mass: Array, mesh: NamedMesh, table: StiffenerTable) -> None:
+def _add_beam_mass(mass: Array, mesh: NamedMesh, table: soft_robot.StiffenerTable) -> None:
     per_length = table.density_kg_m3 * _section(table).area_m2
     for ring in (mesh.ring(name) for name in mesh.seam_rings):
         following = np.roll(ring, -1)

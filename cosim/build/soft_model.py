@@ -7,8 +7,6 @@ Section models of soft robots, built once and kept on disk.
 What represents the soft robot of a scenario: its body, its section model, and soft sides made of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -18,13 +16,7 @@ from typing import final
 from cosim.base.files import cache_directory, keep, kept
 from cosim.base.kept_parts import KeptParts, content_name, name_of, nameless, stamps
 from cosim.base.state_archive import packed, unpacking
-from cosim.build.options import (
-    REUSE_MAX,
-    STATIC_REUSE_BELOW_N,
-    dynamic_options,
-    fidelity_body,
-    static_options,
-)
+from cosim.build import options
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.pattern import PatternTable
@@ -169,11 +161,11 @@ class SoftModel:
             raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.report")
         self._scenario, self._tell, self.kept = scenario, tell, kept
         self._flange = pose_of(scenario.start.flange)
-        self._statics, self._dynamics = static_options(scenario), dynamic_options(scenario)
+        self._statics, self._dynamics = options.static_options(scenario), options.dynamic_options(scenario)
         self._films = film_law(scenario)
         self.body_name, self.lasting = body_name(scenario), _is_lasting(scenario.soft_robot)
         self.body = kept.made(
-            "body", self.body_name, lambda: fidelity_body(scenario) if given is None else given
+            "body", self.body_name, lambda: options.fidelity_body(scenario) if given is None else given
         )
         self.section, largest = None, 0.0
         if scenario.fidelity == "section":
@@ -230,9 +222,9 @@ class SoftModel:
         """Return the film with every triangle divided into four so many times; searches are short."""
         short = replace(
             self._statics, iterations_max=_SHORT, search_iterations_max=_SHORT_SEARCH,
-            reuse_max=REUSE_MAX, reuse_below_N=STATIC_REUSE_BELOW_N,
+            reuse_max=options.REUSE_MAX, reuse_below_N=options.STATIC_REUSE_BELOW_N,
         )  # fmt: skip
-        body = fidelity_body(self._scenario, levels)
+        body = options.fidelity_body(self._scenario, levels)
         return SoftArm(body, self._flange, short, self._dynamics, self._films)
 
     def side(self) -> SoftSide:

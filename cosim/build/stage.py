@@ -3,8 +3,6 @@
 How far the model of a soft robot is expected to be off, from a table of what has been measured.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,11 +15,11 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
+from cosim.config.loading import to_table
 from cosim.config.rules import gas_report, gas_rules
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.writing import to_table
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.device_loop import device_names, device_report
 from cosim.devices.sensor import sensor_names
@@ -159,7 +157,7 @@ _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
 def contact_decision(
-    scenario: Scenario, soft: SoftSide, plan: Plan, arm: Arm, scene: RigidScene, ready: Callable[[], None]
+    scenario: Scenario, soft: SoftSide, plan: Plan, arm: "Arm", scene: "RigidScene", ready: Callable[[], None]
 ) -> Decision:
     """Decide whether contact with the scene is searched for.
 

@@ -1,7 +1,5 @@
 """The words of the command line: commands, their options and help texts."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

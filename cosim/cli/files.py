@@ -3,8 +3,6 @@
 `cosim export`: what a run saw, for other programs.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Collection, Sequence

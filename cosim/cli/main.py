@@ -8,8 +8,6 @@ Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input
 written, 128 + n stopped by signal n (141: nobody read standard output any more).
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import os
@@ -181,7 +179,7 @@ def _twin(options: argparse.Namespace) -> int:
         return twin_command(simulation, options.streams, simulation.scenario.recording, options.out, live)
 
 
-def _live_view(options: argparse.Namespace, *, recording: bool) -> AbstractContextManager[LiveView | None]:
+def _live_view(options: argparse.Namespace, *, recording: bool) -> "AbstractContextManager[LiveView | None]":
     if not (options.live or options.web):
         return nullcontext()
     from cosim.cli.viewing import live_view  # here, because it loads the viewer
@@ -241,7 +239,7 @@ class SweepLine:
         self._every_s = _REDRAW_S if self._terminal else _RETOLD_S
         self._drawn = time.perf_counter()
 
-    def __call__(self, progress: SweepProgress) -> None:
+    def __call__(self, progress: "SweepProgress") -> None:
         """Show how far a sweep is."""
         now, at_end = time.perf_counter(), progress.done == progress.count
         if now - self._drawn < self._every_s and not at_end:
@@ -251,7 +249,7 @@ class SweepLine:
         draw(f"{start}{sweep_line(progress)}{end}", self._stream)
 
 
-def sweep_line(progress: SweepProgress) -> str:
+def sweep_line(progress: "SweepProgress") -> str:
     """Return how far a sweep is, in one line."""
     from cosim.app.progress import clock  # here, because it loads numpy
 

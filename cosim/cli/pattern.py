@@ -1,7 +1,5 @@
 """`cosim pattern` and `cosim new --pattern`: cut patterns checked, drawn, written and made into robots."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator

@@ -15,18 +15,8 @@ from uuid import uuid4
 
 import numpy as np
 
+from cosim.app import driver
 from cosim.app.checkpoint import check_resumable, tick_to_resume
-from cosim.app.driver import (
-    Observer,
-    Options,
-    RunOutcome,
-    build_simulation,
-    execute,
-    execute_arms,
-    prepared,
-    prepared_arms,
-    rerun_recorder,
-)
 from cosim.app.progress import ProgressLine
 from cosim.app.run_files import RECORDING, SCENARIO, check_directory, default_directory, recordings
 from cosim.base.files import cache_directory
@@ -113,7 +103,7 @@ class RunOptions:
     checkpoint_every_s: float | None
     started: float
     live: LiveView | None = None
-    watchers: tuple[Observer, ...] = ()
+    watchers: tuple[driver.Observer, ...] = ()
     error: bool | None = None
 
 
@@ -154,9 +144,9 @@ def warm_up_command(names: Sequence[str]) -> int:
     for name in names:
         kept = KeptParts(cache_directory())
         if has_arms(name):
-            prepared_arms(load_arms(name), tell, recording=True, kept=kept)
+            driver.prepared_arms(load_arms(name), tell, recording=True, kept=kept)
         else:
-            prepared(load_scenario(name), tell, recording=True, contact=True, kept=kept)
+            driver.prepared(load_scenario(name), tell, recording=True, contact=True, kept=kept)
         tell(f"{name}: ready to run")
     return 0
 
@@ -173,16 +163,18 @@ def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
     if not how.quiet:
         tell(scenario.title)
     told = _ignore if how.quiet else line.tell
-    scenario = prepared_arms(scenario, told, recording=how.recording, kept=kept)
+    scenario = driver.prepared_arms(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:
-        watchers: dict[str, list[Observer]] = {
+        watchers: dict[str, list[driver.Observer]] = {
             name: [] if how.quiet else [PlanWarnings(sys.stderr)] for name in scenario.arms
         }
         next(iter(watchers.values())).extend([interruption, *how.watchers, *([] if how.quiet else [line])])
-        recorder = rerun_recorder if how.live is None else how.live.recorder
-        options = Options(directory, recorder if how.recording else None, stop=interruption.reason, tell=told)
+        recorder = driver.rerun_recorder if how.live is None else how.live.recorder
+        options = driver.Options(
+            directory, recorder if how.recording else None, stop=interruption.reason, tell=told
+        )
         try:
-            outcomes = execute_arms(scenario, options, watchers, how.started, kept)
+            outcomes = driver.execute_arms(scenario, options, watchers, how.started, kept)
         except KeyboardInterrupt:  # before the loop: nothing is lost
             tell("cosim: interrupted")
             return interruption.exit_code
@@ -190,7 +182,7 @@ def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
 
 
 def _report_arms(
-    outcomes: Mapping[str, RunOutcome], directory: Path, interruption: Interruption, *, quiet: bool
+    outcomes: Mapping[str, driver.RunOutcome], directory: Path, interruption: Interruption, *, quiet: bool
 ) -> int:
     for name, outcome in outcomes.items():
         if quiet:
@@ -233,18 +225,20 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     line = TerminalLine(sys.stderr)
     told = _ignore if how.quiet else line.tell
     kept = KeptParts(cache_directory())
-    scenario = prepared(scenario, told, recording=how.recording, kept=kept)
+    scenario = driver.prepared(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:
-        shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
-        watchers: list[Observer] = [interruption, *how.watchers, *shown]
-        recorder = rerun_recorder if how.live is None else how.live.recorder
+        shown: list[driver.Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
+        watchers: list[driver.Observer] = [interruption, *how.watchers, *shown]
+        recorder = driver.rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None
-        every_s = how.checkpoint_every_s or Options.checkpoint_every_s
-        options = Options(
+        every_s = how.checkpoint_every_s or driver.Options.checkpoint_every_s
+        options = driver.Options(
             directory, make_recorder, watchers, interruption.reason, every_s, resume, how.error, told
         )
         try:
-            outcome = execute(scenario, partial(build_simulation, tell=told, kept=kept), options, how.started)
+            outcome = driver.execute(
+                scenario, partial(driver.build_simulation, tell=told, kept=kept), options, how.started
+            )
         except KeyboardInterrupt:  # before the loop: nothing is lost
             tell("cosim: interrupted")
             return interruption.exit_code
@@ -255,7 +249,7 @@ def _ignore(_text: str) -> None:
     """Say nothing."""
 
 
-def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
+def _report(outcome: driver.RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
     summary = outcome.summary
     if not quiet:
         tell("\n".join(closing_lines(summary, directory, recordings(directory))))
@@ -301,7 +295,7 @@ def twin_command(
         show: list[Callable[[Prediction], None]] = [_line()]
         if live is not None or out is not None:
             path = out or Path(stack.enter_context(TemporaryDirectory())) / RECORDING
-            make = rerun_recorder if live is None else live.recorder
+            make = driver.rerun_recorder if live is None else live.recorder
             recorder = make(path, settings, RecordingPart(uuid4().hex))
             recorder.open(simulation.stage)
             stack.callback(lambda: recorder.close(repr(twin), "completed"))

@@ -3,8 +3,6 @@
 Ends a run in good order on Ctrl-C, SIGTERM, or SIGHUP of a terminal that has been closed.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -67,7 +65,7 @@ class Interruption:
         self._running = False
         self._previous: dict[int, Any] = {}
 
-    def __enter__(self) -> Interruption:
+    def __enter__(self) -> "Interruption":
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
                 self._previous[number] = signal.signal(number, self._handle)

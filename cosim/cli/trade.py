@@ -1,7 +1,5 @@
 """`cosim trade`: a scenario's speed against its accuracy, as a table, JSON and a plot."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

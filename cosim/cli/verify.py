@@ -1,7 +1,5 @@
 """`cosim verify`: runs cases with known answers and says which numbers fall short."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

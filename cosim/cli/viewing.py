@@ -1,7 +1,5 @@
 """`cosim view`, `cosim video`, `cosim run --live`: a run, or its recording, in Rerun's viewer."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator

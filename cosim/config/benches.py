@@ -1,7 +1,5 @@
 """Bench files and design studies: measured curves, what of a robot may change, and what is wanted of it."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

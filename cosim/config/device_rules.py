@@ -1,7 +1,5 @@
 """Rules that tie controllers, sensors and cameras to the rest of a scenario."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from cosim.config.schema.objects import JOINTS, CameraTable, SensorTable

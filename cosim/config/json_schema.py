@@ -4,8 +4,6 @@ Bounds, defaults and enumerations are those of the fields, descriptions those of
 What only rules across tables can tell is not in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Rules that tie tables of a scenario together; those of one table are beside its fields."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, final

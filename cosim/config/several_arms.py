@@ -3,8 +3,6 @@
 Each arm with the shared keys is a scenario of one arm, so every key means what it means there.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,11 +12,10 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from cosim.base.resources import scenario_path
-from cosim.config.loading import by_key, loaded_scenario
+from cosim.config.loading import by_key, loaded_scenario, table_text, to_table
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.toml.keys import key_of, unknown_key_message
 from cosim.config.toml.reading import Faults, copy_with, merge, read_table
-from cosim.config.writing import table_text, to_table
 from cosim.errors import ScenarioError
 
 ARMS: Final = "arm"

@@ -3,8 +3,6 @@
 Schema of a study: one scenario, and what is varied in it.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterator, Mapping

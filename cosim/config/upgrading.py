@@ -3,8 +3,6 @@
 Finds the keys of a TOML text, so that some can be changed and all the rest stays as it is.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

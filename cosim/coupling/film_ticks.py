@@ -7,8 +7,6 @@ they give way (`giving_way`); its soft step in the middle where a tangent is ind
 where bodies do not go where it has met them. A row ends after a tick with which bodies are to be weighed.
 """
 
-from __future__ import annotations
-
 import math
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -16,19 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.base.frames import IntArray
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    address_of,
-    device_function,
-    kernel,
-    record_at,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import address_of, device_function, kernel, record_at, small_matrix, small_vector
 from cosim.base.numba_insides import caller
+from cosim.coupling import half_ticks
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
 from cosim.coupling.contact.contact_kernels import (
     FASTEST,
@@ -41,18 +30,7 @@ from cosim.coupling.contact.contact_kernels import (
     meet_touched,
     touched_planes,
 )
-from cosim.coupling.half_ticks import (
-    ALL_DONE,
-    LISTS_LEFT,
-    RIGID_SIDE_WARNS,
-    SOFT_HALF_LEFT,
-    SOFT_STEP_BEGUN,
-    SOFT_STEP_SOLVED,
-    RigidSide,
-    fill_flange,
-    hand_over,
-    take_rigid_half,
-)
+from cosim.coupling.half_ticks import RigidSide, fill_flange, hand_over, take_rigid_half
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, fill_center_and_inertia
 from cosim.soft.body.loads import PlainLoads, Touching
@@ -91,7 +69,7 @@ class FilmCommands(NamedTuple):
     tension: Matrix
     gravity: Matrix
 
-    def some(self, first: int, end: int) -> FilmCommands:
+    def some(self, first: int, end: int) -> "FilmCommands":
         """Return what is asked for in some of the ticks."""
         return FilmCommands._make(map(itemgetter(slice(first, end)), self))
 
@@ -109,7 +87,7 @@ class FilmMotion(NamedTuple):
     velocity: Blocks
     memory: Matrix
 
-    def from_on(self, first: int) -> FilmMotion:
+    def from_on(self, first: int) -> "FilmMotion":
         """Return the rows of a tick and all after it."""
         return FilmMotion._make(map(itemgetter(slice(first, None)), self))
 
@@ -262,23 +240,25 @@ def _solve(
     waits = films.waits and films.counts[self_contact.REMEMBERED] == 0  # first without contact of films
     found = _find(row, (way.x[k + 1], way.velocity[k + 1]), waits)
     if min(found) < 0:
-        return found, LISTS_LEFT
+        return found, half_ticks.LISTS_LEFT
     near = may_give_way(contact, found[0])
     if near > 1 or _turns_far(ticks, k, row.largest_turn):
-        return found, SOFT_HALF_LEFT
+        return found, half_ticks.SOFT_HALF_LEFT
     again = True
     while again:  # of the step one place alone: it is compiled for each
         if not _take_soft_step(found, commands, row, ticks, way, k, flange):
-            return found, SOFT_STEP_BEGUN
+            return found, half_ticks.SOFT_STEP_BEGUN
         again = False
         if waits:
             waits, pairs = False, _find_overlooked(row, way, k)
             found, again = (found[0], pairs), pairs > 0
             if pairs < 0 or (again and side.film.parts.shape[0] > 2):  # pairs couple parts
-                return found, SOFT_HALF_LEFT if films.counts[OVERLOOKED] else SOFT_STEP_SOLVED
+                return found, half_ticks.SOFT_HALF_LEFT if films.counts[
+                    OVERLOOKED
+                ] else half_ticks.SOFT_STEP_SOLVED
     meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS
     if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
-        return found, SOFT_STEP_SOLVED
+        return found, half_ticks.SOFT_STEP_SOLVED
     if films.waits:
         films.counts[OVERLOOKED] = 0
     return found, -1
@@ -321,7 +301,7 @@ def _take_tick(
     """
     (rigid, servos, commands), (ticks, way), (flange, moments) = asked, done, scratch
     if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
-        return RIGID_SIDE_WARNS
+        return half_ticks.RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
     found, ended = _solve(commands, row, done, k, flange)
     if ended >= 0:
@@ -329,13 +309,13 @@ def _take_tick(
     _fill_figures(row, done, k, flange, moments)
     _hand_over(row.calls[_HAND], (rigid.scene.applied, ticks, k))
     if _settle(row, found, way, ticks, k):
-        return ALL_DONE
+        return half_ticks.ALL_DONE
     if found[0] > 0 and row.fast < np.inf:
         moving = row.contact, way.x[k + 2], way.velocity[k + 2]
         if _fastest_touched(record_at(row.contact, ContactArrays).calls[FASTEST], moving) > row.fast:
-            return ALL_DONE
+            return half_ticks.ALL_DONE
     if row.whole and record_at(row.films, FilmContacts).counts[self_contact.REMEMBERED] == 0:
-        return ALL_DONE
+        return half_ticks.ALL_DONE
     return -1
 
 
@@ -349,5 +329,5 @@ def advance_film(
     for k in range(count):
         ended = _take_tick((rigid, servos, commands), row, (ticks, way), k, (flange, moments))
         if ended >= 0:
-            return k + (ended == ALL_DONE), ended
-    return count, ALL_DONE
+            return k + (ended == half_ticks.ALL_DONE), ended
+    return count, half_ticks.ALL_DONE

@@ -7,13 +7,12 @@ with the flange's new pose, and its wrench is handed over for the next tick. The
 figures alone: the wrench on the flange, centre and inertia of its mass.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Matrix, Vector, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import BodyLoads
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks

@@ -4,8 +4,6 @@ Somebody else steps the scene meanwhile. A call with all arrays of both sides co
 half; here kernels find them in a record. A file of its own, as only attached soft robots compile it.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from cosim.base.kernels import handing_on_views, kernel, record_at

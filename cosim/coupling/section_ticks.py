@@ -6,8 +6,6 @@ nodes are combinations of the frames. A soft half is left, as that of a film is,
 near are not valid, or bodies give way otherwise than known; so is a step that does not converge in one go.
 """
 
-from __future__ import annotations
-
 from operator import itemgetter
 from typing import Annotated, NamedTuple
 
@@ -15,38 +13,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    handing_on_views,
-    kernel,
-    record_at,
-    small_matrix,
-)
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, handing_on_views, kernel, record_at, small_matrix
 from cosim.base.numba_insides import caller
+from cosim.coupling import half_ticks
+from cosim.coupling.contact import contact_kernels
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.contact_kernels import (
-    FIND_TOUCHED,
-    MEET_TOUCHED,
-    conclude_touch,
-    find_touched,
-    may_give_way,
-    meet_touched,
-    touched_planes,
-)
-from cosim.coupling.half_ticks import (
-    ALL_DONE,
-    LISTS_LEFT,
-    RIGID_SIDE_WARNS,
-    SOFT_HALF_LEFT,
-    RigidSide,
-    fill_flange,
-    hand_over,
-    rigid_half,
-)
+from cosim.coupling.half_ticks import RigidSide, fill_flange, hand_over, rigid_half
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.assembly import combine_points
 from cosim.reduced.sections.section_energy import weighted_rows
@@ -70,7 +43,7 @@ class ChainCommands(NamedTuple):
     weights: Matrix
     tension: Matrix
 
-    def some(self, first: int, end: int) -> ChainCommands:
+    def some(self, first: int, end: int) -> "ChainCommands":
         """Return what is asked for in some of the ticks."""
         return ChainCommands._make(map(itemgetter(slice(first, end)), self))
 
@@ -86,7 +59,7 @@ class ChainMotion(NamedTuple):
     motion: Annotated[NDArray[np.float64], numba.float64[:, :, :, :, ::1]]
     gradient: Blocks
 
-    def from_on(self, first: int) -> ChainMotion:
+    def from_on(self, first: int) -> "ChainMotion":
         """Return the rows of a tick and all after it."""
         return ChainMotion._make(map(itemgetter(slice(first, None)), self))
 
@@ -162,7 +135,7 @@ class ChainSteps(NamedTuple):
 
 
 _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
-_find_touched, _meet_touched = caller(find_touched), caller(meet_touched)
+_find_touched, _meet_touched = caller(contact_kernels.find_touched), caller(contact_kernels.meet_touched)
 
 
 @device_function
@@ -196,7 +169,7 @@ def _find(row: ChainSteps, k: int) -> int:
     film, ahead = row.film, AHEAD_TICKS * row.scheme.h
     contact = record_at(film.contact, ContactArrays)
     given = film.contact, film.x[k % 2], film.velocity, film.rest_m, ahead
-    return _find_touched(contact.calls[FIND_TOUCHED], given)
+    return _find_touched(contact.calls[contact_kernels.FIND_TOUCHED], given)
 
 
 @device_function
@@ -214,7 +187,7 @@ def _solve(
     """
     (both, kept), (ticks, k), film = again, done, row.film
     contact = record_at(film.contact, ContactArrays)
-    planes = touched_planes(contact.touched, found).planes
+    planes = contact_kernels.touched_planes(contact.touched, found).planes
     if not fill_rows(planes, film.before, film.weights, film.first, film.rows):
         return False, kept
     side = _touching(row.side, film, contact.touched.widths, found)
@@ -243,13 +216,13 @@ def _meet(
     contact = record_at(film.contact, ContactArrays)
     converged, kept = _solve(row, ends, near[0], again, done)
     if not converged:
-        return SOFT_HALF_LEFT, kept
+        return half_ticks.SOFT_HALF_LEFT, kept
     if film.velocity.shape[0] > 0:
         combine_points(ends.there[0], film.before, film.weights, film.x[(k + 1) % 2])
         meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h
-        if near[1] > 0 and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
-            return SOFT_HALF_LEFT, kept
-    return ALL_DONE, kept
+        if near[1] > 0 and not _meet_touched(contact.calls[contact_kernels.MEET_TOUCHED], meets):
+            return half_ticks.SOFT_HALF_LEFT, kept
+    return half_ticks.ALL_DONE, kept
 
 
 @device_function
@@ -265,10 +238,10 @@ def _take_soft_half(
     if film.velocity.shape[0] > 0:
         found = _find(row, k)
         if found < 0:
-            return found, LISTS_LEFT, again[1]
-        near = may_give_way(record_at(film.contact, ContactArrays), found)
+            return found, half_ticks.LISTS_LEFT, again[1]
+        near = contact_kernels.may_give_way(record_at(film.contact, ContactArrays), found)
         if near > 1:
-            return found, SOFT_HALF_LEFT, again[1]
+            return found, half_ticks.SOFT_HALF_LEFT, again[1]
         if commands.pressure[k] != film.pressure[0]:
             film.pressure[0] = commands.pressure[k]
             weighted_rows(film.table, commands.first[k], commands.weights[k], film.weights.reshape(-1))
@@ -293,7 +266,7 @@ def advance_chain(
     for k in range(count):
         # by its address it costs 1 % of a tick
         if (k > 0 or not row.begun) and not rigid_half(rigid, servos, ticks, k):
-            return k, RIGID_SIDE_WARNS, kept
+            return k, half_ticks.RIGID_SIDE_WARNS, kept
         _command(row, commands, k)
         fill_flange(ticks, k, flange)
         both = row.two_steps and (row.earlier or k > 0)
@@ -303,12 +276,12 @@ def advance_chain(
             way.motion[k + 1], way.motion[k], flange, way.motion[k + 2], way.gradient[k], ticks.figures[k + 1]
         )
         found, ended, kept = _take_soft_half(commands, row, ends, (both, kept), (ticks, k))
-        if ended != ALL_DONE:
+        if ended != half_ticks.ALL_DONE:
             return k, ended, kept
         _hand_over(row.hand_over, (rigid.scene.applied, ticks, k))
         if film.velocity.shape[0] > 0:
             combine_points(ends.there[1], film.before, film.weights, film.velocity)
             moved, contact = (film.x[k % 2], film.x[(k + 1) % 2]), record_at(film.contact, ContactArrays)
-            if conclude_touch(contact, film.contact, found, moved, ticks, k):
-                return k + 1, ALL_DONE, kept
-    return count, ALL_DONE, kept
+            if contact_kernels.conclude_touch(contact, film.contact, found, moved, ticks, k):
+                return k + 1, half_ticks.ALL_DONE, kept
+    return count, half_ticks.ALL_DONE, kept

@@ -7,8 +7,6 @@ Measures a run: what controllers see, and what `Simulation.measure` returns.
 How controllers move the flange besides the plan: twists of its reference, as motions of the joints.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ winches turn. A scenario without any of these passes through untouched.
 The commands of a scenario: its phases, the gas in the chambers, and its devices and controllers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,10 +33,15 @@ from cosim.devices.command_source import (
 )
 from cosim.devices.controller import (
     AnyController,
+    BangBang,
     Controller,
+    FeedbackLaw,
+    FeedbackLoop,
     Held,
     HoldState,
     Measurement,
+    ProportionalIntegral,
+    TipFollower,
     ZeroOrderHold,
     over,
 )
@@ -56,7 +59,6 @@ from cosim.devices.drives import (
     drums_of,
     orders_of,
 )
-from cosim.devices.feedback import BangBang, FeedbackLaw, FeedbackLoop, ProportionalIntegral, TipFollower
 from cosim.devices.sensor import Sensors, SensorsState, sensor_report
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (

@@ -1,7 +1,5 @@
 """What devices show of themselves in a snapshot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, final
 

@@ -7,8 +7,6 @@ seen. n_k depends on the seeds, the sensor's name and k alone, so a run that is 
 same.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Iterable, Mapping, Sequence

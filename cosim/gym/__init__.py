@@ -1,7 +1,5 @@
 """Tasks for learning, as Gymnasium environments: importing this registers them, as Gymnasium has it."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from cosim.errors import InputError

@@ -1,7 +1,5 @@
 """A task as a Gymnasium environment, alone or many at once in processes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -248,7 +246,7 @@ class VectorRun:
         self._one, self._mode, self._ended = one, mode, False
 
     @classmethod
-    def of(cls, mode: AutoresetMode, given: Mapping[str, Any], kept: KeptParts, k: int) -> VectorRun:
+    def of(cls, mode: AutoresetMode, given: Mapping[str, Any], kept: KeptParts, k: int) -> "VectorRun":
         """Return number k; those of one process share the parts that are kept there."""
         return cls(environment(**given, kept=kept), mode)
 

@@ -3,8 +3,6 @@
 Whether a policy holds on a finer model: the same episodes on two fidelities.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 A file by itself: `results.episodes`, which writes them, does not need Gymnasium.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, final
 

@@ -9,8 +9,6 @@ The tip of an inflated arm follows a place that moves.
 The tip of an inflated arm goes to a place, by flange, pressure and cables.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from importlib import import_module

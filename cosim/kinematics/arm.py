@@ -11,8 +11,6 @@ Source: Siciliano et al., Robotics: Modelling, Planning and Control, 2009, secti
 The Pinocchio model of an arm.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 A configuration far from singularities and joint limits, for arms whose files name none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ One thing that a run models or leaves out.
 What a run has been built for and its state depends on: who continues from that state keeps to it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, final
 
@@ -61,14 +59,14 @@ class Choices:
     contact: Decision
 
     @classmethod
-    def of(cls, scenario: Scenario, contact: Decision) -> Choices:
+    def of(cls, scenario: "Scenario", contact: Decision) -> "Choices":
         """Return the choices of a scenario, with what has been decided on contact."""
         values: dict[str, str] = {"mode": scenario.mode, "fidelity": scenario.fidelity}
         if scenario.mode == "dynamic":
             values["coupling.scheme"] = scenario.coupling.scheme
         return cls(values, contact)
 
-    def check(self, here: Choices) -> None:
+    def check(self, here: "Choices") -> None:
         """Check that a run with other choices can continue from a state of this one.
 
         Raises:

@@ -3,8 +3,6 @@
 Joint angles along a flange's track, held against the arm's speeds and accelerations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress

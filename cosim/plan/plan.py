@@ -7,8 +7,6 @@ The gas in the chambers through a run: each at a given pressure, or a sealed amo
 What a phase asks for at each of its ticks, worked out for many ticks at once, or increments.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, final
 
@@ -48,7 +46,7 @@ class SoftCommand:
     nodal_force: Annotated[Array, ("nodes", 3)] | None = None
     cable_stiffening: tuple[float, ...] = ()
 
-    def unsealed(self) -> SoftCommand:
+    def unsealed(self) -> "SoftCommand":
         """Return the same with its pressures given, whatever gas is sealed."""
         return self if not any(self.gas) else replace(self, gas=(None,) * len(self.gas))
 

@@ -9,8 +9,6 @@ Phases tried on the statics, before the arm's joints are known: where each begin
 Targets of the tip are solved here: an unreachable one is an input error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias, final

@@ -12,8 +12,6 @@ that moves feels gravity less its acceleration a, and its damping c as one more:
 The motion that brings the tip to a target, found on the statics before anything runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -201,7 +199,7 @@ class _Trip:
             self.instants, np.array([t.position for t in tips]), np.array([t.direction for t in tips])
         )
 
-    def uncompensated(self, rigid: _RigidArm, begin: Equilibrium) -> TipErrors | None:
+    def uncompensated(self, rigid: "_RigidArm", begin: Equilibrium) -> TipErrors | None:
         """Return how far the tip would be from the path on a flange that takes the arm to be straight."""
         soft = self._soft
         try:
@@ -229,12 +227,12 @@ class _RigidArm:
     length_m: float
 
     @classmethod
-    def at(cls, soft: SoftSide, here: Equilibrium) -> _RigidArm:
+    def at(cls, soft: SoftSide, here: Equilibrium) -> "_RigidArm":
         """Return the arm as long as it is now."""
         return cls(center_line_length(center_rings(soft.body), here.state.positions))
 
     @classmethod
-    def towards(cls, here: Equilibrium, instants: CourseInstant) -> _RigidArm:
+    def towards(cls, here: Equilibrium, instants: CourseInstant) -> "_RigidArm":
         """Return the arm whose straight tip is on the path's first point.
 
         Raises:

@@ -5,8 +5,6 @@ Where to look from, so that arm and soft robot fill their views at the start of 
 The colour scale of the film's stress, as a picture with numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby

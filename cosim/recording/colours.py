@@ -3,8 +3,6 @@
 Colours of the film: its stress on a perceptual scale, softly lit so that the shape reads.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Final, TypeAlias, final
 
 import numba
@@ -12,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
+from cosim.base.kernels import kernel
 
 Colour: TypeAlias = tuple[int, int, int]
 Rgba: TypeAlias = NDArray[np.uint8]

@@ -3,8 +3,6 @@
 A file of its own: it makes a made-up run for the recorder, which knows nothing of modes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path

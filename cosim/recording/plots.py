@@ -3,8 +3,6 @@
 One plot of a recording.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What every recorder offers to a run."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -52,7 +50,7 @@ class Recorder(ABC):
             batch: the ticks. Recorders may keep them: the arrays must not be reused.
         """
 
-    def of_arms(self, names: Sequence[str]) -> Mapping[str, Recorder]:
+    def of_arms(self, names: Sequence[str]) -> "Mapping[str, Recorder]":
         """Return a recorder for each of several arms in a scene, by its name, all of this recording."""
         raise NotImplementedError("it knows one arm")
 

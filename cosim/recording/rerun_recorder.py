@@ -3,8 +3,6 @@
 One recording of several arms: each writes as if it were alone, below its own name.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -104,7 +102,7 @@ class ArmsStream:
         self._views: dict[str, RunViews | None] = dict.fromkeys(arms)
         self._open = set(arms)
 
-    def of(self, arm: str) -> ArmStream:
+    def of(self, arm: str) -> "ArmStream":
         """Return the stream of one arm."""
         return ArmStream(self, arm, shared=arm == next(iter(self._views)))
 

@@ -13,8 +13,6 @@ Weight and flange wrench as arrows with their sizes written beside them.
 The tip's path and the point it is sent to.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final, TypeAlias, final

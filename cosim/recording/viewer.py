@@ -3,8 +3,6 @@
 A run's recording as a video file.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess
@@ -218,7 +216,7 @@ class Pictures:
         self._client: Any = None
         self.end_s = 0.0
 
-    def __enter__(self) -> Pictures:
+    def __enter__(self) -> "Pictures":
         if not hasattr(ViewerClient, "get_state"):
             raise OutputError(
                 f"pictures and videos need rerun-sdk 0.41 or later, {rerun.__version__} is installed: "

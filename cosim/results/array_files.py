@@ -13,8 +13,6 @@ A part of a run that resumed from a checkpoint begins there; what an earlier par
 passed over.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
@@ -31,16 +29,8 @@ from cosim.base.resources import writing
 from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision
-from cosim.results.result import (
-    COLUMNS,
-    FRAME_COLUMNS,
-    IMAGE_COLUMNS,
-    ArrayText,
-    CameraImages,
-    RunResult,
-    array_texts,
-    frame_rows,
-)
+from cosim.results import result
+from cosim.results.result import ArrayText, CameraImages, RunResult, array_texts, frame_rows
 from cosim.telemetry.snapshot import CameraInfo, RunInfo
 
 if TYPE_CHECKING:
@@ -113,7 +103,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         return {field.name: _array(table[field.name], _own(field.metadata, path)) for field in table.schema}
 
 
-def _column(array: Array) -> pa.Array:
+def _column(array: Array) -> "pa.Array":
     import pyarrow as pa
 
     if array.ndim == 1:
@@ -123,7 +113,7 @@ def _column(array: Array) -> pa.Array:
     return pa.FixedShapeTensorArray.from_numpy_ndarray(np.ascontiguousarray(array))
 
 
-def _array(column: pa.ChunkedArray, said: Mapping[str, Any]) -> Array:
+def _array(column: "pa.ChunkedArray", said: Mapping[str, Any]) -> Array:
     import pyarrow as pa
 
     shape, dtype = (len(column), *said["shape"]), np.dtype(said["dtype"])
@@ -248,7 +238,7 @@ def write_arrays(
         "frames_per_s": frames_per_s,
         "stage": stored_stage(stage),
     }
-    for path, names in ((frames, FRAME_COLUMNS), (ticks, COLUMNS)):
+    for path, names in ((frames, result.FRAME_COLUMNS), (ticks, result.COLUMNS)):
         texts = {name: _array_said(array_texts(RunResult)[name], stage, arrays[name]) for name in names}
         write_columns(path, {name: arrays[name] for name in names}, texts, header)
 
@@ -264,7 +254,7 @@ def write_images(path: Path, camera: str, images: CameraImages) -> None:
     Raises:
         OutputError: they cannot be written.
     """
-    columns = {name: getattr(images, name) for name in IMAGE_COLUMNS}
+    columns = {name: getattr(images, name) for name in result.IMAGE_COLUMNS}
     texts = {
         name: {"unit": text.unit, "meaning": text.meaning, "axes": text.axes}
         for name, text in array_texts(CameraImages).items()
@@ -279,7 +269,7 @@ def read_images(paths: Sequence[Path], camera: str) -> CameraImages | None:
         InputError: one cannot be read, or lacks an array.
     """
     own = [path for path in paths if read_header(path).get("camera") == camera]
-    return CameraImages(**read_parts(own, IMAGE_COLUMNS, "tick")) if own else None
+    return CameraImages(**read_parts(own, result.IMAGE_COLUMNS, "tick")) if own else None
 
 
 def read_stage(path: Path) -> RunInfo:

@@ -4,8 +4,6 @@ Times are those of the run, from 0 on. Frames: `world`, `flange`, one for every 
 `camera_NAME`, with z along its line of sight.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -94,7 +92,7 @@ class _Messages:
         store: of ROS's kinds of messages.
     """
 
-    def __init__(self, result: RunResult, store: Typestore) -> None:
+    def __init__(self, result: RunResult, store: "Typestore") -> None:
         self._result, self._types = result, store.types
         every = frame_rows(result.frame_time_s, FILM_PER_s)
         self._film = dict(zip(result.frame_tick[every].tolist(), every.tolist(), strict=True))

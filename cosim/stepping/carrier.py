@@ -1,7 +1,5 @@
 """What carries the flange, as both modes of a run see it; and the simplest carrier, a held base."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,10 +9,9 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.contact_exchange import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.coupling.ticks import Servos
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.plan.motion import JointPath, JointReference
 from cosim.plan.planning import AnyWay
@@ -147,15 +144,15 @@ class Carrier(ABC):
             InputError: the state does not fit.
         """
 
-    def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
+    def link_contacts(self, *, among_links: bool) -> "tuple[LinkContact, ...]":
         """Return where links of the arm are in what is in the scene, or (`among_links`) in one another."""
         return ()
 
-    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
+    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> "tuple[LinkContact, ...]":
         """Return both with the arm at joints (joints,) [rad] and bodies as in `body_poses`."""
         return ()
 
-    def film_in_links(self, positions: Array, joints: Array) -> tuple[FilmInLink, ...]:
+    def film_in_links(self, positions: Array, joints: Array) -> "tuple[FilmInLink, ...]":
         """Return in which links of the arm at joints (joints,) [rad] nodes (n, 3) [m] of a film are."""
         return ()
 

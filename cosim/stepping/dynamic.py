@@ -1,7 +1,5 @@
 """The dynamic mode: carrier and soft body advance by ticks of the clock; several arms by the same clock."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,8 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.coupling.ticks import Servos, Ticks
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
@@ -54,7 +51,7 @@ class _Asked:
     loads: Sequence[Loads]
     ahead: bool
 
-    def some(self, to: Cursor, most: int) -> _Asked | None:
+    def some(self, to: Cursor, most: int) -> "_Asked | None":
         """Return what ticks from one on ask for, up to so many; None where that has not been worked out."""
         place = to.done - self.first
         if self.phase != to.phase or not 0 <= place < len(self.loads):
@@ -84,7 +81,7 @@ class TipSpeed:
     mean: float = 0.0
     looked: float = 0.0
 
-    def after(self, tips: Array, tick_s: float, least: float) -> tuple[list[int], TipSpeed]:
+    def after(self, tips: Array, tick_s: float, least: float) -> "tuple[list[int], TipSpeed]":
         """Return the ticks at whose ends the tip has become much faster than before, and what follows.
 
         Args:
@@ -217,7 +214,7 @@ class DynamicSimulation(SteppedRun):
         loads = [parts.loads(command) for command in commands.soft]
         return _Asked(to.phase, to.done, parts.carrier.servos(commands.joints), loads, ahead)
 
-    def _link_contacts(self, ticks: Ticks, first: int, count: int) -> dict[int, tuple[LinkContact, ...]]:
+    def _link_contacts(self, ticks: Ticks, first: int, count: int) -> "dict[int, tuple[LinkContact, ...]]":
         """Return what the arm's links touch in ticks from the first one on, by row."""
         search = self._parts.carrier.link_contacts_in
         looked = self._parts.looks_at_links(first, count)

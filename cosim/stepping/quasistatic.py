@@ -8,8 +8,6 @@ change is taken, by Aitken's rule for vectors.
 Source: Irons and Tuck, Int. J. Numer. Methods Eng. 1 (1969) 275.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -19,7 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
 from cosim.base.state_check import check_state
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.contact_exchange import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError
@@ -156,7 +154,7 @@ class QuasistaticSimulation(SteppedRun):
         self._here, self._earlier = state.here, state.earlier
 
     def _snapshot(
-        self, to: Cursor, time_s: float, reference: Array, motion: _Motion, spent: int, began: float
+        self, to: Cursor, time_s: float, reference: Array, motion: "_Motion", spent: int, began: float
     ) -> Snapshot:
         """Return what the present equilibrium shows, with the Newton iterations spent on it."""
         parts, here, touched = self._parts, self._here, NOTHING_TOUCHED

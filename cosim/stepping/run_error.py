@@ -27,8 +27,6 @@ Of each tick there is kept what mass times position is along polynomials in the 
 enough to read off the shares of modes that are known only later.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable
@@ -90,7 +88,7 @@ class Modes:
     losses: Array
 
     @classmethod
-    def of(cls, side: SoftArm, rest: Equilibrium) -> Modes | None:
+    def of(cls, side: SoftArm, rest: Equilibrium) -> "Modes | None":
         """Return those at a state at rest; None where its tangent is not positive definite."""
         solver, body, state = side.equilibrium_solver.solver, side.body, rest.state
         frame = rest.world_from_flange.rotation

@@ -1,7 +1,5 @@
 """A planned run that is stepped, saved between two steps, and continued from what was saved."""
 
-from __future__ import annotations
-
 import sys
 import time
 from abc import ABC, abstractmethod
@@ -43,7 +41,7 @@ class Cursor:
     phase: int = 0
     done: int = 0
 
-    def following(self, counts: Sequence[int]) -> Cursor | None:
+    def following(self, counts: Sequence[int]) -> "Cursor | None":
         """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
         if self.done < counts[self.phase]:
             return Cursor(self.tick + 1, self.phase, self.done + 1)
@@ -51,7 +49,7 @@ class Cursor:
             return Cursor(self.tick + 1, self.phase + 1, 1)
         return None
 
-    def later(self, steps: int) -> Cursor:
+    def later(self, steps: int) -> "Cursor":
         """Return where so many steps later end, in the same phase."""
         return Cursor(self.tick + steps, self.phase, self.done + steps)
 

@@ -3,8 +3,6 @@
 Hands designs out to workers and takes rows in, whatever happens to the workers.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

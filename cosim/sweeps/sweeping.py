@@ -8,8 +8,6 @@ The rows of a sweep, one line of JSON each, written as they come: what a killed 
 `cosim.sweep`.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import os
@@ -35,10 +33,9 @@ from cosim.base.kept_parts import KeptParts, code_identity, content_name
 from cosim.base.resources import is_file, writing
 from cosim.base.state_check import check_state
 from cosim.build.kernel_modules import compile_kernels, kernel_modules
-from cosim.config.loading import load_scenario, register_installed, register_module
+from cosim.config.loading import load_scenario, register_installed, register_module, scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
-from cosim.config.writing import scenario_text
 from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
 from cosim.sweeps import table as tables
@@ -138,7 +135,7 @@ class Journal:
         self._file: TextIO | None = None
 
     @contextmanager
-    def open(self) -> Iterator[Journal]:
+    def open(self) -> "Iterator[Journal]":
         """Open its file for further rows.
 
         Raises:

@@ -1,7 +1,5 @@
 """Cameras of a run: where they are, when they look, and what they see."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, final
@@ -101,7 +99,7 @@ class Cameras:
         x = x / np.linalg.norm(x)
         return snapshot.tip_position, np.stack([x, np.cross(along, x), along], axis=1)
 
-    def _made(self, nodes: int) -> SceneRenderer:
+    def _made(self, nodes: int) -> "SceneRenderer":
         from cosim.rigid.scene.renderer import DrawnScene, Lens, SceneRenderer  # loads MuJoCo
 
         stage = self._stage

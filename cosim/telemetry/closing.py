@@ -1,7 +1,5 @@
 """What a run says at its end, from the summary alone; which model stood for the soft robot when."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

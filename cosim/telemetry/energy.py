@@ -10,8 +10,6 @@ integrator turns that into kinetic energy; what is missing there is lost. So the
 such loss: it is the error of the balance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,7 +18,8 @@ from typing import Annotated, Any, Final, NamedTuple, Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Shown
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
@@ -237,7 +236,7 @@ class EnergyParts(Shown):
         options: StepOptions,
         tick_s: float,
         gravity: Array,
-    ) -> EnergyParts:
+    ) -> "EnergyParts":
         """Return them for a body and its steps."""
         cables = body.cables
         segments = [np.asarray(cable.segments) for cable in cables]
@@ -253,7 +252,7 @@ class EnergyParts(Shown):
             gravity,
         )
 
-    def begin(self) -> EnergyFigures:
+    def begin(self) -> "EnergyFigures":
         """Return the balance before the first tick."""
         return EnergyFigures()
 
@@ -315,7 +314,7 @@ class EnergyFigures:
     ticks: int = 0
     last: EnergyRow | None = None
 
-    def after(self, batch: SeenTicks, parts: EnergyParts) -> tuple[EnergyFigures, Array]:
+    def after(self, batch: SeenTicks, parts: EnergyParts) -> "tuple[EnergyFigures, Array]":
         """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
         The state before the first tick is by itself. Ticks are summed in order: however many come at once,

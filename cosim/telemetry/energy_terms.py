@@ -1,7 +1,5 @@
 """Names of what the energy balance of a run adds up, in the order of its columns; no kernels are loaded."""
 
-from __future__ import annotations
-
 from typing import Final
 
 WORKS: Final = (

@@ -1,7 +1,5 @@
 """Figures of a summary: of what is stretched, of tip paths, of the arm, of devices."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -83,7 +81,7 @@ class TipPathFigures:
     at_m: float = 0.0
     largest_rad: float = 0.0
 
-    def after(self, batch: TickBatch, path: TipPathInfo) -> TipPathFigures:
+    def after(self, batch: TickBatch, path: TipPathInfo) -> "TipPathFigures":
         """Return the figures with some ticks more, all of the path's phase."""
         rows = np.flatnonzero(path.passes(batch.time_s))
         if not len(rows):
@@ -183,7 +181,7 @@ class ArmFigures:
     touches: tuple[Touch, ...] = ()
     last: LastRow | None = None
 
-    def after(self, batch: TickBatch, limits: ArmLimits, *, dynamic: bool) -> ArmFigures:
+    def after(self, batch: TickBatch, limits: ArmLimits, *, dynamic: bool) -> "ArmFigures":
         """Return the figures with some ticks more.
 
         The servos act on the error at the start of a tick: there the reference is compared with the joints.
@@ -287,7 +285,7 @@ class DeviceFigures:
     measured: dict[str, tuple[float, ...]] = field(default_factory=dict)
     setpoint: dict[str, float] = field(default_factory=dict)
 
-    def after(self, batch: TickBatch) -> DeviceFigures:
+    def after(self, batch: TickBatch) -> "DeviceFigures":
         """Return the same with further ticks, which come in order."""
         measured = {name: list(values) for name, values in self.measured.items()}
         setpoint = dict(self.setpoint)

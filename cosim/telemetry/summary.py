@@ -1,7 +1,5 @@
 """The figures of a run, gathered tick by tick; `docs/summary.md` documents every key."""
 
-from __future__ import annotations
-
 import math
 from copy import copy
 from dataclasses import dataclass, replace
@@ -12,15 +10,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.base.state_check import check_state
 from cosim.errors import InputError
-from cosim.telemetry import figures
-from cosim.telemetry.closing import (
-    error_line,
-    handover_figures,
-    handover_line,
-    swing_lines,
-    swing_warnings,
-    with_handovers,
-)
+from cosim.telemetry import closing, figures
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -63,10 +53,10 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- warning: {line}" for line in summary["warnings"]),
         *(f"- stability: {line}" for line in figures.branching_lines(summary["branchings"])),
         *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
-        *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
+        *(f"- natural frequencies: {line}" for line in closing.swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
-        *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
-        f"- error: {error_line(summary)}",
+        *([f"- handover: {closing.handover_line(summary['handover'])}"] if summary["handover"] else []),
+        f"- error: {closing.error_line(summary)}",
         *figures.arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
         "|---|---|---|---|---|---|---|",
@@ -183,7 +173,7 @@ class SummaryBuilder:
         for row, overlaps in batch.overlaps.items():
             self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
         for row, passed_on in batch.handovers.items():
-            self._handovers = with_handovers(self._handovers, name, time_s[row], passed_on)
+            self._handovers = closing.with_handovers(self._handovers, name, time_s[row], passed_on)
         if self._energy is not None and self._stage.energy is not None:
             self._energy, each = self._energy.after(batch, self._stage.energy)
             batch = replace(batch, energy_J=each)
@@ -262,7 +252,7 @@ class SummaryBuilder:
             **self._figures,
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
-            "handover": handover_figures(self._handovers, simulated_s) if stage.hands_over else None,
+            "handover": closing.handover_figures(self._handovers, simulated_s) if stage.hands_over else None,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
             "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},
@@ -284,7 +274,10 @@ class SummaryBuilder:
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
         beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
-        beyond += [*swing_warnings(self._phases), *figures.section_warnings(self._stage.section_model)]
+        beyond += [
+            *closing.swing_warnings(self._phases),
+            *figures.section_warnings(self._stage.section_model),
+        ]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]

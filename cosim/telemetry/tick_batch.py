@@ -20,14 +20,14 @@ from cosim.base.frames import (
     quaternions_from_rotations,
     read_only,
 )
-from cosim.coupling.schemes.ledger import LedgerEntry, TickPieces
+from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-    from cosim.coupling.ticks_taken import TicksTaken
+    from cosim.coupling.ticks import TicksTaken
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
 _NONE: Final = np.zeros(0)
@@ -40,8 +40,8 @@ _STACKED: Final = (
 """Arrays of a snapshot, one row each in a batch."""
 _BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images", "pieces")
 """What few ticks have: by the rows of those."""
-_KINDS: Final = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Scheme": np.str_}
-_OF_LEDGER: Final = {f.name: _KINDS[str(f.type)] for f in fields(LedgerEntry) if f.name != "wrench"}
+_KINDS: Final[dict[Any, Any]] = {int: np.int64, float: np.float64, bool: np.bool_, Scheme: np.str_}
+_OF_LEDGER: Final = {f.name: _KINDS[f.type] for f in fields(LedgerEntry) if f.name != "wrench"}
 """What a ledger says beside the wrench, and of which kind the columns are."""
 
 

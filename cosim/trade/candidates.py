@@ -3,8 +3,6 @@
 Candidates of a trade that differ in what is modelled: models, and switches of what a run leaves out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, TypeAlias, final, get_args

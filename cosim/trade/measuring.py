@@ -21,8 +21,6 @@ moving mean: from tick to tick it chatters, and its values do not converge with 
 over some time does.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -93,7 +91,7 @@ class Measured:
     @classmethod
     def numbers(cls) -> tuple[str, ...]:
         """Return the names of its figures."""
-        return tuple(entry.name for entry in fields(cls) if entry.type == "float")
+        return tuple(entry.name for entry in fields(cls) if entry.type is float)
 
     @property
     def position_error_m(self) -> float:
@@ -166,7 +164,7 @@ class Curve:
     cpu_s: float
     iterations: float
 
-    def at(self, times: Array) -> Curve:
+    def at(self, times: Array) -> "Curve":
         """Return the curve at given times (n,), linear in between; without phase ends."""
         rows = [
             np.stack(

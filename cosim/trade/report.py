@@ -9,8 +9,6 @@ A trade as a picture: errors of positions and forces against the real-time facto
 Chooses fidelity, tick and integrator of a scenario by a short trade, whose figures are kept on disk.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -24,9 +22,8 @@ from cosim._version import __version__
 from cosim.base.files import keep, kept
 from cosim.base.kept_parts import code_identity
 from cosim.base.state_archive import packed, unpacking
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.scenario import Scenario
-from cosim.config.writing import to_table
 from cosim.errors import InputError, ScenarioError
 from cosim.results.result import figure_kind
 from cosim.trade.candidates import Candidate, short_candidates

@@ -7,8 +7,6 @@ A cable with friction around a round post.
 A strip of stiff panels on hinges, bowed by a cable that runs beside it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ Meshes of simple shapes, with the components that their planes of symmetry hold.
 A soft body held at given components, and its equilibria: what every static case needs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -52,7 +50,7 @@ class Figure:
     @classmethod
     def refined(
         cls, quantity: str, unit: str, coarse: float, fine: float, reference: float, tolerance: float = 5e-3
-    ) -> Figure:
+    ) -> "Figure":
         """Return the figure of a mesh, with the order of convergence from one half as fine."""
         order = observed_order(coarse - reference, fine - reference)
         return cls(quantity, unit, fine, reference, tolerance, observed_order=order)
@@ -65,7 +63,7 @@ class Figure:
         fine: Iterable[float],
         reference: Iterable[float],
         tolerance: float = 5e-3,
-    ) -> list[Figure]:
+    ) -> "list[Figure]":
         """Return what `refined` does, of several quantities and their units."""
         rows = zip(quantities.items(), coarse, fine, reference, strict=True)
         return [cls.refined(*named, c, f, r, tolerance) for named, c, f, r in rows]

@@ -13,8 +13,6 @@ A sheared panel of film that bends: how far apart its wrinkles are.
 A closed cylinder of fabric whose yarns straighten, under pressure and twisted.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import final
@@ -26,9 +24,8 @@ from scipy.special import gamma
 
 from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.hinge import shell_stiffness
-from cosim.soft.elements.material import Film
+from cosim.soft.elements.material import Fabric, Film
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.case import (

@@ -11,8 +11,6 @@ An inflated tube, its measures, the loads of a beam on it and the flexibility of
 An inflated tube as a beam: stiffness in bending and shear, and where it wrinkles.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import final
@@ -252,7 +250,7 @@ class InflatedTube:
     thickness: float
 
     @classmethod
-    def make(cls) -> InflatedTube:
+    def make(cls) -> "InflatedTube":
         """Inflate the tube with its first ring free to grow in its plane."""
         positions, triangles = tube(RADIUS_M, LENGTH_M, SIDES, ROWS)
         caps = (np.arange(SIDES)[::-1].copy(), ROWS * SIDES + np.arange(SIDES))

@@ -13,8 +13,6 @@ A weight on a column of sealed gas between stiff walls.
 Potential of a chamber: the same after a rigid motion, and consistent with its derivatives.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import get_args

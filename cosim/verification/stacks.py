@@ -21,8 +21,6 @@ A square unit whose film is pinned to a frame of beams, against finite elements 
 A square unit whose upper hole ring is tilted, against finite elements.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -100,7 +98,7 @@ class OpenSpecimen:
             add_cap_force(np.ascontiguousarray(positions), ring, -pressure_Pa, force)
         return Loads((pressure_Pa,), (), (0.0, 0.0, 0.0), force)
 
-    def load_along(self, pressures_Pa: Iterable[float]) -> OpenSpecimen:
+    def load_along(self, pressures_Pa: Iterable[float]) -> "OpenSpecimen":
         """Follow the equilibrium from pressure to pressure; return itself.
 
         Raises:

@@ -15,8 +15,6 @@ An upright strip that buckles under its own weight.
 A long thin-walled tube under outer pressure: where its section buckles.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import partial

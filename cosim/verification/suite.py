@@ -1,7 +1,5 @@
 """The suite: every case in the order of the table, how one is run, and its results as a table and as JSON."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -15,8 +15,6 @@ Order of convergence in time of the coupled tick: a rigid carriage and the soft 
 A soft body that tumbles and pulsates freely: momentum and energy.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Callable, Mapping

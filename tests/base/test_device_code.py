@@ -8,7 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.kernels import Vector, allocating, device_function, handing_on_views, kernel
+from cosim.base.kernel_types import Vector
+from cosim.base.kernels import allocating, device_function, handing_on_views, kernel
 
 
 @device_function

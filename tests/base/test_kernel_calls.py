@@ -15,18 +15,15 @@ import pytest
 
 from cosim.base import numba_insides
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import Indices, Matrix, Vector, nothing_of
 from cosim.base.kernels import (
-    Indices,
-    Matrix,
     RecordStore,
-    Vector,
     address_of,
     allocating,
     device_function,
     handing_on_views,
     inlined,
     kernel,
-    nothing_of,
     record_at,
     small_matrix,
     zero_vector,

@@ -8,15 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base.kernels import (
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-    zero_matrix,
-    zero_vector,
-)
+from cosim.base.kernel_types import Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_matrix, zero_vector
 
 _ROWS = 4
 

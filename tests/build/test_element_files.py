@@ -14,11 +14,10 @@ from cosim.base.kept_parts import KeptParts
 from cosim.build.soft_body import build_soft_body
 from cosim.build.soft_model import SoftModel
 from cosim.config.json_schema import json_schema
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import ElementTable
 from cosim.config.toml.parsing import forget_schemas
-from cosim.config.writing import scenario_text
 from cosim.errors import InputError, ScenarioError
 from cosim.stepping.dynamic import DynamicSimulation
 from tests.soft import dashpot

@@ -10,9 +10,8 @@ import pytest
 import cosim
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.scenario import GasTable, ModelTable
-from cosim.config.writing import to_table
 from cosim.errors import ScenarioError
 from cosim.results.result import RunResult
 

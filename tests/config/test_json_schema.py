@@ -21,9 +21,8 @@ from cosim.base.resources import (
 )
 from cosim.cli.main import main
 from cosim.config.json_schema import json_schema
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.several_arms import has_arms, load_arms
-from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 
 KINDS = ("scenario", "robot", "arm")

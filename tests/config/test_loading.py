@@ -14,11 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.base.resources import first_comment, list_scenarios, list_soft_robots, scenario_path
-from cosim.config.loading import load_scenario, load_soft_robot
+from cosim.config.loading import load_scenario, load_soft_robot, scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.config.several_arms import has_arms
 from cosim.config.toml.reading import apply_override, merge, parse_assignment
-from cosim.config.writing import scenario_text
 from cosim.errors import InputError, ScenarioError
 
 REFERENCE = "ur5e_hexagon_arm"

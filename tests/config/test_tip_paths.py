@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.scenario import Scenario
-from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 
 POINTS = [[0.3, 0.0, 0.5], [0.3, 0.1, 0.52], [0.3, 0.2, 0.5]]

@@ -15,10 +15,9 @@ import cosim
 from cosim.app.driver import build_simulation
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.config.json_schema import json_schema
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.phase import CommandTable
 from cosim.config.toml.parsing import forget_schemas
-from cosim.config.writing import scenario_text
 from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
 from cosim.plan.plan import RobotCommand
 from tests.devices import device_parts, sine_commands

@@ -11,8 +11,7 @@ from scipy.linalg import expm
 
 from cosim import Command, Controller, Measurement
 from cosim.base.frames import Array, Pose, Wrench
-from cosim.devices.controller import ZeroOrderHold
-from cosim.devices.feedback import BangBang, FeedbackLoop, ProportionalIntegral
+from cosim.devices.controller import BangBang, FeedbackLoop, ProportionalIntegral, ZeroOrderHold
 from cosim.errors import InputError, InstabilityError
 
 GAIN, TAU_s, PERIOD_s = 2.0, 0.5, 0.02

@@ -15,8 +15,7 @@ import cosim
 from cosim import Command, Controller, Measurement
 from cosim.app.driver import build_simulation
 from cosim.base.state_archive import read_archive, write_archive
-from cosim.config.loading import load_scenario
-from cosim.config.writing import scenario_text
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.telemetry.figures import control_figures
 from tests.devices.device_parts import (
     CONTROLLER,

@@ -11,8 +11,7 @@ import pytest
 import cosim
 from cosim.base.frames import rotation_from_quaternion, vector_from_rotation
 from cosim.build.simulation import build
-from cosim.config.loading import load_scenario
-from cosim.config.writing import to_table
+from cosim.config.loading import load_scenario, to_table
 from cosim.results.result import RunResult
 
 TICK_S = 0.004

@@ -19,7 +19,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
-from cosim.stepping.arm_carrier import ArmCarrier
+from cosim.stepping.scene_carrier import ArmCarrier
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
@@ -191,7 +191,7 @@ def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
 def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
     wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cosim.stepping.arm_carrier.StaggeredCoupling", _always_carrying)
+        patch.setattr("cosim.stepping.scene_carrier.StaggeredCoupling", _always_carrying)
         rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
     assert set(advance_chain.signatures) == {advance_chain.fixed_signature.args}  # compiled for no others
     assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])

@@ -12,9 +12,8 @@ import pytest
 import cosim
 from cosim.base.state_archive import unpacking
 from cosim.build.simulation import build
-from cosim.config.loading import load_scenario
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.scenario import Scenario
-from cosim.config.writing import scenario_text
 from cosim.errors import ScenarioError
 from cosim.trade import report
 from cosim.trade.candidates import Candidate, short_candidates

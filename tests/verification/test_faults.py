@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel
 from cosim.coupling import film_ticks, half_ticks
 from cosim.coupling.schemes import interface
 from cosim.coupling.ticks import Ticks

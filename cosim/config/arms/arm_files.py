@@ -3,8 +3,6 @@
 Makes an arm of a robot's links and joints and of what its `arm.toml` says.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import xml.etree.ElementTree as ElementTree

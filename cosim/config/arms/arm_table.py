@@ -8,8 +8,6 @@ joints lengths in m and forces in N.
 A rigid piece between an arm's flange and the soft robot.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field, replace
@@ -21,16 +19,7 @@ import numpy as np
 from cosim.base.arm_file import ARMATURE, FIXED, ArmFile
 from cosim.base.frames import Array, Pose
 from cosim.config.arms.robot_tree import link_of
-from cosim.config.toml.keys import (
-    Direction,
-    Increasing,
-    Name,
-    NonNegative,
-    Positive,
-    Quaternion,
-    Text,
-    Vector3,
-)
+from cosim.config.toml import keys
 from cosim.errors import InputError
 
 
@@ -112,7 +101,7 @@ def standing_along(axis: Array) -> Array:
     return np.stack([aside, np.cross(axis, aside), axis], axis=1)
 
 
-UNTURNED: Quaternion = (1.0, 0.0, 0.0, 0.0)
+UNTURNED: keys.Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class BaseJoint(NamedTuple):
@@ -132,7 +121,7 @@ class BaseJoint(NamedTuple):
     speed: float
     acceleration: float | None
     effort: float
-    center_m: Vector3 | None
+    center_m: keys.Vector3 | None
 
 
 @final
@@ -150,13 +139,13 @@ class RailTable:
         name: of the joint.
     """
 
-    axis: Direction
-    range_m: Annotated[tuple[float, float], Increasing]
-    speed_m_s: Positive
-    acceleration_m_s2: Positive | None = None
-    force_N: Positive = 5e3
-    mass_kg: Positive = 50.0
-    name: Name = "rail"
+    axis: keys.Direction
+    range_m: Annotated[tuple[float, float], keys.Increasing]
+    speed_m_s: keys.Positive
+    acceleration_m_s2: keys.Positive | None = None
+    force_N: keys.Positive = 5e3
+    mass_kg: keys.Positive = 50.0
+    name: keys.Name = "rail"
 
     @property
     def joint(self) -> BaseJoint:
@@ -182,14 +171,14 @@ class TurntableTable:
         name: of the joint.
     """
 
-    range_rad: Annotated[tuple[float, float], Increasing]
-    speed_rad_s: Positive
-    axis: Direction = (0.0, 0.0, 1.0)
-    center_m: Vector3 | None = None
-    acceleration_rad_s2: Positive | None = None
-    torque_Nm: Positive = 2e3
-    mass_kg: Positive = 50.0
-    name: Name = "turntable"
+    range_rad: Annotated[tuple[float, float], keys.Increasing]
+    speed_rad_s: keys.Positive
+    axis: keys.Direction = (0.0, 0.0, 1.0)
+    center_m: keys.Vector3 | None = None
+    acceleration_rad_s2: keys.Positive | None = None
+    torque_Nm: keys.Positive = 2e3
+    mass_kg: keys.Positive = 50.0
+    name: keys.Name = "turntable"
 
     @property
     def joint(self) -> BaseJoint:
@@ -213,8 +202,8 @@ class BaseTable:
         turntables: `[[arm_base.turntable]]` in the file, each on the one before, the first on the last rail.
     """
 
-    position_m: Vector3 = (0.0, 0.0, 0.0)
-    quaternion: Quaternion = UNTURNED
+    position_m: keys.Vector3 = (0.0, 0.0, 0.0)
+    quaternion: keys.Quaternion = UNTURNED
     rails: tuple[RailTable, ...] = field(default=(), metadata={"alias": "rail"})
     turntables: tuple[TurntableTable, ...] = field(default=(), metadata={"alias": "turntable"})
 
@@ -231,10 +220,10 @@ class AdapterTable:
         radius_m: of the cylinder.
     """
 
-    position_m: Vector3
-    quaternion: Quaternion = UNTURNED
-    mass_kg: NonNegative = 0.0
-    radius_m: Positive = 0.03
+    position_m: keys.Vector3
+    quaternion: keys.Quaternion = UNTURNED
+    mass_kg: keys.NonNegative = 0.0
+    radius_m: keys.Positive = 0.03
 
 
 @final
@@ -252,9 +241,9 @@ class LimitsTable:
 
     lower: tuple[float, ...] | None = None
     upper: tuple[float, ...] | None = None
-    velocity: tuple[Positive, ...] | None = None
-    acceleration: tuple[Positive, ...] | None = None
-    effort: tuple[Positive, ...] | None = None
+    velocity: tuple[keys.Positive, ...] | None = None
+    acceleration: tuple[keys.Positive, ...] | None = None
+    effort: tuple[keys.Positive, ...] | None = None
 
 
 @final
@@ -268,9 +257,9 @@ class ServosTable:
         armature: rotor inertia seen at the joint, kg m^2; omitted: the file's, or 0.1.
     """
 
-    stiffness: tuple[Positive, ...] | None = None
-    damping: tuple[NonNegative, ...] | None = None
-    armature: tuple[NonNegative, ...] | None = None
+    stiffness: tuple[keys.Positive, ...] | None = None
+    damping: tuple[keys.NonNegative, ...] | None = None
+    armature: tuple[keys.NonNegative, ...] | None = None
 
 
 @final
@@ -291,12 +280,12 @@ class ArmTable:
             its meshes are drawn in recordings and by cameras. Motion and forces do not depend on it.
     """
 
-    file: Text
-    title: Text | None = None
-    flange: Text | None = None
+    file: keys.Text
+    title: keys.Text | None = None
+    flange: keys.Text | None = None
     home: tuple[float, ...] | None = None
-    package_paths: tuple[Text, ...] = ()
-    drawn_as: Text | None = None
+    package_paths: tuple[keys.Text, ...] = ()
+    drawn_as: keys.Text | None = None
     base: BaseTable = BaseTable()
     adapter: AdapterTable | None = None
     limits: LimitsTable = LimitsTable()

@@ -5,8 +5,6 @@ Checks what joints and links of a chain say, so that a refusal names them before
 The shapes of an arm's links: their mesh files are found, and what no engine reads is replaced.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import xml.etree.ElementTree as ElementTree

@@ -7,8 +7,6 @@ Looked for in a checkout (`MENAGERIE_ROOT`), in what the package mujoco-menageri
 variables and default places of these packages.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys

@@ -1,7 +1,5 @@
 """Tables of a soft robot's film: isotropic or woven; stacks of polygonal units, which draw it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, final

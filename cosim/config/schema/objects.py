@@ -19,8 +19,6 @@ depth of contact slips through the film.
 Finds the mesh files of a scenario's objects, and the file of its scene.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias, TypeVar, final

@@ -1,7 +1,5 @@
 """Schema of cut patterns, `[body] kind = "pattern"`: two sheets welded along seams."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final, Literal, final

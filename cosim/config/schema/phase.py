@@ -16,8 +16,6 @@ A rigid target is a pose of the flange. `direction` is the flange's z axis, out 
 world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -252,7 +250,7 @@ class TipPathTable:
     ramp_s: Positive = 0.5
     reach_with: Literal["flange", "none"] = "flange"
 
-    def course(self) -> TipCourse:
+    def course(self) -> "TipCourse":
         """Return where the tip is to be, and when.
 
         Raises:

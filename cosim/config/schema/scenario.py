@@ -22,16 +22,8 @@ from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its k
 from cosim.config.schema.objects import CameraTable, ObjectTable, SceneTable, SensorTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml.keys import (
-    Count,
-    Name,
-    NonNegative,
-    Positive,
-    Text,
-    Vector3,
-    listing,
-    unknown_name_message,
-)
+from cosim.config.toml import keys
+from cosim.config.toml.keys import listing, unknown_name_message
 from cosim.config.toml.reading import Told, rule
 
 
@@ -51,7 +43,7 @@ class CouplingTable:
 
     scheme: Literal["staggered", "iterated", "auto"] = "staggered"
     tolerance: Annotated[float, Interval(ge=1e-12, le=1e-3)] = 1e-9
-    iterations_max: Count = 30
+    iterations_max: keys.Count = 30
 
 
 Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined", "auto"]
@@ -73,10 +65,10 @@ class AutoTable:
         chosen: what was chosen, with its figures; cosim writes it into the scenario as it ran.
     """
 
-    budget: Positive | None = None
-    tolerance_m: Positive | None = None
-    force_tolerance_N: Positive | None = None
-    chosen: Text | None = None
+    budget: keys.Positive | None = None
+    tolerance_m: keys.Positive | None = None
+    force_tolerance_N: keys.Positive | None = None
+    chosen: keys.Text | None = None
 
 
 @final
@@ -119,15 +111,15 @@ class SolverTable:
             leave them for stable ones.
     """
 
-    residual_tolerance_N: Positive = 1e-6
-    newton_iterations_max: Count = 100
-    search_iterations_max: Count = 3000
-    dynamic_tolerance_N: Positive = 1e-4
-    dynamic_newton_iterations: Count = 1
+    residual_tolerance_N: keys.Positive = 1e-6
+    newton_iterations_max: keys.Count = 100
+    search_iterations_max: keys.Count = 3000
+    dynamic_tolerance_N: keys.Positive = 1e-4
+    dynamic_newton_iterations: keys.Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "bdf2"
-    damping_per_s: NonNegative = 0.0
-    air_drag_per_s: NonNegative = 0.0
-    substep_error_m: Positive | None = None
+    damping_per_s: keys.NonNegative = 0.0
+    air_drag_per_s: keys.NonNegative = 0.0
+    substep_error_m: keys.Positive | None = None
     follow_unstable: bool = False
 
 
@@ -145,7 +137,7 @@ class PlanTable:
     """
 
     collision: Literal["refuse", "warn", "off"] = "warn"
-    clearance_m: NonNegative = 0.0
+    clearance_m: keys.NonNegative = 0.0
 
 
 @final
@@ -159,7 +151,7 @@ class FrictionPairTable:
     """
 
     between: tuple[str, str]
-    friction: NonNegative
+    friction: keys.NonNegative
 
     @rule
     def _names_what_is_there(self, scenario: Scenario) -> Told:
@@ -196,12 +188,12 @@ class ContactTable:
 
     enabled: bool = True
     only_in_reach: bool = True
-    stiffness_N_m3: Positive = 3e8
-    smoothing_m: Positive = 1e-4
-    stick_m: Positive = 1e-4
+    stiffness_N_m3: keys.Positive = 3e8
+    smoothing_m: keys.Positive = 1e-4
+    stick_m: keys.Positive = 1e-4
     self_contact: Literal["auto", True, False] = "auto"
-    self_friction: NonNegative = 0.5
-    film_friction: NonNegative | None = None
+    self_friction: keys.NonNegative = 0.5
+    film_friction: keys.NonNegative | None = None
     pair_friction: Literal["largest", "smallest", "mean", "root"] = "largest"
     pairs: tuple[FrictionPairTable, ...] = field(default=(), metadata={"alias": "pair"})
 
@@ -238,7 +230,7 @@ class OrificeTable:
     """
 
     chambers: tuple[str, str]
-    conductance_kg_s_Pa: Positive
+    conductance_kg_s_Pa: keys.Positive
 
     @rule
     def _joins_two_chambers(self, scenario: Scenario) -> Told:
@@ -262,8 +254,8 @@ class GasTable:
     """
 
     exponent: Annotated[float, Interval(ge=1.0, le=2.0)] = 1.4
-    ambient_Pa: NonNegative = 101325.0
-    temperature_K: Positive = 293.15
+    ambient_Pa: keys.NonNegative = 101325.0
+    temperature_K: keys.Positive = 293.15
     orifices: tuple[OrificeTable, ...] = field(default=(), metadata={"alias": "orifice"})
 
 
@@ -276,7 +268,7 @@ class RecordingTable:
         frames_per_s: frames of the film per simulated second; curves have a point for every tick.
     """
 
-    frames_per_s: Positive = 60.0
+    frames_per_s: keys.Positive = 60.0
 
 
 _NEEDED: Final = {
@@ -308,14 +300,14 @@ class PumpTable:
         vent_kg_s_Pa: mass flow of the open valve per pascal of gauge pressure.
     """
 
-    name: Name
-    flow_kg_s: Positive
+    name: keys.Name
+    flow_kg_s: keys.Positive
     chamber: str | None = None
-    pressure_max_Pa: Positive | None = None
-    band_Pa: NonNegative = 1e3
-    sensor_delay_s: NonNegative = 0.0
-    vent_above_Pa: Positive | None = None
-    vent_kg_s_Pa: NonNegative = 0.0
+    pressure_max_Pa: keys.Positive | None = None
+    band_Pa: keys.NonNegative = 1e3
+    sensor_delay_s: keys.NonNegative = 0.0
+    vent_above_Pa: keys.Positive | None = None
+    vent_kg_s_Pa: keys.NonNegative = 0.0
 
     @rule
     def _vents(self) -> Told:
@@ -348,13 +340,13 @@ class WinchTable:
         stall_torque_Nm: of the motor, above which steps are lost.
     """
 
-    name: Name
+    name: keys.Name
     cables: Annotated[tuple[str, ...], Len(min_length=1)]
-    step_angle_rad: Positive
-    drum_radius_m: Positive
-    step_rate_per_s: Positive
-    stall_torque_Nm: Positive
-    gear_ratio: Positive = 1.0
+    step_angle_rad: keys.Positive
+    drum_radius_m: keys.Positive
+    step_rate_per_s: keys.Positive
+    stall_torque_Nm: keys.Positive
+    gear_ratio: keys.Positive = 1.0
     one_motor: bool = False
 
     @property
@@ -435,17 +427,17 @@ class ControllerTable:
         output_max: highest output; omitted: none.
     """
 
-    name: Name
+    name: keys.Name
     kind: Literal["bang_bang", "pi", "python"]
-    period_s: Positive
+    period_s: keys.Positive
     measures: Literal["bending_angle_rad", "tip_height_m", "tip_position_m"] = "bending_angle_rad"
     commands: Literal["cable_tension_N", "cable_shortening_m", "flange_twist"] = "cable_tension_N"
     cables: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
-    increment: Positive | None = None
-    band: NonNegative = 0.0
-    proportional_gain: NonNegative | None = None
-    integral_gain_per_s: NonNegative | None = None
+    increment: keys.Positive | None = None
+    band: keys.NonNegative = 0.0
+    proportional_gain: keys.NonNegative | None = None
+    integral_gain_per_s: keys.NonNegative | None = None
     output_min: float = 0.0
     output_max: float | None = None
 
@@ -509,14 +501,14 @@ class GivenBodyTable:
         chambers: names of its gas chambers, in order.
     """
 
-    name: Name
-    arrays: Text
-    triangles: Count
+    name: keys.Name
+    arrays: keys.Text
+    triangles: keys.Count
     closed: bool
-    rings: tuple[Text, ...]
-    base: tuple[Text, ...]
-    cables: tuple[Name, ...]
-    chambers: tuple[Text, ...]
+    rings: tuple[keys.Text, ...]
+    base: tuple[keys.Text, ...]
+    cables: tuple[keys.Name, ...]
+    chambers: tuple[keys.Text, ...]
     palm: ClassVar[None] = None
 
     def cable_names(self) -> tuple[str, ...]:
@@ -594,8 +586,8 @@ class Scenario:
     """
 
     schema: Literal[2]
-    name: Name
-    title: Text
+    name: keys.Name
+    title: keys.Text
     robot: str
     soft_robot: Annotated[AnySoftRobot, InFiles(SoftRobotTable)]
     start: StartTable
@@ -604,7 +596,7 @@ class Scenario:
     fidelity: Fidelity = "lumped"
     auto: AutoTable | None = None
     arm_base: BaseTable | None = None
-    gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
+    gravity_m_s2: keys.Vector3 = (0.0, 0.0, -9.81)
     payload_compensation: bool = True
     clock: ClockTable = ClockTable()
     solver: SolverTable = SolverTable()

@@ -20,18 +20,8 @@ from annotated_types import Interval, Len
 from cosim.base.names import ONLY_CHAMBER
 from cosim.base.resources import is_file, quoted_name
 from cosim.config.schema.film import FIRST_RING, FilmTable, StackTable
-from cosim.config.toml.keys import (
-    Colour,
-    Count,
-    Name,
-    NonNegative,
-    Positive,
-    Text,
-    Vector3,
-    key_of,
-    matching,
-    unknown_name_message,
-)
+from cosim.config.toml import keys
+from cosim.config.toml.keys import key_of, matching, unknown_name_message
 from cosim.config.toml.parsing import KindTable
 from cosim.config.toml.reading import Fault, Told, rule
 
@@ -80,11 +70,11 @@ class NodeSetTable:
         group: the nodes of a named group of triangles of the file.
     """
 
-    name: Name
+    name: keys.Name
     axis: Literal["x", "y", "z"] | None = None
     at_m: float | None = None
-    points_m: tuple[Vector3, ...] = ()
-    group: Text | None = None
+    points_m: tuple[keys.Vector3, ...] = ()
+    group: keys.Text | None = None
 
     @rule
     def _is_said_once(self) -> Told:
@@ -108,10 +98,10 @@ class MeshTable(BodySourceTable):
     """
 
     kind: Literal["mesh"] = "mesh"
-    file: Text
-    scale: Positive = 1.0
+    file: keys.Text
+    scale: keys.Positive = 1.0
     sets: Annotated[tuple[NodeSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
-    tip: Name = "tip"
+    tip: keys.Name = "tip"
 
     @rule
     def _has_its_file(self) -> Told:
@@ -163,7 +153,7 @@ class HingeTable:
     """
 
     rule: Literal["uniform", "shell"] = "uniform"
-    stiffness_factor: NonNegative = 1.0
+    stiffness_factor: keys.NonNegative = 1.0
     fold_barrier_rad: Annotated[float, Interval(ge=0.0, lt=3.141592653589793)] = 0.0
 
 
@@ -188,13 +178,13 @@ class StiffenerTable:
     """
 
     kind: Literal["none", "stiff", "beam"] = "none"
-    stiffness_N_m: Positive = 1e6
-    width_m: Positive | None = None
-    height_m: Positive | None = None
-    young_modulus_Pa: Positive | None = None
+    stiffness_N_m: keys.Positive = 1e6
+    width_m: keys.Positive | None = None
+    height_m: keys.Positive | None = None
+    young_modulus_Pa: keys.Positive | None = None
     poisson_ratio: Annotated[float, Interval(gt=-1.0, le=0.5)] = 0.35
-    density_kg_m3: NonNegative = 0.0
-    strength_strain: Positive | None = None
+    density_kg_m3: keys.NonNegative = 0.0
+    strength_strain: keys.Positive | None = None
     rest_on_one_another: bool = False
 
     @rule
@@ -220,11 +210,11 @@ class MassTable:
     area around each node of the drawn mesh.
     """
 
-    node_mass_kg: NonNegative = 0.0
-    seam_mass_kg: NonNegative = 0.0
+    node_mass_kg: keys.NonNegative = 0.0
+    seam_mass_kg: keys.NonNegative = 0.0
 
 
-UnitRange = tuple[Count, Count | Literal["last"]]
+UnitRange = tuple[keys.Count, keys.Count | Literal["last"]]
 LEAST_NODE_MASS_kg: Final = 1e-12
 
 
@@ -253,16 +243,16 @@ class CableTable:
             model; "directed": against the way it slides, with separate stick and slip at each eyelet.
     """
 
-    name: Name
+    name: keys.Name
     corner: Annotated[int, Interval(ge=0)] | None = None
     corners_per_unit: Annotated[int, Interval(ge=-2, le=2)] = 0
     units: UnitRange | None = None
-    line: Name | None = None
+    line: keys.Name | None = None
     capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
-    friction_coefficient: NonNegative | None = None
-    stiffness_N_m: Positive = 1e4
-    damping_Ns_m: NonNegative = 0.0
-    eyelet_loss_N: NonNegative = 0.0
+    friction_coefficient: keys.NonNegative | None = None
+    stiffness_N_m: keys.Positive = 1e4
+    damping_Ns_m: keys.NonNegative = 0.0
+    eyelet_loss_N: keys.NonNegative = 0.0
     losses: Literal["directed", "one_way"] = "one_way"
 
     @rule
@@ -321,7 +311,7 @@ class CopiesTable:
     """
 
     count: Annotated[int, Interval(ge=1, le=12)]
-    radius_m: NonNegative
+    radius_m: keys.NonNegative
     tilt_rad: float = 0.0
     spin_rad: float = 0.0
     height_m: float = 0.0
@@ -344,12 +334,12 @@ class PalmTable:
             A tick is taken where that is longer.
     """
 
-    radius_m: Positive
-    thickness_m: Positive
-    mass_kg: Positive
-    friction: NonNegative = 0.8
-    contact_time_s: Positive = 0.004
-    rgba: Colour = (0.25, 0.27, 0.30, 1.0)
+    radius_m: keys.Positive
+    thickness_m: keys.Positive
+    mass_kg: keys.Positive
+    friction: keys.NonNegative = 0.8
+    contact_time_s: keys.Positive = 0.004
+    rgba: keys.Colour = (0.25, 0.27, 0.30, 1.0)
 
 
 @final
@@ -362,8 +352,8 @@ class PlateTable:
         stiffness_N_m: of the springs that keep its shape.
     """
 
-    mass_kg: NonNegative = 0.0
-    stiffness_N_m: Positive = 1e6
+    mass_kg: keys.NonNegative = 0.0
+    stiffness_N_m: keys.Positive = 1e6
 
 
 @final
@@ -380,9 +370,9 @@ class AttachmentTable:
         height_m: of its origin beyond the tip ring, along the axis.
     """
 
-    name: Name
+    name: keys.Name
     robot: SoftRobotTable
-    height_m: NonNegative = 0.0
+    height_m: keys.NonNegative = 0.0
     plate: PlateTable = PlateTable()
 
     @rule
@@ -415,7 +405,7 @@ class FaceGroupTable:
         film: of its triangles.
     """
 
-    name: Text
+    name: keys.Text
     film: FilmTable
 
 
@@ -432,9 +422,9 @@ class KnownTable:
         assumed: by whoever wrote the file.
     """
 
-    published: tuple[Text, ...] = ()
-    measured: tuple[Text, ...] = ()
-    assumed: tuple[Text, ...] = ()
+    published: tuple[keys.Text, ...] = ()
+    measured: tuple[keys.Text, ...] = ()
+    assumed: tuple[keys.Text, ...] = ()
 
     @rule
     def _names_keys(self, robot: SoftRobotTable) -> Told:
@@ -481,8 +471,8 @@ class SoftRobotTable:
         known: how its values are known.
     """
 
-    name: Name
-    source: Text
+    name: keys.Name
+    source: keys.Text
     film: FilmTable
     stack: StackTable | None = None
     body: BodySourceTable | None = None

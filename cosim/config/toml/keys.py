@@ -15,8 +15,6 @@ at least the smallest one, so that nothing is divided by what is as good as zero
 Words for unknown keys: the nearest known ones, and units that do not fit.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass

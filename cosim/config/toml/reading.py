@@ -6,8 +6,6 @@ rules of tables, which are beside their fields.
 Changes to a scenario's tables by key path, as `--set key=value` gives them.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping

@@ -7,7 +7,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function, nothing_of
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector, nothing_of
+from cosim.base.kernels import device_function
 from cosim.rigid.distance.shapes import ShapeBounds
 from cosim.rigid.scene.bodies import Bodies, Foresight
 from cosim.soft.contact.obstacle_contact import TouchedPlanes

@@ -3,18 +3,14 @@
 Bodies that give way are met where they will be, see `LightBodies`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 
 import numpy as np
 
 from cosim.base.frames import IntArray
+from cosim.base.kernel_types import Indices, Matrix, Vector
 from cosim.base.kernels import (
-    Indices,
-    Matrix,
-    Vector,
     address_of,
     device_function,
     handing_on_views,
@@ -24,22 +20,8 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.coupling.contact.contact_arrays import (
-    AGE,
-    AGREED_M,
-    AHEAD_TICKS,
-    ASKS,
-    LEFT,
-    MET,
-    POINTS,
-    REMEMBERED,
-    TOUCHES,
-    TURN_LEVER_M,
-    UNKNOWN,
-    ContactArrays,
-    fill_speed,
-    led,
-)
+from cosim.coupling.contact import contact_arrays
+from cosim.coupling.contact.contact_arrays import ContactArrays, fill_speed, led
 from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
 from cosim.coupling.contact.search_kernels import find_near
 from cosim.rigid.distance.shapes import ShapePoses, fill_near_box
@@ -64,7 +46,7 @@ def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
     for f in range(contact.movable.shape[0]):
         b = contact.movable[f]
         fill_speed(leads, b, body)
-        for e in range(contact.counts[TOUCHES]):
+        for e in range(contact.counts[contact_arrays.TOUCHES]):
             if planes.body[e] != b:
                 continue
             for r in range(3):
@@ -115,7 +97,7 @@ def _take_point(contact: Any, e: int) -> float:
 def _take_feature(contact: Any, x: Matrix, e: int, first_key: int) -> float:
     """Fill contact e from a feature near the film; return its distance."""
     near, surface = contact.search.near, contact.search.surface
-    planes, ties, f = contact.touched.planes, contact.ties, e - contact.counts[POINTS]
+    planes, ties, f = contact.touched.planes, contact.ties, e - contact.counts[contact_arrays.POINTS]
     t = near.triangle[f]
     for k in range(6):
         planes.slots[e, k] = surface.triangle_slots[t, k]
@@ -156,10 +138,10 @@ def _describe(contact: Any, x: Matrix) -> None:
     What pressed in the last tick keeps its normal force, and its anchor, which rides on the shape.
     """
     shapes, memory, planes, ties = contact.shapes, contact.memory, contact.touched.planes, contact.ties
-    points, remembered = contact.counts[POINTS], contact.counts[REMEMBERED]
+    points, remembered = contact.counts[contact_arrays.POINTS], contact.counts[contact_arrays.REMEMBERED]
     first_key = shapes.body.shape[0] * contact.search.surface.nodes.shape[0]
-    glued = contact.counts[TOUCHES] - contact.glue.point.shape[0]
-    for e in range(contact.counts[TOUCHES]):
+    glued = contact.counts[contact_arrays.TOUCHES] - contact.glue.point.shape[0]
+    for e in range(contact.counts[contact_arrays.TOUCHES]):
         if e >= glued:
             _take_glued(contact, e, e - glued)
             continue
@@ -224,7 +206,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     """Find what is near; return how many points of the film and features, -1 for lists that are not valid."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
     body, listed, held, met = contact.shapes.body, search.lists.features, search.held, 0
-    fill_leads(bodies.leads, ahead / AHEAD_TICKS)
+    fill_leads(bodies.leads, ahead / contact_arrays.AHEAD_TICKS)
     _read_poses(bounds, body, bodies.leads, bodies.centers)
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))
@@ -237,13 +219,13 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
         if ahead > 0.0 and bodies.leads.ahead[b] > 0:
             met += 1
     if met > 0:
-        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / AHEAD_TICKS))
+        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / contact_arrays.AHEAD_TICKS))
         _read_poses(bounds, body, bodies.leads, bodies.centers)
     if near == 0:
         return 0, 0
     for f in range(listed.shape[0]):  # which triangle has held it back until now
         held[f] = -1
-    for e in range(contact.counts[REMEMBERED]):
+    for e in range(contact.counts[contact_arrays.REMEMBERED]):
         if memory.triangle[e] >= 0:
             feature = memory.key[e] - body.shape[0] * search.surface.nodes.shape[0]
             at = np.searchsorted(listed, feature)
@@ -266,7 +248,7 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     """
     contact = record_at(at, ContactArrays)
     counts = contact.counts
-    counts[ASKS] = 0
+    counts[contact_arrays.ASKS] = 0
     glued = contact.glue.point.shape[0]
     if contact.search.bounds.geoms.shape[0] + glued == 0:
         return 0
@@ -274,9 +256,9 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     if points < 0:
         return -1
     touches = points + features + glued
-    counts[POINTS], counts[TOUCHES] = points, touches
+    counts[contact_arrays.POINTS], counts[contact_arrays.TOUCHES] = points, touches
     if touches == 0:
-        counts[REMEMBERED] = 0
+        counts[contact_arrays.REMEMBERED] = 0
         return 0
     _describe(contact, x)
     return touches
@@ -300,7 +282,7 @@ def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> 
     for r in range(3):
         memory.place[kept, r], memory.offset[kept, r] = ties.carrier[e, r], 0.0
         for s in range(3):
-            behind = point[e, s] - ties.carrier[e, s] if e < contact.counts[POINTS] else 0.0
+            behind = point[e, s] - ties.carrier[e, s] if e < contact.counts[contact_arrays.POINTS] else 0.0
             memory.offset[kept, r] += rotation[g, s, r] * (behind - stretch[s])
 
 
@@ -312,7 +294,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     end.figures[0], end.figures[1], size = 0.0, -np.inf, 0.0
     end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0, 0.0, 0.0
-    for e in range(contact.counts[TOUCHES]):
+    for e in range(contact.counts[contact_arrays.TOUCHES]):
         point, n, b, distance = end.point[e], planes.normal[e], planes.body[e], -planes.offset[e]
         for r in range(3):
             point[r] = 0.0
@@ -393,7 +375,7 @@ def _away(contact: Any, h: float) -> float:
             met[b, r] = bodies.leads.lead[b, r] - met[b, 6 + r]
         if bodies.leads.ahead[b] > 0:
             for r in range(3):
-                turned = TURN_LEVER_M * abs(met[b, 3 + r])
+                turned = contact_arrays.TURN_LEVER_M * abs(met[b, 3 + r])
                 away = max(away, abs(led(met[b], bodies.centers[b], r)), turned)
     return away
 
@@ -422,9 +404,9 @@ def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
             return False
         most = max(most, gives[0] * force, gives[1] * torque)
         touched = max(touched, end.acting[b])
-    if not most <= 1.0 and not _away(contact, h) <= AGREED_M:
+    if not most <= 1.0 and not _away(contact, h) <= contact_arrays.AGREED_M:
         return False
-    contact.counts[MET] += touched
+    contact.counts[contact_arrays.MET] += touched
     return True
 
 
@@ -447,7 +429,7 @@ def _work(contact: Any, before: Matrix, x: Matrix) -> float:
         for r in range(3):
             work += 0.5 * force[i, r] * (x[i, r] - before[i, r])
             force[i, r] = 0.0
-    for e in range(contact.counts[TOUCHES]):
+    for e in range(contact.counts[contact_arrays.TOUCHES]):
         for a in range(3):
             i = planes.nodes[e, a]
             for r in range(3):
@@ -468,13 +450,13 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
     """
     contact = record_at(at, ContactArrays)
     counts, end, memory, kept, pressing = contact.counts, contact.end, contact.memory, contact.kept, 0
-    if counts[TOUCHES] > 0:
+    if counts[contact_arrays.TOUCHES] > 0:
         pressing = _conclude(contact, x)
-        counts[AGE] += 1
+        counts[contact_arrays.AGE] += 1
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
     end.figures[2] = _work(contact, before, x)
-    counts[REMEMBERED] = pressing
+    counts[contact_arrays.REMEMBERED] = pressing
     for e in range(pressing):  # they are those of the last tick from now on
         memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
         memory.triangle[e] = kept.triangle[e]
@@ -482,12 +464,12 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
             memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
     loaded = contact.bodies.loaded
     _load_bodies(end, contact.bodies)
-    counts[LEFT], counts[ASKS] = counts[TOUCHES] > 0, 0
+    counts[contact_arrays.LEFT], counts[contact_arrays.ASKS] = counts[contact_arrays.TOUCHES] > 0, 0
     for f in range(contact.movable.shape[0]):
         body, held = contact.movable[f], contact.numbers.renewed_above * contact.touching[f]
-        old = counts[AGE] >= contact.numbers.renewed_after or end.held[body] > held
+        old = counts[contact_arrays.AGE] >= contact.numbers.renewed_after or end.held[body] > held
         if contact.heavy[f] and (not loaded[body] or old):  # `LightBodies` has to weigh it
-            counts[ASKS] = 1
+            counts[contact_arrays.ASKS] = 1
 
 
 _settle_touched = caller(settle_touched)
@@ -500,7 +482,7 @@ def may_give_way(contact: ContactArrays, found: int) -> int:
     for e in range(found):
         b = body[e]
         if bodies.leads.ahead[b] > 0:
-            near = max(near, 2 if bodies.loaded[b] and contact.gives[b, 0] == UNKNOWN else 1)
+            near = max(near, 2 if bodies.loaded[b] and contact.gives[b, 0] == contact_arrays.UNKNOWN else 1)
     return near
 
 
@@ -518,10 +500,13 @@ def conclude_touch(
         ticks: filled.
         k: the tick.
     """
-    if found == 0 and not contact.counts[LEFT]:
+    if found == 0 and not contact.counts[contact_arrays.LEFT]:
         return False
     _settle_touched(contact.calls[SETTLE_TOUCHED], (at, *moved))
-    ticks.contacts[k] = contact.counts[REMEMBERED]
+    ticks.contacts[k] = contact.counts[contact_arrays.REMEMBERED]
     ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
     ticks.work[k, 0] = contact.end.figures[2]
-    return contact.counts[ASKS] != 0 or contact.counts[MET] >= contact.numbers.renewed_after
+    return (
+        contact.counts[contact_arrays.ASKS] != 0
+        or contact.counts[contact_arrays.MET] >= contact.numbers.renewed_after
+    )

@@ -5,11 +5,10 @@ tick of several: these steps themselves, in a second state of the scene, so cont
 the tick count, and servos continue at the speed that they were asked for last.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
-from cosim.base.kernels import Indices, Vector, device_function, kernel, small_vector
+from cosim.base.kernel_types import Indices, Vector
+from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import Leads, fill_speed, fill_velocity
 from cosim.rigid.scene.bodies import ACCELERATE, CONSTRAIN, REBEGIN, REFACTORISE, REFINISH, VELOCITIES

@@ -20,8 +20,6 @@ else holds them. A load that acts through n steps of MuJoCo acts h (n - 1) / (2 
 are met where they will be by then. Met where they are, they would gain energy, as from any late spring.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, final

@@ -1,7 +1,5 @@
 """How contacts with bodies go with them, and how stiff they are, film and film inertia included."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol, final
 
@@ -70,7 +68,7 @@ class Levers:
     count: int
 
     @classmethod
-    def of(cls, planes: ContactPlanes, bodies: IntArray, centers: Array, positions: Array) -> Levers:
+    def of(cls, planes: ContactPlanes, bodies: IntArray, centers: Array, positions: Array) -> "Levers":
         """Return those of contacts with bodies (b,), ascending.
 
         Args:

@@ -6,14 +6,13 @@ then: points of the film to the shape, the shape's sharp features to triangles o
 Source: the neighbour list of Verlet, Computer "Experiments" on Classical Fluids, Phys. Rev. 159 (1967) 98.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
 from cosim.base.frames import IntArray
-from cosim.base.kernels import Blocks, Indices, Matrix, Vector, address_of, device_function, kernel
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact.contact_arrays import Search
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near

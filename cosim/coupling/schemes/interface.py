@@ -8,8 +8,6 @@ angular momentum, each times the tick. In the staggered exchange a tick receives
 handed over; in the iterated one, what the same tick hands over, and what the last one left over.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,21 +16,18 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench, cross
+from cosim.coupling import half_ticks
 from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
-from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
-from cosim.coupling.half_ticks import (
-    LEVER_M,
-    SMALLEST_N,
-    RigidSide,
-    hand_over,
-    read_rigid_half,
-    take_rigid_half,
+from cosim.coupling.contact.contact_exchange import (
+    NOTHING_TOUCHED,
+    ContactExchange,
+    ContactReport,
+    ContactState,
 )
+from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
+from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import CarriedInertia, Servos
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.rigid.scene.coupled_scene import CoupledScene
@@ -85,7 +80,7 @@ def _error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
     (x, y, z, u, v, w), (a, b, c, d, e, f) = given, found
     force = max(abs(x - a), abs(y - b), abs(z - c))
     torque = max(abs(u - d), abs(v - e), abs(w - f))
-    return max(force, torque / LEVER_M) / max(size_N, SMALLEST_N)
+    return max(force, torque / half_ticks.LEVER_M) / max(size_N, half_ticks.SMALLEST_N)
 
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.

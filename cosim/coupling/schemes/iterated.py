@@ -14,8 +14,6 @@ Sources: Degroote, Bathe, Vierendeels, Computers and Structures 87 (2009) 793 (I
 Bogaers, Kok, Reddy, Franz, CMAME 279 (2014) 113 (the inverse is kept: MVQN).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -26,8 +24,7 @@ from cosim.base.frames import Array, SixNumbers, Wrench
 from cosim.coupling.half_ticks import LEVER_M, take_rigid_half
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState, six_numbers
 from cosim.coupling.soft_sides.soft_side import SoftReply
-from cosim.coupling.ticks import CarriedInertia, Servos
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, SolverError
 from cosim.reduced.sections.assembly import CENTER, WRENCH
 from cosim.soft.body.loads import Loads

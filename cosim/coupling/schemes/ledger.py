@@ -1,7 +1,5 @@
 """The clock of the exchange, and what its two sides exchange in a tick."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias, final
 
@@ -31,7 +29,7 @@ class Clock:
         """Simulated time [s]."""
         return self.tick * self.tick_s
 
-    def advanced(self, ticks: int = 1) -> Clock:
+    def advanced(self, ticks: int = 1) -> "Clock":
         """Return the clock some ticks later."""
         return Clock(self.tick_s, self.tick + ticks)
 

@@ -3,8 +3,6 @@
 A file by itself: it is no scheme and no part of a tick, and differentiates what `half_ticks` does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

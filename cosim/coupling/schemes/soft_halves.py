@@ -5,8 +5,6 @@ It is the row that kernels take where the scene steps itself, so it has the same
 a row is done when something of it is read, when it is full, or when a soft half is more than kernels know.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, final
@@ -14,7 +12,8 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.kernels import RecordStore, address_of, nothing_of
+from cosim.base.kernel_types import nothing_of
+from cosim.base.kernels import RecordStore, address_of
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays, no_contact
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
@@ -42,8 +41,7 @@ from cosim.coupling.section_ticks import (
 )
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
-from cosim.coupling.ticks import Servos, Ticks
-from cosim.coupling.ticks_taken import TicksTaken
+from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.sections.section_energy import TERMS
 from cosim.reduced.sections.section_strains import COLUMNS

@@ -1,7 +1,5 @@
 """Equilibria of a chain of frames on a flange, followed from known ones, and the films on its frames."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 from typing import final

@@ -7,8 +7,6 @@ At the end of a phase the film is put into the chain's shape, and both come to r
 far they are apart then is the error of the section model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import final

@@ -1,7 +1,5 @@
 """The soft side that does not deform: the flange feels its weight, inertia and contacts, nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import final
 

@@ -5,8 +5,6 @@ or loses its equilibrium, is taken by the film; the chain takes back when the fi
 range for a while. How one begins where the other is: `taking_over`.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,30 +13,14 @@ from typing import Annotated, Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.coupling.soft_sides.handover import (
-    INSIDE,
-    MOST_TIP_M,
-    MOST_WRENCH,
-    BridgeEnd,
-    Handover,
-    Inside,
-    Model,
-    look_every,
-)
+from cosim.coupling.soft_sides import handover, taking_over
+from cosim.coupling.soft_sides.handover import BridgeEnd, Handover, Inside, Model, look_every
 from cosim.coupling.soft_sides.held_rings import Bridge
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import ChainShape, ChainShapes, SectionArm, SectionArmState
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
-from cosim.coupling.soft_sides.taking_over import (
-    NO_JUMPS,
-    Jumps,
-    LoadsLeft,
-    TakingOver,
-    together,
-    with_force,
-    without,
-)
+from cosim.coupling.soft_sides.taking_over import Jumps, LoadsLeft, TakingOver, together, with_force, without
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.soft.body.loads import Loads
@@ -261,10 +243,10 @@ class HandoverArm(SoftSide):
     def _is_inside(self) -> bool:
         """Return whether the film is well within the chain's range."""
         section, film, pressure = self.chain.section, self.film.save_state(), self.film.pressures_Pa[0]
-        if not 0.0 <= pressure <= INSIDE * section.model.spline.largest_Pa:
+        if not 0.0 <= pressure <= handover.INSIDE * section.model.spline.largest_Pa:
             return False
         frames = section.frames.fit(film.soft.positions, film.flange)
-        return place_in_range(section, frames, pressure).fraction <= INSIDE
+        return place_in_range(section, frames, pressure).fraction <= handover.INSIDE
 
     def _here(self) -> tuple[SoftState, Pose]:
         """Return the acting model's state and the flange's pose."""
@@ -298,7 +280,7 @@ class HandoverArm(SoftSide):
         except ConvergenceError:
             self._inside = self._inside.refused()
             return
-        if not (jumps.tip_m <= MOST_TIP_M and jumps.wrench <= MOST_WRENCH):
+        if not (jumps.tip_m <= handover.MOST_TIP_M and jumps.wrench <= handover.MOST_WRENCH):
             self._inside = self._inside.refused()
             return
         self._inside = self._inside.taken_back()
@@ -323,7 +305,7 @@ class HandoverArm(SoftSide):
             return self.chain.start(world_from_flange, loads)
         except ConvergenceError as error:
             found = self.film.start(world_from_flange, loads)
-            self._pending = _Pending(found.state, None, _reason(error), NO_JUMPS)
+            self._pending = _Pending(found.state, None, _reason(error), taking_over.NO_JUMPS)
             return found
 
     def begin_increment(self, here: Equilibrium) -> Equilibrium:
@@ -432,7 +414,7 @@ class HandoverArm(SoftSide):
                 raise
             first, _ = self._over.film_rests(begin, LoadsLeft(begin.loads, begin.loads), bridged=False)
             found = find(self.film, first)
-            self._pending = _Pending(found.state, None, _reason(error), NO_JUMPS)
+            self._pending = _Pending(found.state, None, _reason(error), taking_over.NO_JUMPS)
             return found
 
     def settle(self, found: Equilibrium) -> None:
@@ -449,7 +431,7 @@ class HandoverArm(SoftSide):
         if side is self.film:
             self._inside = self._inside.left(0.0)
         to: Model = "film" if side is self.film else "section"
-        why, jumps = ("", NO_JUMPS) if known is None else (known.why, known.jumps)
+        why, jumps = ("", taking_over.NO_JUMPS) if known is None else (known.why, known.jumps)
         self._change(to, why, bridge, jumps)
         if not self._begun:
             self._events = []  # told by what the run begins with

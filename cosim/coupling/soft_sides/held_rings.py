@@ -13,8 +13,6 @@ resultant, so that it is a force within the soft robot, as the film's own are. B
 still differ, of inertia and of what is touched, is put on the flange and fades as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -212,7 +210,7 @@ class Bridge:
         turn = flange.rotation.T
         return Wrench(inner.force + load[:3] @ turn, inner.torque + load[3:] @ turn)
 
-    def after(self, before: tuple[Array, Pose], after: tuple[Array, Pose]) -> Bridge:
+    def after(self, before: tuple[Array, Pose], after: tuple[Array, Pose]) -> "Bridge":
         """Return it one step later.
 
         Args:

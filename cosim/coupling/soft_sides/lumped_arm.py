@@ -8,8 +8,6 @@ distance is the error. BDF2 leaves -2 h^3 x'''/9, the explicit x + h (3 v_n - v_
 Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constants; Milne's device).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,14 +18,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, rotation_from_vector, vector_from_rotation
 from cosim.base.state_check import check_indices
-from cosim.coupling.soft_sides.soft_side import (
-    Drive,
-    MeshReader,
-    SoftReply,
-    SoftSide,
-    answer_weights,
-    step_or_halves,
-)
+from cosim.coupling.soft_sides import soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -165,7 +156,7 @@ def pieces_after(pieces: int, error_m: float, bound_m: float, order: int) -> int
 
 
 @final
-class SoftArm(SoftSide):
+class SoftArm(soft_side.SoftSide):
     """A soft body held by the flange; owns solver and state.
 
     `films` finds where its films touch one another; None where that is not modelled, or none can meet.
@@ -199,7 +190,7 @@ class SoftArm(SoftSide):
         self._work = [0.0, 0.0]
         self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
         # of the last step: where it began, and what the step before it had left
-        self._begin: tuple[Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
+        self._begin: tuple[soft_side.Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
         self.hold(Clamp.of_base(body))
 
     def hold(self, clamp: Clamp) -> None:
@@ -224,13 +215,13 @@ class SoftArm(SoftSide):
         """Hold the given nodes (m,) no longer."""
         self.hold(self.clamp.without(nodes))
 
-    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
         """Advance by one step, with the flange at its new pose."""
         return self._advance((world_from_flange, loads), step_s, None)
 
     def advance_closely(
         self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
-    ) -> SoftReply:
+    ) -> soft_side.SoftReply:
         """Advance by one step, as closely as asked for."""
         return self._advance((world_from_flange, loads), step_s, aim)
 
@@ -239,7 +230,7 @@ class SoftArm(SoftSide):
         self.state = before
         (self._flange, self._loads), self._flange_before, self._piece_s = self._begin
 
-    def _advance(self, end: Drive, step_s: float, aim: StepAim | None) -> SoftReply:
+    def _advance(self, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
         begin, before = (self._flange, self._loads), self.state
         self._begin = (begin, self._flange_before, self._piece_s)
         self._work = [0.0, 0.0]
@@ -250,7 +241,7 @@ class SoftArm(SoftSide):
             raise
         self._flange_before, (self._flange, self._loads) = begin[0], end
         wrench = self._stepper.wrench(self.state, self._flange)
-        return SoftReply(wrench, self._residual, iterations, *self._work)
+        return soft_side.SoftReply(wrench, self._residual, iterations, *self._work)
 
     @property
     def stepper(self) -> ImplicitStepper:
@@ -267,7 +258,7 @@ class SoftArm(SoftSide):
         """Whether a step is one step, whatever its error."""
         return self.dynamics.substep_error_m is None
 
-    def go_to(self, state: SoftState, residual_N: float, before: Pose, drive: Drive) -> None:
+    def go_to(self, state: SoftState, residual_N: float, before: Pose, drive: soft_side.Drive) -> None:
         """Be where steps that were taken elsewhere have ended.
 
         Args:
@@ -286,7 +277,7 @@ class SoftArm(SoftSide):
     @property
     def answer_weights(self) -> tuple[float, ...]:
         """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
-        return answer_weights(self.dynamics.integrator)
+        return soft_side.answer_weights(self.dynamics.integrator)
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
@@ -313,11 +304,11 @@ class SoftArm(SoftSide):
             return None
         return self._stepper.solver.linear.solve_all(forces)
 
-    def _march(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
+    def _march(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
         bound, before = self.dynamics.substep_error_m, self.state
         if bound is None:
-            return step_or_halves(self._step, self.restart, begin, end, step_s, aim)
+            return soft_side.step_or_halves(self._step, self.restart, begin, end, step_s, aim)
         if aim is not None and aim.start is not None:  # again: cut as it was the first time
             return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
         order = 2 if self.dynamics.integrator == "bdf2" else 1
@@ -332,7 +323,7 @@ class SoftArm(SoftSide):
             self.state = before
 
     def _cut(
-        self, begin: Drive, end: Drive, step_s: float, pieces: int, aim: StepAim | None
+        self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, pieces: int, aim: StepAim | None
     ) -> tuple[int, float]:
         """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
         length, here, spent, worst = step_s / pieces, begin, 0, 0.0
@@ -344,11 +335,11 @@ class SoftArm(SoftSide):
             fraction, before = k / pieces, self.state
             flange = pose_within(self._flange_before, begin[0], end[0], fraction)
             here, last = (flange, begin[1].interpolated(end[1], fraction)), here
-            spent += step_or_halves(self._step, self.restart, last, here, length, part)
+            spent += soft_side.step_or_halves(self._step, self.restart, last, here, length, part)
             worst = max(worst, step_error(self.dynamics.integrator, before, self.state, length))
         return spent, worst
 
-    def _step(self, begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
+    def _step(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         before = self.state
         self.state, result = self._stepper.step(before, *end, step_s, begin[0], aim)
         self._residual = result.residual_N
@@ -553,9 +544,9 @@ class SoftArm(SoftSide):
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
 
-    def shape_reader(self) -> MeshReader:
+    def shape_reader(self) -> soft_side.MeshReader:
         """Return what reads nodes."""
-        return MeshReader(self.body, self._system.gas.enclosed_volumes)
+        return soft_side.MeshReader(self.body, self._system.gas.enclosed_volumes)
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

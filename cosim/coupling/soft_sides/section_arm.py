@@ -1,7 +1,5 @@
 """The soft side as a chain of rigid frames with condensed sections between them: stepped, solved, read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,18 +9,9 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.coupling.soft_sides import soft_side
 from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria, ChainFilms
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
-from cosim.coupling.soft_sides.soft_side import (
-    Drive,
-    MassProperties,
-    ShapeReader,
-    SoftReply,
-    SoftSide,
-    answer_weights,
-    figures_at,
-    step_or_halves,
-)
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
@@ -86,7 +75,7 @@ class ChainShape:
 
 
 @final
-class ChainReader(ShapeReader):
+class ChainReader(soft_side.ShapeReader):
     """Reads chains; figures need the nodes of the tip and the centres of the hole rings, and no others.
 
     Args:
@@ -115,7 +104,7 @@ class ChainReader(ShapeReader):
         frames, pressure_Pa = _stacked(shapes)
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
-        return figures_at(found, self._tip, volumes)
+        return soft_side.figures_at(found, self._tip, volumes)
 
 
 @final
@@ -136,8 +125,8 @@ class ChainShapes(Sequence[ChainShape]):
     @overload
     def __getitem__(self, row: int) -> ChainShape: ...
     @overload
-    def __getitem__(self, row: slice) -> ChainShapes: ...
-    def __getitem__(self, row: int | slice) -> ChainShape | ChainShapes:
+    def __getitem__(self, row: slice) -> "ChainShapes": ...
+    def __getitem__(self, row: int | slice) -> "ChainShape | ChainShapes":
         """Return a shape, in its own arrays, or some."""
         if isinstance(row, slice):
             return ChainShapes(self.frames[row], self.pressure_Pa[row])
@@ -153,7 +142,7 @@ def _stacked(shapes: Sequence[ChainShape]) -> tuple[Array, Array]:
 
 
 @final
-class SectionArm(SoftSide):
+class SectionArm(soft_side.SoftSide):
     """A chain of frames held by the flange; owns solver and state.
 
     The film's own nodes are made from the frames when somebody asks. `final` is a kind of error after which a
@@ -214,13 +203,13 @@ class SectionArm(SoftSide):
         figures = figures_of(chain.frames, self.clamp.free, self.section.mass, gradient)
         return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0, pressure_Pa)
 
-    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
         """Advance by one step, with the flange at its new pose."""
         return self._advance(world_from_flange, loads, step_s, None)
 
     def advance_closely(
         self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
-    ) -> SoftReply:
+    ) -> soft_side.SoftReply:
         """Advance by one step, as closely as asked for."""
         start = None if aim.start is None else self._reached
         return self._advance(world_from_flange, loads, step_s, StepAim(aim.tolerance_N, start))
@@ -249,12 +238,12 @@ class SectionArm(SoftSide):
     @property
     def answer_weights(self) -> tuple[float, ...]:
         """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
-        return answer_weights(self._dynamics.integrator)
+        return soft_side.answer_weights(self._dynamics.integrator)
 
-    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
+    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
         self._begin = (self._last, self._flange, self._loads)
         try:
-            iterations = step_or_halves(
+            iterations = soft_side.step_or_halves(
                 self._step, self.restart, self._begin[1:], (flange, loads), step_s, aim, final=self.final
             )
         except ConvergenceError:
@@ -263,9 +252,9 @@ class SectionArm(SoftSide):
         finally:
             self._film = None
         self._flange, self._loads = flange, loads
-        return SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
+        return soft_side.SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
 
-    def _step(self, _begin: Drive, end: Drive, step_s: float, aim: StepAim | None) -> int:
+    def _step(self, _begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         flange, loads = end
         task = self._stepper.task(self._last.chain, self.clamp, step_s, flange)
         self._last = self._stepper.step(task, loads, self._last.pressure_Pa, aim)
@@ -481,6 +470,6 @@ class SectionArm(SoftSide):
         """Of the chain."""
         return self.section.mass_kg
 
-    def mass_properties(self) -> MassProperties:
+    def mass_properties(self) -> soft_side.MassProperties:
         """Return mass, centre and inertia at the present shape."""
-        return MassProperties(self.section.mass_kg, *center_and_inertia(self._last.figures))
+        return soft_side.MassProperties(self.section.mass_kg, *center_and_inertia(self._last.figures))

@@ -1,7 +1,5 @@
 """Figures of the film's shape at the ends of some ticks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import final
 
@@ -27,7 +25,7 @@ class ShapeFigures(Shown):
     center_line_m: Array
     volumes_m3: Array
 
-    def some(self, rows: IntArray) -> ShapeFigures:
+    def some(self, rows: IntArray) -> "ShapeFigures":
         """Return the figures of some of the shapes, by their places."""
         return ShapeFigures(*(column[rows] for column in vars(self).values()))
 

@@ -8,7 +8,7 @@ the next step depends on.
 An implicit soft step answers a change of flange velocity dv with the wrench -M_a dv / h. M_a, its
 algorithmic mass, never exceeds the whole mass carried rigidly, M_a <= sum_i m_i G_i^T G_i with
 G_i = [1, -S(r_i)]; the staggered exchange is stable while the largest eigenvalue of W M_a stays below
-about one (W: flange mobility), see `algorithmic_mass` for what it carries beyond.
+about one (W: flange mobility), see `staggered` for what it carries beyond.
 Source: Causin, Gerbeau and Nobile, CMAME 194 (2005) 4506, for the added-mass limit.
 
 The flange's accelerations a_n are second differences of its places over h^2. To them the soft side's inertia

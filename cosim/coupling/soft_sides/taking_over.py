@@ -7,8 +7,6 @@ from its formula: with s = 2 h / 3 and base a_n = x_n - s v_n = (4 x_n-1 - x_n-2
     x_n-2 = 4 x_n-1 - 3 a_n,    v_n-2 = 2 (x_n-1 - x_n-2) / h - v_n-1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Final, final
@@ -47,7 +45,7 @@ class LoadsLeft:
     own: Loads
 
     @property
-    def untouched(self) -> LoadsLeft:
+    def untouched(self) -> "LoadsLeft":
         """The same with nothing that is touched."""
         return LoadsLeft(replace(self.whole, contact=None), replace(self.own, contact=None))
 
@@ -88,7 +86,7 @@ class Past:
     earlier: Array
 
     @classmethod
-    def of(cls, now: ChainState, step_s: float) -> Past:
+    def of(cls, now: ChainState, step_s: float) -> "Past":
         """Return those of a chain after a step of some length [s]; of a first step: as if it moved evenly."""
         x, v = now.motion
         one = np.array((upright(x - step_s * v), v)) if now.earlier is None else now.earlier

@@ -5,8 +5,6 @@ the values that were asked for, all with the first byte first. Source: Universal
 Exchange (RTDE) Guide, protocol version 2.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -3,8 +3,6 @@
 Fits section models to samples: linear least squares, everything a spline over pressure.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -317,7 +315,7 @@ class Effort:
     intervals: int = 8
 
     @classmethod
-    def of(cls, frames: RingFrames) -> Effort:
+    def of(cls, frames: RingFrames) -> "Effort":
         """Return that of a stack; where square units touch changes with pressure, so they take more."""
         return cls(18, 45, 10) if frames.rims.size else cls()
 

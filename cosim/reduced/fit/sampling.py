@@ -11,8 +11,6 @@ relative motion. The frames that result, and what the guides exert on them, are 
 section hang known forces only, so their resultant is the derivative of its energy by its strains.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
@@ -187,7 +185,7 @@ class RingGroup:
     column: IntArray
 
     @classmethod
-    def all_of(cls, pattern: BlockPattern, frames: RingFrames) -> tuple[RingGroup, ...]:
+    def all_of(cls, pattern: BlockPattern, frames: RingFrames) -> "tuple[RingGroup, ...]":
         """Return the groups of all rings; the nodes of a ring are coupled in the pattern."""
         groups = []
         sizes = np.array([len(ring) for ring in frames.rings])
@@ -300,7 +298,7 @@ class Samples:
     target: Array
 
     @classmethod
-    def of(cls, rows: list[Sample], length_m: Array, failures: int) -> Samples:
+    def of(cls, rows: list[Sample], length_m: Array, failures: int) -> "Samples":
         """Return samples as columns."""
         return cls(length_m, failures, *(np.array(column) for column in zip(*rows, strict=True)))
 

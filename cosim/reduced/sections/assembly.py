@@ -11,25 +11,13 @@ Kernels on the shapes that a chain takes on one after the other.
 What a chain of frames shows its surroundings: the wrench on the flange, centre and inertia of its mass.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Wrench
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    Flags,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, Cubes, Flags, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.reduced.sections.section_energy import (
     TERMS,
     PressureSpline,

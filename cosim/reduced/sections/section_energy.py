@@ -24,8 +24,6 @@ sides (2), and halfway to the corners (3). Each f is a uniform cubic spline, fin
 Source of the splines: de Boor, A Practical Guide to Splines, chapter IX.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple, final
@@ -33,7 +31,8 @@ from typing import Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, Matrix, Vector, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Blocks, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 
 _SCALE_Pa = 200.0
 TERMS = 4
@@ -77,7 +76,7 @@ class PressureSpline(NamedTuple):
             row[:, terms.first : terms.first + TERMS] = terms.weights
         return result
 
-    def terms(self, pressure_Pa: float) -> SplineTerms:
+    def terms(self, pressure_Pa: float) -> "SplineTerms":
         """Return the functions that are not zero at a pressure."""
         weights = np.empty((2, TERMS))
         return SplineTerms(active_terms(pressure_Pa, self, weights), weights)

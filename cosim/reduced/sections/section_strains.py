@@ -19,22 +19,12 @@ Inertia of an implicit step is an elastic bed, as for nodes: c / 2 sum_ab M_ab (
 Contact points on a chain of frames: energy, gradient and Hessian; see `chain_contact`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    small_matrix,
-    small_vector,
-    zero_matrix,
-)
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, small_matrix, small_vector, zero_matrix
 from cosim.reduced.sections.section_energy import BENT, HIGH, LOW, add_gaps, section_energy
 from cosim.soft.contact.contact_law import touch
 
@@ -107,7 +97,7 @@ class ChainWork(NamedTuple):
     along: Blocks
 
     @classmethod
-    def room(cls, frames: int) -> ChainWork:
+    def room(cls, frames: int) -> "ChainWork":
         """Return that of so many frames."""
         diagonal, off, low, side = np.zeros((4, frames, 6, 6))
         trial, target, along = np.zeros((3, frames, 4, 3))

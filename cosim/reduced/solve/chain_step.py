@@ -6,34 +6,16 @@ with the flange, inertia is an elastic bed of coefficient (1 + c span) / span^2 
 base + span / (1 + c span) (speed + alpha span u). Statics are without it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    Flags,
-    Matrix,
-    Vector,
-    copy,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
-from cosim.reduced.sections.assembly import (
-    WRENCH,
-    assemble,
-    change_frames,
-    factorise,
-    fill_figures,
-    substitute,
-)
+from cosim.base.kernel_types import Blocks, Cubes, Flags, Matrix, Vector
+from cosim.base.kernels import copy, device_function, kernel, small_matrix, small_vector
+from cosim.reduced.sections import assembly
+from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
 
@@ -66,7 +48,7 @@ class ChainState:
     earlier: Annotated[Array, (2, "frames", 4, 3)] | None = None
 
     @classmethod
-    def at_rest(cls, frames: Array) -> ChainState:
+    def at_rest(cls, frames: Array) -> "ChainState":
         """Return frames (f, 4, 3) without velocity."""
         return cls(np.array((frames, np.zeros_like(frames))))
 
@@ -347,8 +329,8 @@ def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
                 arm_i, arm_k = frames[f, a, i], frames[f, a, k]
                 if a == 0:
                     arm_i, arm_k = arm_i - frames[0, 0, i], arm_k - frames[0, 0, k]
-                    out[WRENCH + r] += force[r]
-                out[WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
+                    out[assembly.WRENCH + r] += force[r]
+                out[assembly.WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
 
 
 @kernel

@@ -3,8 +3,6 @@
 Which frames of a chain the flange holds, and where.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -104,7 +102,7 @@ class FrameClamp:
     offsets: Array
 
     @classmethod
-    def of_base(cls, section: SectionBody) -> FrameClamp:
+    def of_base(cls, section: SectionBody) -> "FrameClamp":
         """Return the clamp that holds the flange's own frame, and those at which copies begin."""
         return cls(section.frames.bases, section.frames.drawn)
 
@@ -119,7 +117,7 @@ class FrameClamp:
         placed[self.held] = carried(self.offsets[self.held], flange)
         return placed
 
-    def holding(self, section: SectionBody, nodes: Mask, frames: Array, flange: Pose) -> FrameClamp:
+    def holding(self, section: SectionBody, nodes: Mask, frames: Array, flange: Pose) -> "FrameClamp":
         """Return a clamp that also holds the rings of some nodes where they are now.
 
         Args:
@@ -142,7 +140,7 @@ class FrameClamp:
         offsets[new] = carried(frames[new], flange.inverse())
         return FrameClamp(held, offsets)
 
-    def without(self, section: SectionBody, nodes: IntArray) -> FrameClamp:
+    def without(self, section: SectionBody, nodes: IntArray) -> "FrameClamp":
         """Return a clamp that lets the rings of the given nodes (m,) go.
 
         Raises:

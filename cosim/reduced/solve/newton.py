@@ -12,8 +12,6 @@ energy adds J^T g to the gradient, J^T K J and the second order of the rotations
 How the tip of a chain of frames moves with its loads: the implicit function theorem.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Annotated, final
 
@@ -21,7 +19,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import Blocks, Indices, Matrix, kernel
+from cosim.base.kernel_types import Blocks, Indices, Matrix
+from cosim.base.kernels import kernel
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.assembly import FIGURES, assemble

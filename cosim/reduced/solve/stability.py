@@ -1,7 +1,5 @@
 """How firmly a chain of frames stands, by its small tangent, and one implicit step of it as a matrix."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,17 +16,11 @@ from cosim.reduced.solve.newton import ChainSolver, whole_tangent
 from cosim.reduced.solve.time_step import commanded, given_tensions, with_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
+from cosim.soft.solve import stability
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
-from cosim.soft.solve.stability import (
-    Softest,
-    driven,
-    margin_by,
-    natural_frequencies,
-    nodal_loads,
-    tip_motion,
-)
+from cosim.soft.solve.stability import driven, margin_by, natural_frequencies, nodal_loads, tip_motion
 from cosim.soft.solve.step_begin import BedNumbers
 
 _PROBE_Pa: Final = 1.0
@@ -92,11 +84,11 @@ class ChainStiffness:
         return None if lowest.value > 0.0 else self.named(lowest, self.negative_pivots)
 
     @property
-    def softest(self) -> Softest:
+    def softest(self) -> stability.Softest:
         """The lowest eigenvalue, with the mode of the film's nodes."""
         return self._lowest[0]
 
-    def named(self, lowest: Softest, ways: int) -> Branching:
+    def named(self, lowest: stability.Softest, ways: int) -> Branching:
         """Return what is known of where it gives way along a mode, in so many independent directions."""
         tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
         pressures = (self._pressure,) * self._solver.section.copies
@@ -158,7 +150,7 @@ class ChainStiffness:
         return found.reshape(len(found), 3, len(self._free))
 
     @cached_property
-    def _lowest(self) -> tuple[Softest, Array]:
+    def _lowest(self) -> tuple[stability.Softest, Array]:
         """The lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
         value, vector = eigh(self._matrix, self._mass, subset_by_index=(0, 0))
         section, whole = self._solver.section, np.zeros(len(self._free))
@@ -167,7 +159,7 @@ class ChainStiffness:
         scale = motion.ravel()[np.argmax(np.abs(motion))]
         x, free = section.positions(self._frames, self._pressure), np.ones(motion.shape, np.bool_)
         mode, place = motion / scale, place_of_largest(section.body, x, motion, free)
-        return Softest(float(value[0]), mode, place), vector[:, 0]
+        return stability.Softest(float(value[0]), mode, place), vector[:, 0]
 
     def _grown(self, share: float, frames: Array) -> tuple[Loads, float]:
         """Return loads grown by a share, and the gas pressure that they have at frames (f, 4, 3)."""

@@ -10,8 +10,6 @@ sum_i c_i L_i, m_c that sum over L_c, and H the tangent, a unit of tension d sho
 g_c^T H^-1 g_d / m_c.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -20,15 +18,8 @@ from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
-from cosim.reduced.solve.chain_step import (
-    CARRIED,
-    FREE_FLIGHT,
-    STANDING,
-    ChainScheme,
-    ChainSide,
-    ChainState,
-    ChainStep,
-)
+from cosim.reduced.solve import chain_step
+from cosim.reduced.solve.chain_step import ChainScheme, ChainSide, ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range
 from cosim.reduced.solve.newton import ChainSolver, ChainTangent, ChainTask, KeptTangent
 from cosim.soft.body.loads import Loads
@@ -84,7 +75,7 @@ class Pulls:
     missing_N: Array
 
     @classmethod
-    def of(cls, solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> Pulls:
+    def of(cls, solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> "Pulls":
         """Return the commanded cables of some loads at frames (f, 4, 3)."""
         chosen, cables = commanded(loads), solver.section.body.cables
         x = solver.section.positions(frames, pressure_Pa)
@@ -256,7 +247,7 @@ class ChainStepper:
             ConvergenceError: no solution; the caller still holds the chain.
         """
         # free flight is the best start, unless it leaves the range of the model
-        starts: list[int | Array] = [FREE_FLIGHT, STANDING, CARRIED]
+        starts: list[int | Array] = [chain_step.FREE_FLIGHT, chain_step.STANDING, chain_step.CARRIED]
         if aim is not None and aim.start is not None:
             starts.insert(0, aim.start)
         for start in starts:

@@ -12,8 +12,6 @@ A drive's rotor is so heavy that no load accelerates it, so contacts feel the sp
 end of every step its joint is put where it is to be, so that nothing adds up.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 import xml.etree.ElementTree as ElementTree

@@ -12,8 +12,6 @@ MuJoCo lets the larger of two coefficients count, or the one of the geom with pr
 otherwise, the two geoms get their own contact, which is as MuJoCo would have it besides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -393,7 +391,7 @@ class ServoGains:
     damping: Array
 
     @classmethod
-    def of(cls, arm: ArmFile, effort: Array) -> ServoGains:
+    def of(cls, arm: ArmFile, effort: Array) -> "ServoGains":
         """Return the gains of an arm's file, or such that grow with the joint's torque limit.
 
         500 max(1, effort / 37.5 N m) and a fifth of it: on the UR5e 2000/400 and 500/100, the values

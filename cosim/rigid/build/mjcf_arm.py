@@ -9,8 +9,6 @@ Both descriptions stand with their joints at zero. The other one is turned and m
 of its joints lie on those of the arm; then its meshes are fixed to the arm's links.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from contextvars import Context
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ Turns MuJoCo's warnings into errors, and keeps it from what would outlast a scen
 Whether all numbers of a compiled model are finite, and whose those are that are not.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import warnings

@@ -11,8 +11,6 @@ object that rests on a palm with five corners loses one of them, and with it new
 walks. So its corners are points that touch the palm for themselves, besides what MuJoCo finds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

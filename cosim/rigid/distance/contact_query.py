@@ -5,8 +5,6 @@ millimetres, and it is several times slower. So shapes are read once from the co
 reads poses only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import final

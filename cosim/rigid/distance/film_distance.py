@@ -1,22 +1,12 @@
 """The film triangle nearest to a point, such as a corner of an obstacle, and on which side of it that is."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    zero_vector,
-)
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, zero_vector
 from cosim.rigid.distance.signed_distance import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
@@ -133,7 +123,7 @@ class TriangleLists(NamedTuple):
     listed: Indices
 
     @classmethod
-    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> TriangleLists:
+    def around(cls, points: Array, positions: Array, triangles: IntArray, room_m: float) -> "TriangleLists":
         """Return all that come within `room_m` of the points (k, 3) [m], and some others."""
         first, listed = np.empty(len(points) + 1, np.int64), np.empty(16 * len(points), np.int64)
         while True:

@@ -5,8 +5,6 @@ Bounds of the shapes of a scene as kernels see them.
 Corners of obstacles, and points on their edges: points of the film alone miss what enters between them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, final
@@ -14,7 +12,8 @@ from typing import NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import kernel
 
 
 class ShapeKind(IntEnum):

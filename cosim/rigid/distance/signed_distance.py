@@ -11,24 +11,14 @@ Source: plane geometry; for the ellipsoid Eberly, "Distance from a Point to an E
 root found by Newton's method from a bound below it, where the function is convex.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.rigid.distance.shapes import ShapeKind, ShapePoses, Shapes
 
 _BOUNDS = 9  # stands for a kind of shape that is as near as can be within its bounding box
@@ -315,14 +305,14 @@ class PointLists(NamedTuple):
     listed: Indices
 
     @classmethod
-    def whole(cls, points: int, active: IntArray) -> PointLists:
+    def whole(cls, points: int, active: IntArray) -> "PointLists":
         """Return all points for each active shape."""
         return cls(active, np.tile([0, points], (len(active), 1)), np.arange(points))
 
     @classmethod
     def around(
         cls, points: Array, shapes: Shapes, poses: ShapePoses, reach_m: float, active: IntArray
-    ) -> PointLists:
+    ) -> "PointLists":
         """Return, for each active shape, all points that come within `reach_m` of it, and some others.
 
         Arguments as of `near_points`.

@@ -9,8 +9,6 @@ Quasi-static rest of a servo-held arm: where it droops to under a constant load.
 The joints of a cell: they follow their commands whatever pushes them, like drives that do not give way.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import final
 
@@ -75,7 +73,7 @@ class ArmLayout:
         return Mounting(SITE, self.site, self.mount, self.dofs)
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, joint_names: tuple[str, ...], prefix: str = "") -> ArmLayout:
+    def of(cls, model: mujoco.MjModel, joint_names: tuple[str, ...], prefix: str = "") -> "ArmLayout":
         """Return the layout of the arm with the named joints, base to flange, all names behind a prefix."""
         joints = np.array([model.joint(prefix + name).id for name in joint_names])
         site = int(model.site(prefix + FLANGE_SITE).id)

@@ -4,8 +4,6 @@ What one arm's soft robot applies is kept apart from what the others apply, as t
 It stands alone as it joins both kinds of scenes: one that cosim steps, and one that somebody else steps.
 """
 
-from __future__ import annotations
-
 from typing import final
 
 import mujoco

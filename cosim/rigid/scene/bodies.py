@@ -8,8 +8,6 @@ How bodies of a compiled scene answer impulses.
 Stepping by way of Python costs several times what the step itself does.
 """
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from pathlib import Path
@@ -22,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.errors import InputError, SceneError
 from cosim.rigid.scene.arm import ArmLayout, CellDrives, Mounting
 

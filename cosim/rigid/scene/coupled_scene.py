@@ -1,7 +1,5 @@
 """What an exchange with a soft robot needs of a scene, whoever steps that."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any, Final, final
 

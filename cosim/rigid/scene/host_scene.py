@@ -7,8 +7,6 @@ Before a step, the load of the soft robot is added to what the loop itself appli
 matrix by MuJoCo's control callback, which is called between the two halves of a step.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterable, Iterator
@@ -60,7 +58,7 @@ class StepLoads:
         self._left: tuple[Array, Array] | None = None  # for the step
         self._others: Any = None
 
-    def put_on(self, scene: HostScene) -> None:
+    def put_on(self, scene: "HostScene") -> None:
         """Add what a scene's soft robot applies, and let its mount carry inertia."""
         data = self._data
         if not self._on:
@@ -72,7 +70,7 @@ class StepLoads:
             mujoco.set_mjcb_control(self._carry)
         self._on.append(scene)
 
-    def take_off(self, scene: HostScene) -> list[str]:
+    def take_off(self, scene: "HostScene") -> list[str]:
         """Undo `put_on`; what the loop has applied is there again once all have been taken off.
 
         Returns:
@@ -390,7 +388,7 @@ class HostModel:
     steps: int
 
     @classmethod
-    def of(cls, source: HostSource, at: str | tuple[str, str], tick_s: float | None) -> HostModel:
+    def of(cls, source: HostSource, at: str | tuple[str, str], tick_s: float | None) -> "HostModel":
         """Return a model that has the site or body.
 
         Args:

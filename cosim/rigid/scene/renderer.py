@@ -6,8 +6,6 @@ it. Colours are one pass; depths and segments are another, in which every thing 
 do not mix.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from contextlib import suppress

@@ -18,8 +18,6 @@ MuJoCo's own contacts show no two links: these meet nothing but floor and object
 for in a copy of the model in which the arm's links meet everything, and nothing else meets anything.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 from functools import cached_property

@@ -30,13 +30,12 @@ The energy is one of measures that are linear in the chord's direction t and in 
 v the direction by (1 - t t^T) dv / l; the derivatives of products follow from these.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Vector, device_function, inlined
+from cosim.base.kernel_types import Vector
+from cosim.base.kernels import device_function, inlined
 from cosim.soft.geometry.surface import full_angle
 
 

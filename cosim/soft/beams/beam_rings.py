@@ -16,8 +16,6 @@ next ones are sought, and a factor of E_RR with which.
 Which stiffeners of a body are nearest to their strength.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -111,7 +109,7 @@ class BeamRings(DirectElement):
     section: RectangularSection
 
     @classmethod
-    def from_shape(cls, positions: Array, rings: IntArray, section: RectangularSection) -> BeamRings:
+    def from_shape(cls, positions: Array, rings: IntArray, section: RectangularSection) -> "BeamRings":
         """Return stiffeners that are stress free in the given shape.
 
         Args:

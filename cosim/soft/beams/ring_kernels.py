@@ -20,49 +20,16 @@ A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; of a factor,
 Kernels of rings of beams: what they add to gradient and tangent, how far their fibres are strained.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    allocating,
-    device_function,
-    kernel,
-    small_matrix,
-)
-from cosim.soft.beams.beam import (
-    BENT,
-    DIRECTION,
-    DRAWN,
-    DRAWN_LENGTH,
-    ENERGY,
-    FORCE,
-    LANES,
-    LENGTH,
-    MOMENT,
-    SECOND,
-    SIZE,
-    STEP,
-    STRAIN,
-    TRIAL,
-    TURNS,
-    BeamWork,
-    differentiate,
-    dot,
-    fill_hessians,
-    lane_of,
-    three,
-)
+from cosim.base.kernel_types import Blocks, Cubes, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import allocating, device_function, kernel, small_matrix
+from cosim.soft.beams import beam
+from cosim.soft.beams.beam import BeamWork, differentiate, dot, fill_hessians, lane_of, three
 from cosim.soft.elements.element import Remembered
 from cosim.soft.linear.pattern import add_block
 
@@ -92,21 +59,21 @@ def _cross_columns(axes: Matrix, a: int, b: int, into: int) -> None:
 @device_function
 def place_step(lanes: Vector, places: Indices, step: Vector) -> None:
     """Hand a step to the groups."""
-    for n in range(lanes.shape[0] // SIZE * LANES):
+    for n in range(lanes.shape[0] // beam.SIZE * beam.LANES):
         e = min(n, places.shape[0] - 2)
         s, begin, end = lanes[lane_of(n) :], step[places[e] :], step[places[e + 1] :]
         for r in range(3):
-            s[STEP + r * LANES], s[SECOND + STEP + r * LANES] = begin[r], end[r]
+            s[beam.STEP + r * beam.LANES], s[beam.SECOND + beam.STEP + r * beam.LANES] = begin[r], end[r]
 
 
 @device_function
 def accept(s: Vector) -> None:
     """Make the trial quaternions the turns."""
-    for first in range(0, s.shape[0], SIZE):
-        for k in range(4 * LANES):
-            s[first + TURNS + k] = s[first + TRIAL + k]
-        for k in range(4 * LANES):
-            s[first + SECOND + TURNS + k] = s[first + SECOND + TRIAL + k]
+    for first in range(0, s.shape[0], beam.SIZE):
+        for k in range(4 * beam.LANES):
+            s[first + beam.TURNS + k] = s[first + beam.TRIAL + k]
+        for k in range(4 * beam.LANES):
+            s[first + beam.SECOND + beam.TURNS + k] = s[first + beam.SECOND + beam.TRIAL + k]
 
 
 _STEPS_MAX = 100
@@ -178,7 +145,7 @@ def ring_work(m: int) -> RingWork:
         np.empty((9, 9)),
     )  # fmt: skip
     return RingWork(
-        np.empty((3, 3)), places, np.empty((m + LANES - 1) // LANES * SIZE), np.empty(3 * m),
+        np.empty((3, 3)), places, np.empty((m + beam.LANES - 1) // beam.LANES * beam.SIZE), np.empty(3 * m),
         np.empty((3 * m, BAND)), np.empty((3 * m, BAND)), np.empty(3 * m), beams,
     )  # fmt: skip
 
@@ -190,16 +157,16 @@ def _sum_beams(beams: BeamArrays, f: int, w: RingWork, fraction: float, hessian:
     The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
     """
     band, moment, energy = w.band, w.moment, 0.0
-    for first in range(0, w.lanes.shape[0], SIZE):
-        differentiate(beams.rigidities, w.lanes[first : first + SIZE], fraction)
+    for first in range(0, w.lanes.shape[0], beam.SIZE):
+        differentiate(beams.rigidities, w.lanes[first : first + beam.SIZE], fraction)
     for i in range(moment.shape[0]):
         moment[i] = 0.0
     for e in range(w.places.shape[0] - 1):
         s, begin, end = w.lanes[lane_of(e) :], moment[w.places[e] :], moment[w.places[e + 1] :]
-        energy += s[ENERGY]
+        energy += s[beam.ENERGY]
         for r in range(3):
-            begin[r] += s[MOMENT + r * LANES]
-            end[r] += s[SECOND + MOMENT + r * LANES]
+            begin[r] += s[beam.MOMENT + r * beam.LANES]
+            end[r] += s[beam.SECOND + beam.MOMENT + r * beam.LANES]
     if not hessian:
         return energy
     fill_hessians(beams.rigidities, beams.lengths[f], w.lanes, w.beams, whole)
@@ -379,22 +346,22 @@ def _read_memory(x: Matrix, beams: BeamArrays, f: int, memory: Vector, w: RingWo
     ring, count, factor = beams.rings[f], beams.rings.shape[1], w.factor.reshape(w.factor.size)
     start = REMEMBERED * f * count
     fill_axes(x, ring, w.axes)
-    for n in range(w.lanes.shape[0] // SIZE * LANES):
+    for n in range(w.lanes.shape[0] // beam.SIZE * beam.LANES):
         e = min(n, count - 1)
         other = e + 1 if e + 1 < count else 0
         s, directors, length = w.lanes[lane_of(n) :], beams.directors[f, e], beams.lengths[f, e]
         here, there = x[np.uint64(ring[e])], x[np.uint64(ring[other])]
         chord = there[0] - here[0], there[1] - here[1], there[2] - here[2]
-        s[DRAWN_LENGTH], s[LENGTH] = length, math.sqrt(dot(chord, chord))
-        over = 1.0 / s[LENGTH]
+        s[beam.DRAWN_LENGTH], s[beam.LENGTH] = length, math.sqrt(dot(chord, chord))
+        over = 1.0 / s[beam.LENGTH]
         for c in range(3):
             along = w.axes[0, c] * chord[0] + w.axes[1, c] * chord[1] + w.axes[2, c] * chord[2]
-            s[DIRECTION + c * LANES] = over * along
+            s[beam.DIRECTION + c * beam.LANES] = over * along
             for k in range(3):
-                s[DRAWN + (3 * k + c) * LANES] = directors[k, c]
+                s[beam.DRAWN + (3 * k + c) * beam.LANES] = directors[k, c]
         begin, end = memory[start + 4 * e :], memory[start + 4 * other :]
         for r in range(4):
-            s[TURNS + r * LANES], s[SECOND + TURNS + r * LANES] = begin[r], end[r]
+            s[beam.TURNS + r * beam.LANES], s[beam.SECOND + beam.TURNS + r * beam.LANES] = begin[r], end[r]
     for i in range(factor.shape[0]):
         factor[i] = memory[start + 4 * count + i]
     return factor[0] > 0.0
@@ -474,7 +441,7 @@ def add_beam_rings(
             return np.inf
         for i in range(count):
             node, other = beams.rings[f, i], beams.rings[f, (i + 1) % count]
-            own = three(w.lanes, FORCE + lane_of(i))
+            own = three(w.lanes, beam.FORCE + lane_of(i))
             for r in range(3):
                 force = w.axes[r, 0] * own[0] + w.axes[r, 1] * own[1] + w.axes[r, 2] * own[2]
                 gradient[node, r] -= force
@@ -482,7 +449,7 @@ def add_beam_rings(
         kept_factor, start = w.factor.reshape(w.factor.size), REMEMBERED * f * count
         for e in range(count):
             for r in range(4):
-                memory.now[start + 4 * e + r] = w.lanes[lane_of(e) + TURNS + r * LANES]
+                memory.now[start + 4 * e + r] = w.lanes[lane_of(e) + beam.TURNS + r * beam.LANES]
         for i in range(kept_factor.shape[0]):
             memory.now[start + 4 * count + i] = kept_factor[i]
         if with_hessian:
@@ -503,11 +470,11 @@ def peak_strains(x: Matrix, beams: BeamArrays, width: float, height: float, memo
         for e in range(count):
             at, bent = lane_of(e), 0.0
             for a in range(2):
-                here, there = BENT + a * SECOND + at, BENT + (1 - a) * SECOND + at
+                here, there = beam.BENT + a * beam.SECOND + at, beam.BENT + (1 - a) * beam.SECOND + at
                 in_plane = width * abs(2.0 * w.lanes[here] + w.lanes[there])
-                across = height * abs(2.0 * w.lanes[here + LANES] + w.lanes[there + LANES])
+                across = height * abs(2.0 * w.lanes[here + beam.LANES] + w.lanes[there + beam.LANES])
                 bent = max(bent, (in_plane + across) / beams.lengths[f, e])
-            found[f, e] = abs(w.lanes[STRAIN + at]) + bent if balanced else np.nan
+            found[f, e] = abs(w.lanes[beam.STRAIN + at]) + bent if balanced else np.nan
     return found
 
 

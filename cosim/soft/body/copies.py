@@ -5,8 +5,6 @@ Several copies of one soft body as one body, such as the fingers of a gripper.
 A soft body on the tip of another one: both become one body, joined by a stiff plate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final

@@ -1,7 +1,5 @@
 """What acts on a soft body at one instant."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
@@ -9,7 +7,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Vector, nothing_of
+from cosim.base.kernel_types import Vector, nothing_of
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import ContactPlanes, TouchedPlanes
 from cosim.soft.contact.self_contact_memory import PairRows
@@ -151,7 +149,7 @@ class Loads:
         gases = zip(self.gases(len(volumes_m3)), given, volumes_m3, strict=True)
         return tuple(p if gas is None else gas.gauge_pressure(volume) for gas, p, volume in gases)
 
-    def grown(self, share: float, volumes_m3: tuple[float, ...]) -> Loads:
+    def grown(self, share: float, volumes_m3: tuple[float, ...]) -> "Loads":
         """Return these loads grown by a share; commanded lengths stay, and what is touched.
 
         Args:
@@ -173,7 +171,7 @@ class Loads:
             ),
         )
 
-    def interpolated(self, end: Loads, load_factor: float) -> Loads:
+    def interpolated(self, end: "Loads", load_factor: float) -> "Loads":
         """Return the loads on the way to others at a load factor; exactly those at 1.
 
         Between two sealed gases the mass changes at the first one's volume; sealing is done at once, and so

@@ -7,8 +7,6 @@ Where the tip of a body is, and how it moves with the nodes.
 Where on a body something is, in words.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import final
@@ -16,7 +14,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import Blocks, Matrix, Vector, kernel, small_vector
+from cosim.base.kernel_types import Blocks, Matrix, Vector
+from cosim.base.kernels import kernel, small_vector
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 
@@ -96,7 +95,7 @@ class TipFrame:
     rotation: Array
 
     @classmethod
-    def of(cls, body: SoftBody, positions: Array) -> TipFrame:
+    def of(cls, body: SoftBody, positions: Array) -> "TipFrame":
         """Return the tip frame at the given node positions (n, 3) [m]."""
         center = body.tip_position(positions)
         z = body.tip_direction(positions)

@@ -14,14 +14,13 @@ Source: the smooth friction mollifier of Li et al., Incremental Potential Contac
 here on the distance from an anchor instead of the displacement in a step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
 
-from cosim.base.kernels import Matrix, Vector, device_function, small_vector
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, small_vector
 from cosim.errors import InputError
 
 GLUED: Final = -1.0

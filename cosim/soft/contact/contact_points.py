@@ -5,8 +5,6 @@ The shares are those of the rule that integrates cubics over a triangle: 1/20 of
 with the mesh. Source: Abramowitz and Stegun, Handbook of Mathematical Functions, table 25.4.62.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import final
 
@@ -40,7 +38,7 @@ class Extent:
     speed_m_s: float
 
     @classmethod
-    def of(cls, positions: Array, velocities: Array) -> Extent:
+    def of(cls, positions: Array, velocities: Array) -> "Extent":
         """Return that of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
         low, high, fastest = np.empty(3), np.empty(3), np.empty(1)
         span(positions, velocities, low, high, fastest)
@@ -69,7 +67,7 @@ class ContactSurface:
     triangle_slots: IntArray
 
     @classmethod
-    def of(cls, body: SoftBody, pattern: BlockPattern) -> ContactSurface:
+    def of(cls, body: SoftBody, pattern: BlockPattern) -> "ContactSurface":
         """Return that of a body's film.
 
         Args:

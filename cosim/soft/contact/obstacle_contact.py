@@ -7,8 +7,6 @@ stiffness is k = (stiffness per area) x (tributary area). The anchor of its stic
 and is dragged along once |u| exceeds `stick`, so a load below the limit is held without creep.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, NamedTuple, final
@@ -16,17 +14,8 @@ from typing import Annotated, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    address_of,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import address_of, kernel, small_matrix, small_vector
 from cosim.soft.contact.contact_law import GLUED, ContactLaw, touch
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import add_block
@@ -48,7 +37,7 @@ class PlaneRows(NamedTuple):
     body: Indices
 
     @classmethod
-    def room(cls, count: int) -> PlaneRows:
+    def room(cls, count: int) -> "PlaneRows":
         """Return room for so many."""
         slots, body = np.empty((count, 6), np.int64), np.empty(count, np.int64)
         nodes, (weights, normal, anchor) = np.empty((count, 3), np.int64), np.empty((3, count, 3))
@@ -175,7 +164,7 @@ class ContactPlanes:
         )
         return energy
 
-    def at(self, positions: Array) -> ContactForces:
+    def at(self, positions: Array) -> "ContactForces":
         """Return forces and places of the contact points at positions (n, 3) [m]."""
         _, planes, widths, own, pressing = self.touched
         every = 0, len(positions)
@@ -184,7 +173,7 @@ class ContactPlanes:
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
         return ContactForces(point, -own, pressing.copy(), distance)
 
-    def sticking(self, points: Array, friction: Array) -> ContactPlanes:
+    def sticking(self, points: Array, friction: Array) -> "ContactPlanes":
         """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.
 
         Args:

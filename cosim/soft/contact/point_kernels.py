@@ -6,21 +6,11 @@ With n the unit normal and A the area, the weight of corner j has the gradient n
 across from it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 
 
 @kernel

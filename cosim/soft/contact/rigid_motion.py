@@ -5,11 +5,10 @@ Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar
 Stat. Comput. 7 (1986) 1160.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
-from cosim.base.kernels import Indices, Matrix, device_function, zero_vector
+from cosim.base.kernel_types import Indices, Matrix
+from cosim.base.kernels import device_function, zero_vector
 
 _ITERATIONS_MAX = 30
 _FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told

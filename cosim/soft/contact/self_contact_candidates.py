@@ -22,28 +22,14 @@ in the plane, (1 + 4 b) m across; b is `BEYOND_EDGES`. Motions since both lists 
 long one allows a part is left to the short one, so that only that is looked at in most steps.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Masks,
-    Matrix,
-    Vector,
-    allocating,
-    copy_rows,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Masks, Matrix, Vector
+from cosim.base.kernels import allocating, copy_rows, device_function, kernel, small_matrix, small_vector
 from cosim.soft.contact.point_kernels import fill_point, fill_slopes, plane_of
 from cosim.soft.contact.rigid_motion import deviation, fit_motion, rigid_difference
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
@@ -120,7 +106,7 @@ class FilmRows(NamedTuple):
     units_from: Indices
 
     @classmethod
-    def of(cls, faces: FilmFaces, points: FilmPoints, positions: Array) -> FilmRows:
+    def of(cls, faces: FilmFaces, points: FilmPoints, positions: Array) -> "FilmRows":
         """Return those of a film, from its drawn nodes (n, 3) [m]."""
         films, units = np.column_stack([faces.face, faces.unit]), faces.unit_nodes
         places = (points.weights[:, :, None] * positions[points.nodes]).sum(axis=1)
@@ -299,7 +285,7 @@ class FilmLists(NamedTuple):
     rigid: Blocks
 
     @classmethod
-    def room(cls, rows: FilmRows, meet: Mask, nodes: int) -> FilmLists:
+    def room(cls, rows: FilmRows, meet: Mask, nodes: int) -> "FilmLists":
         """Return room for the lists of a film with so many nodes, in which there is nothing yet."""
         points, triangles, units = len(rows.nodes), len(rows.triangles), len(rows.units_from) - 1
         long, short, quiet = (
@@ -314,7 +300,7 @@ class FilmLists(NamedTuple):
         lists = long, short, quiet, np.empty((nodes, 3)), np.zeros(1)
         return cls(rows, meet, *lists, *places, *scratch, np.zeros((units, units)), np.empty((units, 5, 3)))
 
-    def made(self, positions: Array, room_m: float, moves: bool) -> FilmLists:
+    def made(self, positions: Array, room_m: float, moves: bool) -> "FilmLists":
         """Return the lists with a new long one, with more room where that is too little.
 
         Args:

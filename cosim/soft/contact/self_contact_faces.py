@@ -9,8 +9,6 @@ Contact points of a film for contact with itself: those of `contact_surface`, bu
 So a point on a seam or in a valley has the normal of one film, and touches what lies in front of that film.
 """
 
-from __future__ import annotations
-
 import enum
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,13 +20,7 @@ from scipy.sparse.csgraph import connected_components, shortest_path
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
-from cosim.soft.geometry.surface import (
-    dihedral_angle,
-    directed_edges,
-    interior_hinges,
-    triangle_area,
-    triangles_beside,
-)
+from cosim.soft.geometry import surface
 
 _SEAM_RAD = 0.6 * np.pi  # away from right angles, which rounding would put on either side
 
@@ -64,12 +56,12 @@ class FilmFaces:
     relation: IntArray
 
     @classmethod
-    def of(cls, body: SoftBody) -> FilmFaces:
+    def of(cls, body: SoftBody) -> "FilmFaces":
         """Return those of a body, by its drawn shape."""
         triangles = body.triangles
-        hinges = interior_hinges(triangles)
-        angle = dihedral_angle(body.positions, hinges)
-        sides = triangles_beside(triangles, hinges)
+        hinges = surface.interior_hinges(triangles)
+        angle = surface.dihedral_angle(body.positions, hinges)
+        sides = surface.triangles_beside(triangles, hinges)
         seam, valley = angle < _SEAM_RAD, angle > 2.0 * np.pi - _SEAM_RAD
         welded = _welded_flat(triangles)
         unit = _components(len(triangles), np.concatenate([sides[~valley], welded]))
@@ -105,7 +97,7 @@ class FilmFaces:
 def _welded_flat(triangles: IntArray) -> IntArray:
     """Return pairs (k, 2) that join all triangles at each edge of a flat weld, where there are four."""
     _, edge, count = np.unique(
-        np.sort(directed_edges(triangles), axis=1), axis=0, return_inverse=True, return_counts=True
+        np.sort(surface.directed_edges(triangles), axis=1), axis=0, return_inverse=True, return_counts=True
     )
     rows = np.argsort(edge.ravel(), kind="stable")
     same = (np.diff(edge.ravel()[rows]) == 0) & (count[edge.ravel()[rows[1:]]] > 2)
@@ -160,7 +152,7 @@ class FilmPoints:
     on_triangle: IntArray
 
     @classmethod
-    def of(cls, faces: FilmFaces, positions: Array) -> FilmPoints:
+    def of(cls, faces: FilmFaces, positions: Array) -> "FilmPoints":
         """Return those of a film.
 
         Args:
@@ -188,7 +180,7 @@ class FilmPoints:
         )
         points = np.concatenate([unique for unique, _ in found])
         weight = np.array([_CORNER] * 3 + [_MIDPOINT] * 3 + [_CENTROID])
-        areas = triangle_area(positions, triangles)[:, None] * weight
+        areas = surface.triangle_area(positions, triangles)[:, None] * weight
         return cls(
             nodes=np.ascontiguousarray(points[:, 1:]),
             weights=np.repeat(kinds, counts, axis=0),

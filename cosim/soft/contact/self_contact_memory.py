@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 
 
 @final

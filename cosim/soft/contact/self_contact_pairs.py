@@ -19,8 +19,6 @@ the step, both frozen; `stretch` is what is left of earlier slips. Equal and opp
 one line: a moment of the friction times the distance of y from the point that it is tied to is left over.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import final
@@ -28,11 +26,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.base.kernels import (
-    Blocks,
-    Indices,
-    Matrix,
-    Vector,
     address_of,
     device_function,
     inlined,
@@ -247,7 +242,7 @@ class FilmPairs:
     def slack(
         cls, key: IntArray, triangle: IntArray, nodes: IntArray, weights: Array, stiffness: Array,
         law: ContactLaw, positions: Array,
-    ) -> FilmPairs:  # fmt: skip
+    ) -> "FilmPairs":  # fmt: skip
         """Return pairs without friction, by the terms of `FilmPairs` and `PairRows`.
 
         Args:
@@ -300,7 +295,7 @@ class FilmPairs:
         """Return the work [J] on the film in a step from (n, 3) [m] to (n, 3) [m]."""
         return float(pair_work(self.call, before, positions, self.rows, np.empty_like(before)))
 
-    def rubbing(self, friction: Array, stretch: Array) -> FilmPairs:
+    def rubbing(self, friction: Array, stretch: Array) -> "FilmPairs":
         """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""
         out = np.empty_like(self.rows.out)
         return replace(self, rows=self.rows._replace(friction=friction, stretch=stretch, out=out))

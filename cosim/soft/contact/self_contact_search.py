@@ -5,23 +5,13 @@ through between two) and its distance is in -behind .. reach. Of the triangles o
 nearest, and only if the two films face each other there; see `Relation`.
 """
 
-from __future__ import annotations
-
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    inlined,
-    kernel,
-    small_vector,
-)
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, inlined, kernel, small_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
 from cosim.soft.contact.point_kernels import fill_point, plane_of

@@ -34,8 +34,6 @@ that knows no direction loses, and one that knows it (`eyelets`) as long as it s
 cannot push: negative tensions are refused, zero tension is a slack cable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,16 +42,8 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.errors import InputError
 from cosim.soft.elements.element import NODES, Element, Sums, Term
 from cosim.soft.linear.pattern import add_block
@@ -230,7 +220,7 @@ class Cable(Element):
         return UNSLID_m + np.cumsum(self.segment_lengths(positions)[::-1])[::-1]
 
     @classmethod
-    def bound(cls, alike: Sequence[Cable], sums: Sums) -> Sequence[Term]:
+    def bound(cls, alike: "Sequence[Cable]", sums: Sums) -> Sequence[Term]:
         """Return no terms: what a cable does follows from the loads of its body, see `film_terms`."""
         return ()
 

@@ -8,8 +8,6 @@ hash, saved states and the kernels to compile. What these loops need to know of 
     none    a constant of all parts; not an array.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -33,7 +31,7 @@ from typing import (
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.state_check import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
@@ -95,7 +93,7 @@ class Instant(NamedTuple):
     loads: Acting | None = None
     closely: bool = False
 
-    def part(self, own: slice) -> Instant:
+    def part(self, own: slice) -> "Instant":
         """Return the same for one of several elements that remember something, its part cut out."""
         return self._replace(memory=self.memory[own], tracked=self.tracked[own])
 

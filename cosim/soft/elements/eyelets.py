@@ -30,8 +30,6 @@ Sources: Simo and Hughes, Computational Inelasticity, 1998, chapter 1; Wriggers,
 Mechanics, 2nd ed., section 5.2 (frozen limits).
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Final, TypeAlias
@@ -39,17 +37,8 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_gradient, segment_length
 from cosim.soft.elements.element import EyeletLaws
 from cosim.soft.linear.pattern import add_block

@@ -8,8 +8,6 @@ The first term resists warping, out of the plane too, and knows no rigid motion;
 affine image can still do, stretch and shear. As k grows the ring becomes rigid; the error falls with 1 / k.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, final
@@ -17,7 +15,8 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, kernel, small_vector, zero_matrix
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix
+from cosim.base.kernels import kernel, small_vector, zero_matrix
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block
@@ -112,7 +111,7 @@ class FrameRings(DirectElement):
     leads_on: bool = False
 
     @classmethod
-    def from_shape(cls, positions: Array, rings: IntArray, stiffness_N_m: float) -> FrameRings:
+    def from_shape(cls, positions: Array, rings: IntArray, stiffness_N_m: float) -> "FrameRings":
         """Return frames that are stress free in the given shape.
 
         Args:
@@ -142,7 +141,7 @@ class FrameRings(DirectElement):
         return cls(rings, projections, np.linalg.norm(chords, axis=2), stiffness_N_m)
 
     @classmethod
-    def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> FrameRings:
+    def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> "FrameRings":
         """Return one frame of nodes that sit on a plate, in any order.
 
         The order decides which chords there are: of several, the one is taken that resists every strain most.

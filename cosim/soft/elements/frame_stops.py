@@ -8,8 +8,6 @@ with F and f the onset of a cable's tension (`cable`): no force beyond g, a spri
 equal, opposite and on one line. Frames slide over one another without friction, on a sphere of radius g.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, final
@@ -17,7 +15,8 @@ from typing import Annotated, ClassVar, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.linear.pattern import add_block
@@ -83,7 +82,7 @@ class FrameStops(DirectElement):
     springs: Annotated[Array, ROWS]
 
     @classmethod
-    def from_shape(cls, positions: Array, rings: IntArray, rest_m: float) -> FrameStops:
+    def from_shape(cls, positions: Array, rings: IntArray, rest_m: float) -> "FrameStops":
         """Return the stops of a straight stack drawn along z.
 
         Args:

@@ -36,8 +36,6 @@ Source: form of the energy: Grinspun et al., Discrete shells, SCA 2003; equilate
 Nelson, Phys. Rev. A 38 (1988) 1005; the rule by area and mean direction is derived here.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,7 +44,8 @@ from typing import Annotated, Any, ClassVar, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, IndexTable, Matrix, Vector, device_function, kernel, small_vector
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.errors import MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant, Remembered
 from cosim.soft.geometry.surface import TURN, dihedral_angle, directed_edges, full_angle, triangle_area

@@ -7,14 +7,13 @@ with M_b the mass matrix of block b in weights of its points p_bk, of which the 
 a block is one point, and M_b its mass; frames carry a ring together on their points.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import final
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, Indices, Matrix, Vector, kernel
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernels import kernel
 
 
 @kernel

@@ -9,7 +9,7 @@ force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
 Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain",
 see their files; "neo_hookean", see below. The axes of E are along a triangle's first edge and across; of
-fabric they are warp and weft, so that all triangles have one C, and its yarns straighten, see `fabric`.
+fabric they are warp and weft, so that all triangles have one C, and its yarns straighten, see `material`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 
 "neo_hookean", an incompressible membrane, such as silicone, whose thickness follows from its area: with
@@ -21,8 +21,6 @@ Source: Holzapfel, Nonlinear Solid Mechanics, section 6.5; Mueller and Strehlow,
 chapter 2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple, final
@@ -30,17 +28,8 @@ from typing import Annotated, ClassVar, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.material import NEO_HOOKEAN, PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
@@ -288,7 +277,7 @@ def scatter(
 def _straighten(strain: tuple[float, float, float], yarns: Matrix, n: Vector, c: Matrix) -> float:
     """Add to n (3,) and c (3, 3) what straightening yarns resist; return the density [J/m^2].
 
-    Law: see `fabric`. It has no compression and is convex, so that a tension field with it is one.
+    Law: see `material`. It has no compression and is convex, so that a tension field with it is one.
 
     Args:
         strain: E11, E22, 2 E12, along warp and weft.
@@ -460,7 +449,7 @@ class Membranes(DirectElement):
     @classmethod
     def from_shape(
         cls, positions: Array, triangles: IntArray, film: Film, wrinkle_panel_m: Array | None = None
-    ) -> Membranes:
+    ) -> "Membranes":
         """Return the triangles, stress free in the given shape.
 
         Args:

@@ -14,26 +14,14 @@ They follow from the body's film, caps and chambers, and are no element beside t
 potential is in `film_terms`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import (
-    Blocks,
-    Cubes,
-    IndexTable,
-    Indices,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, Cubes, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.soft.linear.pattern import add_block
 
 

@@ -47,15 +47,14 @@ Source: buckling loads: Timoshenko and Gere, Theory of elastic stability, 2nd ed
 complementary density: as for tension fields, see `tension_field`; the law is derived here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Matrix, Vector, device_function, inlined
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, inlined
 from cosim.base.numba_insides import same_bits
 
 

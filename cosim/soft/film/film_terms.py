@@ -4,14 +4,13 @@ The terms are added by the kernels that sum them one by one, called by their add
 those of beams and of frames for bodies that have some.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Blocks, Matrix, address_of, device_function, kernel, record_at
+from cosim.base.kernel_types import Blocks, Matrix
+from cosim.base.kernels import address_of, device_function, kernel, record_at
 from cosim.base.numba_insides import caller
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import PlainLoads, Touching
@@ -27,22 +26,9 @@ from cosim.soft.elements.hinge import HingeRows, add_hinges
 from cosim.soft.elements.mass_terms import add_gravity, add_inertia
 from cosim.soft.elements.membrane import add_membranes
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
+from cosim.soft.film import step_arrays
 from cosim.soft.film.rate_kernels import add_rates, film_rows
-from cosim.soft.film.step_arrays import (
-    BEAMS,
-    CHAMBERS,
-    FILMS,
-    FRAMES,
-    HINGES,
-    NODES,
-    SEGMENTS,
-    FilmArrays,
-    FilmLoads,
-    FilmPoint,
-    FilmSlots,
-    StepBed,
-    StepRates,
-)
+from cosim.soft.film.step_arrays import FilmArrays, FilmLoads, FilmPoint, FilmSlots, StepBed, StepRates
 
 onset = device_function(onset_of_tension)
 absolute_pressure = device_function(gas.absolute_pressure)
@@ -103,17 +89,17 @@ def film_terms(at: int, slots: FilmSlots, acting: FilmActing, part: int, point: 
     """
     film = record_at(at, FilmArrays)
     a, b = film.parts[part], film.parts[part + 1]
-    begin, end = a[NODES], b[NODES]
+    begin, end = a[step_arrays.NODES], b[step_arrays.NODES]
     x, gradient, blocks, bed = point.x, point.gradient, point.blocks, acting.bed
     for i in range(begin, end):
         for r in range(3):
             gradient[i, r] = 0.0
     moves = bed.coefficient.shape[0] > 0
     energy = _add_films(film, slots, part, point)
-    energy += _add_cables(film, slots, a[SEGMENTS], b[SEGMENTS], acting, point)
+    energy += _add_cables(film, slots, a[step_arrays.SEGMENTS], b[step_arrays.SEGMENTS], acting, point)
     beams, frames = _add_rings(film, slots, part, moves and not bed.closely, point)
     energy = energy + beams + frames
-    energy += _add_gas(film, slots, a[CHAMBERS], b[CHAMBERS], acting, point)
+    energy += _add_gas(film, slots, a[step_arrays.CHAMBERS], b[step_arrays.CHAMBERS], acting, point)
     if not energy < np.inf:
         return np.inf
     own, mass = gradient[begin:end], film.mass[begin:end]
@@ -143,11 +129,11 @@ def film_terms(at: int, slots: FilmSlots, acting: FilmActing, part: int, point: 
 def _add_films(film: Any, slots: Any, part: int, point: Any) -> float:
     """Add a part's triangles and hinges; return their energy [J]."""
     energy, triangles, fold = 0.0, slots.triangles, film.fold_barrier[0]
-    for k in range(film.parts[part, FILMS], film.parts[part + 1, FILMS]):
+    for k in range(film.parts[part, step_arrays.FILMS], film.parts[part + 1, step_arrays.FILMS]):
         pairs = triangles[film.films[k, 0] : film.films[k + 1, 0]]
         added = point.x, film_rows(film, k), pairs, point.gradient, point.blocks
         energy += _add_membranes(film.calls[_MEMBRANES], added)
-    first, last = film.parts[part, HINGES], film.parts[part + 1, HINGES]
+    first, last = film.parts[part, step_arrays.HINGES], film.parts[part + 1, step_arrays.HINGES]
     begin, end = film.angles[0] + first, film.angles[0] + last
     own = film.hinges[first:last], film.hinge_stiffness[first:last], film.rest_angle[first:last]
     angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
@@ -196,7 +182,7 @@ def _add_cables(film: Any, slots: Any, first: int, last: int, acting: FilmActing
 def _add_rings(film: Any, slots: Any, part: int, moving: bool, point: Any) -> tuple[float, float]:
     """Add a part's groups of rings of beams, and of frames; return the energies [J] of both."""
     energy, stiff, frames, differentiated = 0.0, 0.0, film.frames, slots.diagonal.shape[0] > 0
-    for k in range(film.parts[part, BEAMS], film.parts[part + 1, BEAMS]):
+    for k in range(film.parts[part, step_arrays.BEAMS], film.parts[part + 1, step_arrays.BEAMS]):
         begin, rings, nodes, first, slot = film.beams.groups[k]
         end, last = begin + rings * nodes, first + REMEMBERED * rings * nodes
         beams = BeamArrays(
@@ -209,7 +195,7 @@ def _add_rings(film: Any, slots: Any, part: int, moving: bool, point: Any) -> tu
         memory = Remembered(point.memory[first:last], point.tracked[first:last])
         added = point.x, beams, memory, own, point.gradient, point.blocks
         energy += _add_beam_rings(film.calls[_BEAMS], added)
-    for k in range(film.parts[part, FRAMES], film.parts[part + 1, FRAMES]):
+    for k in range(film.parts[part, step_arrays.FRAMES], film.parts[part + 1, step_arrays.FRAMES]):
         begin, rings, nodes, first, slot = frames.groups[k]
         end, last = begin + rings * nodes, first + rings * nodes * nodes
         shape = rings if differentiated else 0, nodes * (nodes + 1) // 2

@@ -19,23 +19,12 @@ so no tension comes of unfolding.
 Source: Kelvin-Voigt material in any text on viscoelasticity, e.g. Lakes, Viscoelastic Materials, chapter 2.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
 
-from cosim.base.kernels import (
-    Blocks,
-    IndexTable,
-    Matrix,
-    Vector,
-    device_function,
-    handing_on_views,
-    kernel,
-    small_matrix,
-    small_vector,
-)
+from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
+from cosim.base.kernels import device_function, handing_on_views, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import caller
 from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import ANGLE, ROOM, HingeRows, add_hinges, differentiate

@@ -6,14 +6,13 @@ Bodies side by side that nothing couples, such as the fingers of a gripper, are 
 listed follows in one stretch.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Vector, device_function
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import device_function
 from cosim.soft.elements.element import EyeletLaws
 from cosim.soft.linear.pattern import PatternRows
 from cosim.soft.linear.secant_pairs import SecantPairs

@@ -1,7 +1,5 @@
 """What the materials of a film resist rates of strain with, step by step; formulas: see `rate_kernels`."""
 
-from __future__ import annotations
-
 from typing import final
 
 import numpy as np
@@ -9,13 +7,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import RecordStore, address_of
 from cosim.soft.body.body import SoftBody
-from cosim.soft.film.rate_kernels import (
-    RATE_ROOM,
-    add_rates,
-    add_triangle_rates,
-    fill_rates,
-    fill_triangle_rates,
-)
+from cosim.soft.film import rate_kernels
+from cosim.soft.film.rate_kernels import add_rates, add_triangle_rates, fill_rates, fill_triangle_rates
 from cosim.soft.film.step_arrays import FilmArrays, FilmPoint, StepRates
 from cosim.soft.geometry.surface import dihedral_angle, directed_edges
 
@@ -37,13 +30,13 @@ class StrainRates:
         self._arrays = StepRates(
             np.array([address_of(called) for called in kernels]),
             np.array([each.film.loss_time_s for each in body.membranes]), hinge_times(body, film.hinges),
-            np.zeros((len(film.drawn), RATE_ROOM)), np.zeros(hinges), np.zeros(hinges),
+            np.zeros((len(film.drawn), rate_kernels.RATE_ROOM)), np.zeros(hinges), np.zeros(hinges),
         )  # fmt: skip
         self._store = RecordStore(StepRates)
         self.address = self._store.address(self._arrays)
 
     @classmethod
-    def of(cls, body: SoftBody, film: FilmArrays) -> StrainRates | None:
+    def of(cls, body: SoftBody, film: FilmArrays) -> "StrainRates | None":
         """Return them for a body with its arrays; None where none of its films has a loss factor."""
         return cls(body, film) if any(each.film.loss_factor for each in body.membranes) else None
 

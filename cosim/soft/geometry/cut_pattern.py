@@ -5,8 +5,6 @@ welded flat: both lie on the same nodes, so they stretch and bend together and t
 volume. A seam is a line whose nodes both sheets share.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

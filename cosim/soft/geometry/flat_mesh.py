@@ -8,8 +8,6 @@ mirrored, so that the mesh is too.
 Outlines of sheets: lines joined where they nearly meet, the film within them, and what is refused.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -185,7 +183,7 @@ class FlatLine:
     points: Array
     kind: LineKind
 
-    def mirrored(self, axis: int, at_m: float) -> FlatLine:
+    def mirrored(self, axis: int, at_m: float) -> "FlatLine":
         """Return the line mirrored in the line where coordinate `axis` is `at_m`."""
         return replace(self, points=mirrored(self.points, axis, at_m))
 

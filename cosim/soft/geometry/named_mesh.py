@@ -6,8 +6,6 @@ Source: R. E. Bank, A. H. Sherman, A. Weiser, "Refinement algorithms and data st
 mesh refinement", Scientific Computing (1983): red triangles are cut in four, green ones close the mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -18,14 +16,7 @@ import numpy as np
 from cosim.base.drawing import SAME_PLACE_M
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
-from cosim.soft.geometry.surface import (
-    check_face_groups,
-    check_face_values,
-    check_mesh,
-    dihedral_angle,
-    directed_edges,
-    parts_of_groups,
-)
+from cosim.soft.geometry import surface
 
 BENDING_FACTOR: Final = "bending_factor"
 """Face value that multiplies the bending stiffness of the film at its hinges; omitted: 1."""
@@ -90,14 +81,14 @@ class NamedMesh:
     creases: tuple[Crease, ...] = ()
 
     def __post_init__(self) -> None:
-        check_mesh(self.positions, self.triangles, [self.face_groups[name] for name in self.sheets])
+        surface.check_mesh(self.positions, self.triangles, [self.face_groups[name] for name in self.sheets])
         for key in ("rings", "lines"):
             named = {name: _read_only(nodes) for name, nodes in getattr(self, key).items()}
             for name, nodes in named.items():
                 _check_nodes(f"{key[:-1]} {name}", nodes, len(self.positions))
             object.__setattr__(self, key, MappingProxyType(named))
-        check_face_groups(self.face_groups, len(self.triangles))
-        check_face_values(self.face_values, len(self.triangles))
+        surface.check_face_groups(self.face_groups, len(self.triangles))
+        surface.check_face_values(self.face_values, len(self.triangles))
         groups = {name: _read_only(places) for name, places in self.face_groups.items()}
         values = {name: _values(rows) for name, rows in self.face_values.items()}
         object.__setattr__(self, "face_groups", MappingProxyType(groups))
@@ -119,7 +110,7 @@ class NamedMesh:
         rings: Mapping[str, IntArray],
         caps: tuple[IntArray, ...],
         lines: Mapping[str, IntArray],
-    ) -> NamedMesh:
+    ) -> "NamedMesh":
         """Return the mesh with parts of its triangles in their place.
 
         Args:
@@ -137,7 +128,7 @@ class NamedMesh:
             rings=rings,
             caps=caps,
             lines=lines,
-            face_groups=parts_of_groups(self.face_groups, parent),
+            face_groups=surface.parts_of_groups(self.face_groups, parent),
             face_values={name: rows[parent] for name, rows in self.face_values.items()},
         )
 
@@ -193,7 +184,7 @@ def rest_angles(mesh: NamedMesh, hinges: IntArray) -> Array | None:
     """
     if not mesh.creases:
         return None
-    rest, n = dihedral_angle(mesh.positions, hinges), len(mesh.positions)
+    rest, n = surface.dihedral_angle(mesh.positions, hinges), len(mesh.positions)
     corners = {}
     for sheet in mesh.sheets:  # each directed edge with the corner that faces it
         a, b, c = mesh.triangles[mesh.face_groups[sheet]].T
@@ -272,7 +263,9 @@ def refine_some(
         fractions: edges (k, 2) -> fraction (k,) of the way to the second node at which they are; None: 1/2.
     """
     n = len(mesh.positions)
-    edges, sides = np.unique(np.sort(directed_edges(mesh.triangles), axis=1), axis=0, return_inverse=True)
+    edges, sides = np.unique(
+        np.sort(surface.directed_edges(mesh.triangles), axis=1), axis=0, return_inverse=True
+    )
     sides = sides.reshape(-1, 3)
     points = mesh.positions[edges].mean(axis=1)
     if fractions is not None:

@@ -8,8 +8,6 @@ Around a small hole the film's displacements go with the logarithm of the distan
 put at a third of the logarithmic way outwards, not at the midpoint. Measured: docs/necks.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -7,8 +7,6 @@ What triangles of a surface carry: groups and values with names, which a part ha
 Open ends of a surface: their rims, in the order of the caps that close them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import TypeVar

@@ -13,8 +13,6 @@ L^-1 is kept instead of L: fronts are narrow, and products with it are what proc
 Source: Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal method).
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +27,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_check import KnownStates, check_state
-from cosim.soft.linear import fronts
+from cosim.soft.linear import fronts, linear_solver
 from cosim.soft.linear.envelope_kernels import (
     TileEntries,
     TileFactor,
@@ -40,16 +38,7 @@ from cosim.soft.linear.envelope_kernels import (
     substitute,
 )
 from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree, dissect
-from cosim.soft.linear.linear_solver import (
-    NODE,
-    TILED,
-    EnvelopeArrays,
-    EnvelopeEntries,
-    LinearSolver,
-    equations,
-    lower_entries,
-    numbering,
-)
+from cosim.soft.linear.linear_solver import equations, lower_entries, numbering
 from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
 _TILE: Final = 4
@@ -113,7 +102,7 @@ class _Part:
     bandwidth: int
 
     @classmethod
-    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> _Part:
+    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> "_Part":
         """Return that of a range of nodes.
 
         Args:
@@ -137,7 +126,7 @@ class _Part:
 
 
 @final
-class EnvelopeCholesky(LinearSolver):
+class EnvelopeCholesky(linear_solver.LinearSolver):
     """Cholesky within the envelope; refuses an indefinite matrix.
 
     Args:
@@ -146,7 +135,7 @@ class EnvelopeCholesky(LinearSolver):
         like: of the same components with fewer ties, whose order is taken over.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Mask, like: EnvelopeCholesky | None = None) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask, like: "EnvelopeCholesky | None" = None) -> None:
         super().__init__(pattern, free)
         apart, order = ranges_apart(pattern), None if like is None else like.order
         parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(apart.tolist())]
@@ -178,19 +167,21 @@ class EnvelopeCholesky(LinearSolver):
 
     @property
     def apart(self) -> IntArray:
-        return np.ascontiguousarray(self._table[:, NODE])
+        return np.ascontiguousarray(self._table[:, linear_solver.NODE])
 
     @property
-    def envelope(self) -> EnvelopeArrays:
-        return EnvelopeArrays(self._store, self._start, self._first, self._inverse, self._dofs, self._table)
+    def envelope(self) -> linear_solver.EnvelopeArrays:
+        return linear_solver.EnvelopeArrays(
+            self._store, self._start, self._first, self._inverse, self._dofs, self._table
+        )
 
     @cached_property
-    def entries(self) -> EnvelopeEntries:
+    def entries(self) -> linear_solver.EnvelopeEntries:
         """Of A, for kernels that factorise it."""
         found = [part.entries for part in self._parts]
         ends = np.cumsum([(0, 0), *((len(source), len(first)) for source, _, first in found)], axis=0)
         source, place, first = (np.concatenate(column) for column in zip(*found, strict=True))
-        return EnvelopeEntries(source, place, first, ends)
+        return linear_solver.EnvelopeEntries(source, place, first, ends)
 
     @property
     def pivots(self) -> Array:
@@ -199,7 +190,7 @@ class EnvelopeCholesky(LinearSolver):
 
     @cached_property
     def _diagonal(self) -> IntArray:
-        tiled = self._table[:-1, TILED].tolist()
+        tiled = self._table[:-1, linear_solver.TILED].tolist()
         own = zip(tiled, self._parts, strict=True)
         return np.concatenate([_TILE * begin + np.arange(len(part.dofs)) for begin, part in own])
 
@@ -252,7 +243,7 @@ class EnvelopeCholesky(LinearSolver):
     def _product(self, vectors: Array) -> Array:
         loads, total = vectors.reshape(len(vectors), -1, 3), np.zeros((len(vectors), len(vectors)))
         for number, part in enumerate(self._parts):
-            begin, end = self._table[number : number + 2, NODE]
+            begin, end = self._table[number : number + 2, linear_solver.NODE]
             own = np.ascontiguousarray(loads[:, begin:end]).reshape(len(loads), -1)
             found = np.zeros((len(loads), _TILE * len(part.start)))
             forward(self._factor_of(number), part.dofs, own, found)
@@ -265,7 +256,7 @@ class EnvelopeCholesky(LinearSolver):
     def _substituted(self, loads: Array, turn: Array) -> Array:
         found = []
         for number, part in enumerate(self._parts):
-            begin, end = self._table[number : number + 2, NODE]
+            begin, end = self._table[number : number + 2, linear_solver.NODE]
             own = np.array(loads[:, begin:end], order="C")
             if len(self._parts) == 1 or own.any():
                 substitute(self._factor_of(number), part.dofs, turn, own)
@@ -280,8 +271,8 @@ _FRONT_NODES = 12  # eliminated in one go
 
 
 def cholesky(
-    pattern: BlockPattern, free: Mask, far: IntArray, like: LinearSolver | None = None
-) -> LinearSolver:
+    pattern: BlockPattern, free: Mask, far: IntArray, like: linear_solver.LinearSolver | None = None
+) -> linear_solver.LinearSolver:
     """Return the faster of both ways for a symmetric matrix.
 
     Args:
@@ -299,7 +290,7 @@ def cholesky(
     return DissectedCholesky(pattern, free, far, None if like is None else like.groups)
 
 
-def _graph(solver: LinearSolver) -> csr_matrix:
+def _graph(solver: linear_solver.LinearSolver) -> csr_matrix:
     """Return which free nodes a solver's pattern ties to one another."""
     pattern, movable = solver.pattern, np.asarray(solver.free.any(axis=1))
     local = np.cumsum(movable) - 1
@@ -309,7 +300,7 @@ def _graph(solver: LinearSolver) -> csr_matrix:
     return (half + half.T).tocsr()
 
 
-def _dissected(solver: LinearSolver, far: IntArray | None) -> list[IntArray]:
+def _dissected(solver: linear_solver.LinearSolver, far: IntArray | None) -> list[IntArray]:
     """Return a solver's free nodes in the order of a nested dissection, in groups."""
     movable = np.asarray(solver.free.any(axis=1))
     local = np.cumsum(movable) - 1
@@ -318,7 +309,7 @@ def _dissected(solver: LinearSolver, far: IntArray | None) -> list[IntArray]:
 
 
 @final
-class DissectedCholesky(LinearSolver):
+class DissectedCholesky(linear_solver.LinearSolver):
     """Cholesky in the order of a nested dissection; refuses an indefinite matrix.
 
     Args:

@@ -1,13 +1,12 @@
 """Kernels of Cholesky's method within the envelope, on tiles of four rows and four columns."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.base.kernels import Blocks, IndexTable, Indices, Matrix, Places, Vector, device_function, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Places, Vector
+from cosim.base.kernels import device_function, kernel
 
 # Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)

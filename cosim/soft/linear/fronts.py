@@ -16,8 +16,6 @@ Ford and Fulkerson, Flows in Networks, 1962, chapter I.11 (Menger's theorem).
 A front's own columns, p of them, are assembled in `work`. Its factor is kept as L_pp^-1 and W, row by row.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
@@ -32,7 +30,8 @@ from scipy.sparse.csgraph import (
 )
 
 from cosim.base.frames import IntArray, Mask
-from cosim.base.kernels import Places, PlaceTable, Vector, allocating, device_function, kernel
+from cosim.base.kernel_types import Places, PlaceTable, Vector
+from cosim.base.kernels import allocating, device_function, kernel
 
 _LEAF_NODES = 40  # parts no larger are not cut
 _END = 0.2  # share of the nodes, at either end, that a cut leaves alone
@@ -210,7 +209,7 @@ class FrontTree:
     stack: int
 
     @classmethod
-    def of(cls, graph: csr_matrix, groups: list[IntArray], number: IntArray) -> FrontTree:
+    def of(cls, graph: csr_matrix, groups: list[IntArray], number: IntArray) -> "FrontTree":
         """Return the fronts of groups of nodes.
 
         Args:

@@ -5,8 +5,6 @@ A factorisation by its envelope as kernels keep it: solved with, turned with the
 Nodes begin to end of a body are one or more of its parts that nothing couples.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple, final
@@ -14,7 +12,8 @@ from typing import Annotated, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import Blocks, Indices, Masks, Matrix, address_of, device_function, handing_on_views
+from cosim.base.kernel_types import Blocks, Indices, Masks, Matrix
+from cosim.base.kernels import address_of, device_function, handing_on_views
 from cosim.base.numba_insides import caller
 from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, substitute, turned
 from cosim.soft.linear.linear_solver import (
@@ -81,8 +80,8 @@ class DefiniteTangent:
 
     @classmethod
     def after(
-        cls, before: DefiniteTangent | None, pivots: Array, begin: Array, end: Array
-    ) -> DefiniteTangent:
+        cls, before: "DefiniteTangent | None", pivots: Array, begin: Array, end: Array
+    ) -> "DefiniteTangent":
         """Return one that was made somewhere on a way, at its end if that has no length.
 
         Args:

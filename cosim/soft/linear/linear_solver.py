@@ -13,8 +13,6 @@ negative eigenvalues as c has negative entries (both count the inertia of one bo
 Schur complements).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +24,7 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import IndexTable, Indices, Places, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Places, Vector
 from cosim.errors import InputError, SolverError
 from cosim.soft.linear.pattern import BlockPattern
 
@@ -48,7 +46,7 @@ class LowRank:
     coefficients: Array
 
     @classmethod
-    def acting(cls, vectors: Array, coefficients: Array) -> LowRank | None:
+    def acting(cls, vectors: Array, coefficients: Array) -> "LowRank | None":
         """Return those of some terms that are not zero, as copies; None where all are."""
         there = np.flatnonzero(coefficients)
         return cls(vectors[there], coefficients[there]) if len(there) else None
@@ -73,7 +71,7 @@ class Correction:
     inner: Annotated[Array, ("k", "k")]
 
     @classmethod
-    def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> Correction | None:
+    def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> "Correction | None":
         """Return the correction by symmetric terms; None where A is not positive definite, if S is.
 
         Args:
@@ -89,7 +87,7 @@ class Correction:
     @classmethod
     def unsymmetric(
         cls, vectors: Array, middle: Array, product: Callable[[Array], Array]
-    ) -> Correction | None:
+    ) -> "Correction | None":
         """Return the correction by W (k, 3 n) and M (k, k); None where A is singular."""
         try:
             found = np.linalg.solve(np.eye(len(middle)) + middle @ product(vectors), middle)

@@ -5,8 +5,6 @@ Ranges of nodes that no block of a pattern couples: bodies side by side, such as
 Sums of 3 x 3 blocks, of which the upper half is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +13,8 @@ from typing import Annotated, Any, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import IndexTable, Indices, device_function, kernel
+from cosim.base.kernel_types import IndexTable, Indices
+from cosim.base.kernels import device_function, kernel
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 
@@ -81,7 +80,7 @@ class BlockPattern:
     column: Annotated[IntArray, ("k",)]
 
     @classmethod
-    def from_elements(cls, nodes: int, elements: Sequence[IntArray]) -> BlockPattern:
+    def from_elements(cls, nodes: int, elements: Sequence[IntArray]) -> "BlockPattern":
         """Return the union of all node pairs within each element and of all diagonal blocks.
 
         Args:
@@ -162,13 +161,13 @@ class CoupledPattern:
     from_body: IntArray
 
     @classmethod
-    def of(cls, body: BlockPattern, elements: IntArray) -> CoupledPattern:
+    def of(cls, body: BlockPattern, elements: IntArray) -> "CoupledPattern":
         """Return that of a body's own pattern and further elements (k, nodes per element)."""
         own = np.column_stack([body.row, body.column])
         return cls.around(body, BlockPattern.from_elements(body.nodes, [own, elements]))
 
     @classmethod
-    def around(cls, body: BlockPattern, wide: BlockPattern) -> CoupledPattern:
+    def around(cls, body: BlockPattern, wide: BlockPattern) -> "CoupledPattern":
         """Return a pattern that holds all pairs of a body's own."""
         return cls(wide, np.searchsorted(wide._key, body._key))
 

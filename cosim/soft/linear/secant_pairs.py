@@ -8,13 +8,12 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4; upon
 elements: Matthies and Strang, Int. J. Numer. Meth. Eng. 14 (1979) 1613.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cosim.base.kernels import Masks, Matrix, Vector, kernel
+from cosim.base.kernel_types import Masks, Matrix, Vector
+from cosim.base.kernels import kernel
 
 _MOST: Final = 8
 FAR: Final = 10.0
@@ -38,7 +37,7 @@ class SecantPairs(NamedTuple):
     share: Vector
 
     @classmethod
-    def room(cls, nodes: int) -> SecantPairs:
+    def room(cls, nodes: int) -> "SecantPairs":
         """Return room for the pairs of a body with so many nodes."""
         return cls(
             np.empty((_MOST, 3 * nodes)), np.empty((_MOST, 3 * nodes)), np.empty(_MOST), np.empty(_MOST)

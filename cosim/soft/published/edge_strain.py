@@ -7,11 +7,10 @@ rows of Q = (d1^2, d2^2, d1 d2). The energy density is e : C : e / 2; at small s
 The paper's triangles measure strain with bars (idea: Sim-FAST, Y. Zhu); the formula is ours.
 """
 
-from __future__ import annotations
-
 import math
 
-from cosim.base.kernels import Matrix, Vector, device_function, small_matrix
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, small_matrix
 
 
 @device_function

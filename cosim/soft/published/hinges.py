@@ -3,8 +3,6 @@
 Source: the hinge lists of its examples UR_Pneumatic (hexagonal) and Three_Unit_Compare (square units).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cosim.base.frames import IntArray, Mask

@@ -8,8 +8,6 @@ of these and E what the missing caps add there, less D,
 solved as a term of low rank beside K (`Correction`).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np
@@ -17,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import Blocks, Cubes, Indices, Matrix, Vector, address_of, device_function, kernel
+from cosim.base.kernel_types import Blocks, Cubes, Indices, Matrix, Vector
+from cosim.base.kernels import address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.soft.elements.pressure import add_cap_stiffness
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky

@@ -4,8 +4,6 @@ What kernels know of a body is packed into arrays, and summed in one call (`film
 term by term.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cached_property
@@ -262,7 +260,7 @@ class SoftSystem:
             self.low_rank = LowRank.acting(acting.more.vectors, acting.more.coefficients)
         return energy
 
-    def act_as(self, other: SoftSystem) -> None:
+    def act_as(self, other: "SoftSystem") -> None:
         """Take over what acts on another film, of as many chambers and with the same cables."""
         self._acting = other._acting
 

@@ -3,8 +3,6 @@
 In a file by itself, as who reports on it loads no kernels.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ equilibrium of the body alone.
 Source: Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998) 508.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import final

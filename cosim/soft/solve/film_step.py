@@ -12,19 +12,14 @@ of the factorisation. What the kernel cannot do by itself it asks for (`step_arr
 there. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cosim.base.frames import IntArray
+from cosim.base.kernel_types import Blocks, Masks, Matrix, Vector
 from cosim.base.kernels import (
-    Blocks,
-    Masks,
-    Matrix,
-    Vector,
     address_of,
     copy,
     copy_rows,

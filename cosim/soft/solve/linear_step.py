@@ -10,8 +10,6 @@ with, R df the held coordinates on the moved flange, G the gradient's derivative
 rest a point and its target agree, so inertia has no geometric stiffness. Losses along cables are held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias, final

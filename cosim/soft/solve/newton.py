@@ -4,8 +4,6 @@ The iterations are those of `film_step`. Here are the factorisation, the shift m
 indefinite, and terms that kernels do not know.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,7 +13,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernels import RecordStore, nothing_of
+from cosim.base.kernel_types import nothing_of
+from cosim.base.kernels import RecordStore
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import pair_calls

@@ -1,7 +1,5 @@
 """Bounds of Newton's method and of searches that call it again and again, and how they end."""
 
-from __future__ import annotations
-
 import enum
 import math
 import time

@@ -7,8 +7,6 @@ film's fast modes follow at once. With as many modes as free components nothing 
 Source: Craig and Kurdila, Fundamentals of Structural Dynamics, chapter 17 (static modes beside natural ones).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, final

@@ -5,20 +5,15 @@ their distances and normals are exact. Modelled is the outside of the film: diff
 modelled are the inner sides of one unit, and one unit folded onto itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import (
-    IndexTable,
-    Indices,
-    Matrix,
     RecordStore,
-    Vector,
     address_of,
     handing_on_views,
     inlined,

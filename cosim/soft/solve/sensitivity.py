@@ -19,8 +19,6 @@ cable that gets taut, a contact that begins, a fold nearby. That is refused. All
 together first, and one by one only where that finds something.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, final
@@ -127,7 +125,7 @@ class FrozenTangent(NamedTuple):
     caps: list[tuple[IntArray, Array]]
 
     @classmethod
-    def of(cls, system: SoftSystem, positions: Array, near: Mask | None = None) -> FrozenTangent:
+    def of(cls, system: SoftSystem, positions: Array, near: Mask | None = None) -> "FrozenTangent":
         """Return that which a system has assembled last.
 
         Args:

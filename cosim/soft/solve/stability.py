@@ -4,8 +4,6 @@ At a stable equilibrium the tangent is positive definite. Where it is not, the p
 eigenvectors of its negative eigenvalues, on both sides: a branch of equilibria forks there, or ends.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -28,17 +28,8 @@ from typing import Annotated, Final, Literal, NamedTuple, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.base.kernels import (
-    Indices,
-    Masks,
-    Matrix,
-    Vector,
-    device_function,
-    kernel,
-    small_matrix,
-    small_vector,
-    zero_vector,
-)
+from cosim.base.kernel_types import Indices, Masks, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes

@@ -5,11 +5,10 @@ about the target y = base + s / (1 + (alpha + beta) s) (speed + alpha s u), from
 v = (x - base) / s.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
-from cosim.base.kernels import IndexTable, Matrix, Vector, kernel
+from cosim.base.kernel_types import IndexTable, Matrix, Vector
+from cosim.base.kernels import kernel
 from cosim.soft.geometry.surface import TURN
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near

@@ -3,8 +3,6 @@
 The formulas are those of `state`. Most steps are one call of the kernel, from where free flight leads.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cached_property

@@ -22,8 +22,6 @@ followed from the first of the two. Where the height jumps instead, the arm snap
 Source: Brent, Algorithms for Minimization without Derivatives, chapter 4.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias, final

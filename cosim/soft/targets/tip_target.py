@@ -3,8 +3,6 @@
 When a search for a tip target may stop, and what it returns.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import final
 
@@ -100,7 +98,7 @@ class TargetOptions:
     lever_m: float = 0.5
     tension_max_N: float = 100.0
 
-    def met(self, found: TargetSolution) -> bool:
+    def met(self, found: "TargetSolution") -> bool:
         """Return whether a tip is on its target."""
         return (
             found.position_error_m <= self.position_tolerance_m
