@@ -358,7 +358,7 @@ class LightBodies:
         self.restore_state(self._first)
 
     def closely_N(self, tolerance_N: float) -> float:
-        """Return how exact [N] a film's step is, at most as given, with which kernels know where bodies go."""
+        """Return how exact [N] a step has to be, at most as given, for kernels to know where bodies go."""
         known = self._gives[self._gives[:, 0] < UNKNOWN, 0]
         return min(tolerance_N, 0.9 * EXACTLY / float(known.max())) if len(known) else tolerance_N
 
