@@ -4,6 +4,7 @@ After the rigid half of a tick the chain takes one implicit step with the flange
 may touch, and returns the next wrench, and loads on bodies. The film is there where anything is near: its
 nodes are combinations of the frames. A soft half is left, as that of a film is, where the lists of what is
 near are not valid, or bodies give way otherwise than known; so is a step that does not converge in one go.
+Where bodies do not go where the film has met them, it follows them, and solves its step again.
 """
 
 from __future__ import annotations

@@ -441,7 +441,8 @@ class SectionArm(SoftSide):
             force = forces[:, pressed]
             torque = cross(np.broadcast_to(arm[pressed], force.shape), force)
             load = np.concatenate([w[pressed, :1] * force, torque], axis=2)
-            np.add.at(pushed, (slice(None), at[pressed]), load)
+            for total, part in zip(pushed, load, strict=True):
+                np.add.at(total, at[pressed], part)
         step, moved = tangent.solve(pushed), np.zeros_like(forces)
         for (w, at), arm in zip(sides, arms, strict=True):
             moved += w[:, :1] * step[:, at, :3] + cross(step[:, at, 3:], np.broadcast_to(arm, moved.shape))
