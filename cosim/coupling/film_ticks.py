@@ -253,11 +253,10 @@ def _solve(
             waits, pairs = False, _find_overlooked(row, way, k)
             found, again = (found[0], pairs), pairs > 0
             if pairs < 0 or (again and side.film.parts.shape[0] > 2):  # pairs couple parts
-                return found, half_ticks.SOFT_HALF_LEFT if films.counts[
-                    OVERLOOKED
-                ] else half_ticks.SOFT_STEP_SOLVED
-    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS
-    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets):
+                left = half_ticks.SOFT_HALF_LEFT if films.counts[OVERLOOKED] else half_ticks.SOFT_STEP_SOLVED
+                return found, left
+    meets = row.contact, way.x[k + 2], side.numbers.tolerance, row.ahead_s / AHEAD_TICKS, False
+    if near and not _meet_touched(contact.calls[MEET_TOUCHED], meets) <= 1.0:
         return found, half_ticks.SOFT_STEP_SOLVED
     if films.waits:
         films.counts[OVERLOOKED] = 0

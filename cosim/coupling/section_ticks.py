@@ -4,10 +4,11 @@ After the rigid half of a tick the chain takes one implicit step with the flange
 may touch, and returns the next wrench, and loads on bodies. The film is there where anything is near: its
 nodes are combinations of the frames. A soft half is left, as that of a film is, where the lists of what is
 near are not valid, or bodies give way otherwise than known; so is a step that does not converge in one go.
+Where bodies do not go where the film has met them, it follows them, and solves its step again.
 """
 
 from operator import itemgetter
-from typing import Annotated, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numba
 import numpy as np
@@ -136,6 +137,9 @@ class ChainSteps(NamedTuple):
 
 _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
 _find_touched, _meet_touched = caller(contact_kernels.find_touched), caller(contact_kernels.meet_touched)
+_follow_touched = caller(contact_kernels.follow_touched)
+_FOLLOWS_MAX: Final = 4  # of bodies in a tick
+_NEARER: Final = 0.3  # share of the distance from bodies that a film leaves which continues to follow them
 
 
 @device_function
@@ -203,7 +207,7 @@ def _meet(
     row: ChainSteps, ends: ChainEnds, near: tuple[int, int], again: tuple[bool, bool],
     done: tuple[Ticks, int],
 ) -> tuple[int, bool]:  # fmt: skip
-    """Solve a tick's step; it is left where bodies give way otherwise than the film has met them.
+    """Solve a tick's step until bodies go where the film has met them; it is left where they do not soon.
 
     Args:
         row: see `ChainSteps`.
@@ -212,17 +216,25 @@ def _meet(
         again: see `_solve`.
         done: see `_solve`.
     """
-    film, k = row.film, done[1]
+    film, k, (both, kept), left = row.film, done[1], again, np.inf
     contact = record_at(film.contact, ContactArrays)
-    converged, kept = _solve(row, ends, near[0], again, done)
-    if not converged:
-        return half_ticks.SOFT_HALF_LEFT, kept
-    if film.velocity.shape[0] > 0:
+    for follows in range(_FOLLOWS_MAX + 1):
+        converged, kept = _solve(row, ends, near[0], (both, kept), done)
+        if not converged:
+            break
+        if film.velocity.shape[0] == 0:
+            return half_ticks.ALL_DONE, kept
         combine_points(ends.there[0], film.before, film.weights, film.x[(k + 1) % 2])
-        meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h
-        if near[1] > 0 and not _meet_touched(contact.calls[contact_kernels.MEET_TOUCHED], meets):
-            return half_ticks.SOFT_HALF_LEFT, kept
-    return half_ticks.ALL_DONE, kept
+        if near[1] == 0:
+            return half_ticks.ALL_DONE, kept
+        meets = film.contact, film.x[(k + 1) % 2], row.scheme.tolerance_N, row.scheme.h, follows > 0
+        before, left = left, _meet_touched(contact.calls[contact_kernels.MEET_TOUCHED], meets)
+        if left <= 1.0:
+            return half_ticks.ALL_DONE, kept
+        if not left < _NEARER * before:
+            break
+        _follow_touched(contact.calls[contact_kernels.FOLLOW_TOUCHED], (film.contact, film.x[k % 2]))
+    return half_ticks.SOFT_HALF_LEFT, kept
 
 
 @device_function

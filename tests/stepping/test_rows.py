@@ -16,6 +16,7 @@ from cosim.app.simulation import Simulation
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.coupling.contact.contact_kernels import follow_touched
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
@@ -151,6 +152,47 @@ def test_bodies_are_weighed_again_while_rows_press_harder_on_them(tmp_path: Path
     ratios = [snapshot.ledger.contact_ratio for snapshot in rows if snapshot.ledger.contacts]
     assert len(together) > 0.9 * len(rows)
     assert ratios[-1] > 5.0 * min(ratio for ratio in ratios if ratio)  # contacts have become stiffer
+
+
+def test_contacts_follow_a_body_by_its_share_of_the_way(path: Path) -> None:
+    """Share and way are at its centre of mass; with the body go all that ties contacts to it."""
+    wanted = scenario(path, object=[TABLE, PLATE | {"mass_kg": 0.05}], solver__damping_per_s=5.0)
+    run: Any = build_simulation(wanted)
+    plate, last = run.stage.body_names.index("plate"), together(run, most=40)[-1]
+    exchange, x = run._parts.carrier._coupling.interface.contact, np.ascontiguousarray(last.node_position)
+    before, arrays = exchange.find(run._parts.soft.state, run.stage.tick_s), exchange.arrays
+    mine, center = before.body == plate, arrays.bodies.centers[plate].copy()
+    assert mine.any()
+    share, way = np.linspace(-0.3, 0.9, 36).reshape(6, 6), np.arange(1.0, 7.0) * 1e-4
+    met, lead = arrays.met[plate], arrays.bodies.leads.lead[plate].copy()
+    met[:3], met[3:6] = way[:3] - np.cross(way[3:], center), way[3:]
+    arrays.yields[plate] = share
+    follow_touched(exchange.at, x)
+    exchange.forget()
+    gone = share @ way
+    points = np.einsum("ka,kar->kr", before.weights, x[before.nodes])
+    shift = (gone[:3] + np.cross(gone[3:], points - center)) * mine[:, None]
+    assert exchange.planes.anchor - before.anchor == pytest.approx(shift, abs=1e-12)
+    rises = np.einsum("kr,kr->k", before.normal, shift)
+    assert exchange.planes.offset - before.offset == pytest.approx(rises, abs=1e-12)
+    assert arrays.bodies.centers[plate] - center == pytest.approx(gone[:3], abs=1e-12)
+    led = arrays.bodies.leads.lead[plate] - lead
+    assert led[:3] + np.cross(led[3:], center) == pytest.approx(gone[:3], abs=1e-12)
+    assert led[3:] == pytest.approx(gone[3:], abs=1e-12)
+
+
+def test_kernels_take_ticks_in_which_a_light_body_goes_far(path: Path, tmp_path: Path) -> None:
+    """As Python would, though the film's own tolerance is too coarse to know where the plate goes."""
+    (tmp_path / "long.toml").write_text(SCENARIO, encoding="utf-8")
+    objects, long = [TABLE, PLATE | {"mass_kg": 0.05}], 0.01
+    given = {"solver__damping_per_s": 5.0, "solver__dynamic_tolerance_N": 5e-3, "clock__tick_s": long}
+    wanted = scenario(tmp_path / "long.toml", object=objects, **given)
+    rows, together = kernels_take(build_simulation(wanted))
+    ticks = one_by_one(wanted)
+    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
+    assert len(touching & together) > 0.8 * len(touching)
+    for found, expected in zip(rows, ticks, strict=True):
+        assert found.body_position == pytest.approx(expected.body_position, abs=2e-5)
 
 
 def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:

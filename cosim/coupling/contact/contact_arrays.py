@@ -360,7 +360,10 @@ class ContactArrays(NamedTuple):
         touching: (f,) [N/m], stiffness of their contacts when they were weighed.
         gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it for a
             change of its load in a tick, over what may be; `UNKNOWN` where that is not known.
-        met: (bodies, 12), scratch: load and lead of each before a look at other loads.
+        yields: (bodies, 6, 6), share of the way that it would go, at its centre of mass, by which the film
+            follows it there, see `LightBodies`.
+        met: (bodies, 18), scratch: how much further each goes at other loads than it was met; its load and
+            lead before a look at these.
         speed: (1,) [m/s], of the film's fastest node before the step.
         counts: (7,).
         calls: of the kernels that these call.
@@ -380,6 +383,7 @@ class ContactArrays(NamedTuple):
     heavy: Indices
     touching: Vector
     gives: Matrix
+    yields: Blocks
     met: Matrix
     speed: Vector
     counts: Indices

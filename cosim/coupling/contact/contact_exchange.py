@@ -459,8 +459,8 @@ class ContactExchange:
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 12)), np.zeros(1),
-            np.zeros(7, np.int64),
+            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 6, 6)),
+            np.zeros((bodies.count, 18)), np.zeros(1), np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip
 

@@ -64,15 +64,18 @@ def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
     return most
 
 
-_EXACTLY: Final = 0.25  # share of what bodies may be off that the film's own residual may make
+EXACTLY: Final = 0.25
+"""Share of what bodies may be off that the film's own residual may make."""
 _CALLED = (find_near, span, fill_near_box, foresee)
-_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST = range(len(_CALLED) + 4)
+_FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST, FOLLOW_TOUCHED = range(
+    len(_CALLED) + 5
+)
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
 def contact_calls() -> IntArray:
-    """Return the addresses (8,) of the kernels of contact, for one another and for who takes a whole tick."""
-    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched
+    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick."""
+    taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched, follow_touched
     return np.array([address_of(called) for called in taken])
 
 
@@ -365,14 +368,14 @@ def _away(contact: Any, h: float) -> float:
     end, bodies, met, away = contact.end, contact.bodies, contact.met, 0.0
     for b in range(bodies.loaded.shape[0]):
         for r in range(6):
-            met[b, r], met[b, 6 + r] = bodies.applied[b, r], bodies.leads.lead[b, r]
+            met[b, 6 + r], met[b, 12 + r] = bodies.applied[b, r], bodies.leads.lead[b, r]
         if bodies.leads.ahead[b] > 0 and (end.acting[b] or bodies.loaded[b]):
             _bear(bodies, end.loads[b], b)
     _foresee(contact.calls[_FORESEE], (bodies.leads, h))
     for b in range(bodies.loaded.shape[0]):
         for r in range(6):
-            bodies.applied[b, r] = met[b, r]
-            met[b, r] = bodies.leads.lead[b, r] - met[b, 6 + r]
+            bodies.applied[b, r] = met[b, 6 + r]
+            met[b, r], bodies.leads.lead[b, r] = bodies.leads.lead[b, r] - met[b, 12 + r], met[b, 12 + r]
         if bodies.leads.ahead[b] > 0:
             for r in range(3):
                 turned = contact_arrays.TURN_LEVER_M * abs(met[b, 3 + r])
@@ -381,8 +384,8 @@ def _away(contact: Any, h: float) -> float:
 
 
 @kernel
-def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
-    """Return whether bodies go where a step that ends at x (n, 3) [m] has met them, the film's loads on them.
+def meet_touched(at: int, x: Matrix, tolerance: float, h: float, again: bool) -> float:
+    """Return how far bodies go from where a step that ends at x (n, 3) [m] has met them, under its loads.
 
     Where free ones would, held ones do; otherwise MuJoCo's next step is looked at.
 
@@ -391,6 +394,10 @@ def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
         x: of the film's nodes.
         tolerance: of the film's forces [N].
         h: length of MuJoCo's step [s].
+        again: whether the film has followed them in this step.
+
+    Returns:
+        The distance over what may be: at most 1 where that is agreed, infinite where it is not known.
     """
     contact = record_at(at, ContactArrays)
     end, bodies, touched, most = contact.end, contact.bodies, 0, 0.0
@@ -400,14 +407,64 @@ def meet_touched(at: int, x: Matrix, tolerance: float, h: float) -> bool:
             continue
         force, torque = _changed(contact, b, 0), _changed(contact, b, 3)
         gives = contact.gives[b]
-        if gives[0] * tolerance > _EXACTLY and force + torque > 0.0:  # as where it is not known
-            return False
+        if gives[0] * tolerance > EXACTLY and force + torque > 0.0:  # as where it is not known
+            return np.inf
         most = max(most, gives[0] * force, gives[1] * torque)
         touched = max(touched, end.acting[b])
-    if not most <= 1.0 and not _away(contact, h) <= contact_arrays.AGREED_M:
-        return False
-    contact.counts[contact_arrays.MET] += touched
-    return True
+    if again or not most <= 1.0:
+        most = _away(contact, h) / contact_arrays.AGREED_M
+    if most <= 1.0:
+        contact.counts[contact_arrays.MET] += touched
+    return most
+
+
+@device_function
+def _yield(contact: Any, b: int) -> None:
+    """Let a body be met a share of the way further that it would go, see `_away`."""
+    met, share, center, way = contact.met[b], contact.yields[b], contact.bodies.centers[b], small_vector(6)
+    for r in range(3):
+        way[r], way[3 + r] = led(met, center, r), met[3 + r]
+    for r in range(6):
+        met[r] = 0.0
+        for c in range(6):
+            met[r] += share[r, c] * way[c]
+    for r in range(3):  # back to the world's origin; the centre itself goes by the way there
+        way[r] = met[r]
+    for r in range(3):
+        i, m = (r + 1) % 3, (r + 2) % 3
+        met[r] -= met[3 + i] * center[m] - met[3 + m] * center[i]
+    for r in range(3):
+        center[r] += way[r]
+    for r in range(6):
+        contact.bodies.leads.lead[b, r] += met[r]
+
+
+@kernel
+def follow_touched(at: int, x: Matrix) -> None:
+    """Let contacts follow bodies from where the film has met them, see `meet_touched`, by Newton's method.
+
+    Args:
+        at: address of the `ContactArrays`.
+        x: (n, 3) [m], of the film's nodes before the step.
+    """
+    contact = record_at(at, ContactArrays)
+    planes, ties, bodies, point = contact.touched.planes, contact.ties, contact.bodies, small_vector(3)
+    for b in range(bodies.loaded.shape[0]):
+        if bodies.leads.ahead[b] > 0:
+            _yield(contact, b)
+    for e in range(contact.counts[contact_arrays.TOUCHES]):
+        b = planes.body[e]
+        if bodies.leads.ahead[b] <= 0:
+            continue
+        for r in range(3):
+            point[r] = 0.0
+            for a in range(3):
+                point[r] += planes.weights[e, a] * x[planes.nodes[e, a], r]
+        for r in range(3):
+            shift = led(contact.met[b], point, r)
+            planes.offset[e] += planes.normal[e, r] * shift
+            planes.anchor[e, r] += shift
+            ties.carrier[e, r] += shift
 
 
 @device_function

@@ -29,6 +29,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.coupling.contact.contact_arrays import AGE, AGREED_M, MET, TURN_LEVER_M, UNKNOWN
 from cosim.coupling.contact.contact_exchange import RENEW_ABOVE, ContactExchange
+from cosim.coupling.contact.contact_kernels import EXACTLY
 from cosim.coupling.contact.levers import Levers, Yielding
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError
@@ -64,6 +65,7 @@ class LightBodiesState:
         ratio: largest contact ratio when they were.
         known: (b,) bodies of the last S.
         stiffness: S (6 b, 6 b).
+        yields: (1 + C S)^-1 (6 b, 6 b), share of the way that bodies would go by which the film follows them.
         held_N_m: trace of the stiffness of the contacts with which it was found.
         room: how much stiffer their contacts may get until heavy bodies are weighed again.
         age: ticks of contact since that says who has to give way.
@@ -74,6 +76,7 @@ class LightBodiesState:
     ratio: float
     known: Annotated[IntArray, ("b",)]
     stiffness: Annotated[Array, ("n", "n")]
+    yields: Annotated[Array, ("n", "n")]
     held_N_m: float
     room: float
     age: int
@@ -295,6 +298,7 @@ class LightBodies:
         self._ahead, self._counts, self._gives = arrays.bodies.leads.ahead, arrays.counts, arrays.gives
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
+        self._yields = np.zeros((0, 0))
         self._ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
         exchange.ask_for_weighing_after(self._ticks)
         self.ratio, self._room, self.trials = 0.0, RENEW_ABOVE, 1
@@ -350,6 +354,11 @@ class LightBodies:
         self._tick_s = tick_s
         self.restore_state(self._first)
 
+    def closely_N(self, tolerance_N: float) -> float:
+        """Return how exact [N] a step has to be, at most as given, for kernels to know where bodies go."""
+        known = self._gives[self._gives[:, 0] < UNKNOWN, 0]
+        return min(tolerance_N, 0.9 * EXACTLY / float(known.max())) if len(known) else tolerance_N
+
     def weigh(self) -> None:
         """Find again which bodies are heavy, where the last tick of a row asks for it."""
         if self._exchange.asks_for_weighing and not self._exchange.asks_for_heavy:
@@ -364,6 +373,7 @@ class LightBodies:
         loaded = exchange.bodies.bearing[self._movable] != 0
         if self._heavy[~loaded].any():  # whoever touches them next finds out again
             self._known, self._stiffness = np.zeros(0, np.int64), np.zeros((0, 0))
+            self._yields = self._stiffness
         self._heavy[~loaded] = 0
         # where contacts are as stiff as when S was found, that serves; bodies just found heavy have it
         before = self._touching * RENEW_ABOVE / self._room
@@ -377,6 +387,7 @@ class LightBodies:
                 levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
                 found = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
                 self._known, self._stiffness, self._held, before = touched, found, 0.0, held
+                self._yields = np.zeros_like(found)
             if not self._are_heavy(touched, self._known_stiffness(touched)):
                 self._heavy[:] = 0
         self._touching[:] = np.where(self._heavy, before * self._room / RENEW_ABOVE, 0.0)
@@ -395,6 +406,8 @@ class LightBodies:
         if not self._held / _OTHER < held < self._held * _OTHER:
             self._stiffness = levers.stiffness(planes, tangents, self._soft, self._tick_s)
             self._held = held
+        loads = exchange.bodies.applied[known].ravel()
+        self._yields = _yields(self._stiffness, exchange.held_way(known, loads, self._tick_s))
         if self._are_heavy(known, self._stiffness):
             self._heavy[np.isin(self._movable, touched)] = 1
             self._meet_ahead()
@@ -409,6 +422,7 @@ class LightBodies:
             self.ratio,
             self._known,
             self._stiffness,
+            self._yields,
             self._held,
             self._room,
             int(self._counts[MET]),
@@ -418,7 +432,7 @@ class LightBodies:
         """Return to a state of `save_state`; the scene has been restored before."""
         self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
         self._known, self._stiffness, self._held = state.known, state.stiffness, state.held_N_m
-        self._room = state.room
+        self._room, self._yields = state.room, state.yields
         self._counts[MET] = state.age
         self._meet_ahead()
 
@@ -444,6 +458,8 @@ class LightBodies:
                 turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
                 largest = float(np.linalg.eigvalsh(turn)[-1])
                 self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
+                one = slice(6 * k, 6 * k + 6)
+                self._exchange.arrays.yields[body] = self._yields[one, one]
 
     def _are_heavy(self, bodies: IntArray, stiffness: Array) -> bool:
         """Return whether bodies (b,) need not give way, by S (6 b, 6 b).
@@ -463,6 +479,8 @@ class LightBodies:
         """Find S where the last trial has ended."""
         self._known, self._stiffness = step.bodies, step.stiffness(self._soft.state.positions)
         self._held = step.held_N_m()
+        self._yields = _yields(self._stiffness, step.mobility)
+        self._tell_kernels()
 
     def _agree(self, step: _Step, trial: _Trial) -> _Trial:
         """Let bodies give way until they go where the film has met them."""
@@ -546,6 +564,11 @@ def _farthest_m(motion: Array) -> float:
     """Return the largest part of motions (b, 6), turns at a lever."""
     away = np.abs(motion)
     return float(max(away[:, :3].max(), TURN_LEVER_M * away[:, 3:].max()))
+
+
+def _yields(stiffness: Array, mobility: Array) -> Array:
+    """Return (1 + C S)^-1."""
+    return np.asarray(np.linalg.inv(np.eye(len(stiffness)) + mobility @ stiffness), float)
 
 
 def _ratio(stiffness: Array, mobility: Array) -> float:

@@ -265,12 +265,14 @@ class SectionHalves(SoftHalves):
         soft, stepper, tick_s = self._soft, self._soft.stepper, self.interface.scene.tick_s
         options, begin = stepper.options, soft.last.chain
         two_steps, earlier = options.integrator == "bdf2", begin.earlier is not None
-        film = self._film()
+        film, scheme = self._film(), stepper.scheme(tick_s)
+        if self.interface.light is not None:
+            scheme = scheme._replace(tolerance_N=self.interface.light.closely_N(scheme.tolerance_N))
         if film is self._no_film and self.interface.contact is not None:
             servos = servos.some(0, max(1, round(_FAR_S / tick_s)))
         steps = ChainSteps(
             stepper.side(soft.clamp, loads[0], begin.frames), ChainTables(*stepper.tables),
-            address_of(solve_chain), address_of(hand_over), stepper.scheme(tick_s), film,
+            address_of(solve_chain), address_of(hand_over), scheme, film,
             two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier), begun,
         )  # fmt: skip
         done, ending, kept = advance_chain(rigid, servos, commands, steps, ticks, way)

@@ -8,7 +8,7 @@ from typing import final, overload
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.coupling.soft_sides import soft_side
 from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria, ChainFilms
 from cosim.coupling.soft_sides.shape_figures import ShapeFigures
@@ -16,7 +16,7 @@ from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
-from cosim.reduced.solve.clamp import FrameClamp, node_motion, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
 from cosim.reduced.solve.stability import ChainStiffness, RestingChain
 from cosim.reduced.solve.time_step import ChainStepper, given_tensions
@@ -421,9 +421,20 @@ class SectionArm(soft_side.SoftSide):
             tangent = ChainTangent(solver, frames, self.clamp.free, acting, pressure, bed)
         except LinAlgError:
             return None
-        motion = node_motion(self.section, frames, pressure).reshape(3 * self.body.nodes, -1)
-        pushed = (forces.reshape(len(forces), -1) @ motion).reshape(len(forces), -1, 6)
-        moved: Array = (tangent.solve(pushed).reshape(len(forces), -1) @ motion.T).reshape(forces.shape)
+        weights, before = self.section.node_weights(pressure), self.section.frames.before
+        # of nodes on both frames that each is between; few bear forces, all move
+        sides = [(weights[:, s], before + s) for s in (0, 1)]
+        arms = [np.einsum("na,nar->nr", w[:, 1:], frames[at, 1:]) for w, at in sides]
+        pressed, pushed = np.flatnonzero(forces.any(axis=(0, 2))), np.zeros((len(forces), len(frames), 6))
+        for (w, at), arm in zip(sides, arms, strict=True):
+            force = forces[:, pressed]
+            torque = cross(np.broadcast_to(arm[pressed], force.shape), force)
+            load = np.concatenate([w[pressed, :1] * force, torque], axis=2)
+            for total, part in zip(pushed, load, strict=True):
+                np.add.at(total, at[pressed], part)
+        step, moved = tangent.solve(pushed), np.zeros_like(forces)
+        for (w, at), arm in zip(sides, arms, strict=True):
+            moved += w[:, :1] * step[:, at, :3] + cross(step[:, at, 3:], np.broadcast_to(arm, moved.shape))
         return moved
 
     def work_taken_in(self, displacement: Array) -> float:

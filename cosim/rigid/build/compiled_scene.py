@@ -349,6 +349,9 @@ _TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the 
 # MuJoCo ends the search along a Newton step after so many points, and with it the iteration, whatever
 # force is left. Its own 50 are too few for friction on many points: a clamped spool shook the arm.
 _SEARCHES_MAX = 500
+# Of the slope along a Newton step, over the tolerance: with MuJoCo's own 0.01, below what rounding leaves of
+# it, which kept searches from ending: a sixth of a step.
+_SEARCH_TOLERANCE = 100.0
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
@@ -439,6 +442,7 @@ def _set_options(spec: mujoco.MjSpec, description: SceneDescription) -> None:
     spec.option.timestep = description.step_s
     spec.option.gravity = description.gravity
     spec.option.tolerance, spec.option.ls_iterations = _TOLERANCE, _SEARCHES_MAX
+    spec.option.ls_tolerance = _SEARCH_TOLERANCE
     spec.option.ccd_tolerance = _DEPTH_TOLERANCE_M
     # servos are implicit by their share of the mass matrix, see `RigidScene`, and joint damping is by itself
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
