@@ -284,6 +284,9 @@ def kernel(
         if by_address:
             result.__class__ = numba_insides.Kernel
         result.fixed_signature, result.cache = fixed, cache_of(function, alone=by_address)
+        # a first call asks for its types of arguments alone: a second copy, kept in another file
+        compile_as = result.compile
+        result.compile = lambda asked: compile_as(fixed if asked == fixed.args else asked)
         if result.cache is not None:
             result._cache = result.cache  # numba has no public way to say what else a kernel depends on
         return result
