@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -14,17 +15,41 @@ from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.beam_rings import StiffenerStrain
-from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
+from cosim.stepping.run_error import ErrorFinder
+from cosim.telemetry.snapshot import FilmShape, RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.compiled import all_modules
 
 TICKS_PER_PHASE = 5
+_find = ErrorFinder.find
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes() -> None:
     """Compile all kernels once, before several processes would each compile those that it needs."""
     compile_modules(print, all_modules())
+
+
+def pytest_collection_finish() -> None:
+    """Leave what is there before the first test out of every later search for garbage."""
+    gc.freeze()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Leave error bars out of runs that do not ask for them, but for tests marked `error_bars`.
+
+    They are solved on a refined mesh, which takes most of the time of a short run.
+    """
+    marked = item.get_closest_marker("error_bars") is not None
+    ErrorFinder.find = _find if marked else _find_if_asked  # type: ignore[method-assign]
+
+
+def _find_if_asked(
+    self: ErrorFinder, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False
+) -> RunErrors:
+    asked = RunErrors(reason="left out of this test")
+    return _find(self, iterations, tell, everywhere=True) if everywhere else asked
 
 
 def made_up_stage(scenario: Scenario) -> RunInfo:
