@@ -6,6 +6,7 @@ import gc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,19 +38,15 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Leave error bars out of runs that do not ask for them, but for tests marked `error_bars`.
+    """Solve no refined mesh for error bars, which takes most of a short run, unless a test asks for them."""
+    marked = item.get_closest_marker("error_bars")
 
-    They are solved on a refined mesh, which takes most of the time of a short run.
-    """
-    marked = item.get_closest_marker("error_bars") is not None
-    ErrorFinder.find = _find if marked else _find_if_asked  # type: ignore[method-assign]
+    def find(finder: ErrorFinder, *given: Any, everywhere: bool = False) -> RunErrors:
+        if marked or everywhere:
+            return _find(finder, *given, everywhere=everywhere)
+        return RunErrors(reason="left out of this test")
 
-
-def _find_if_asked(
-    self: ErrorFinder, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False
-) -> RunErrors:
-    asked = RunErrors(reason="left out of this test")
-    return _find(self, iterations, tell, everywhere=True) if everywhere else asked
+    setattr(ErrorFinder, "find", find)  # noqa: B010 - it is a method for mypy
 
 
 def made_up_stage(scenario: Scenario) -> RunInfo:
