@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,17 +16,37 @@ from cosim.base.frames import Pose, Twist, Wrench
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.beam_rings import StiffenerStrain
-from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
+from cosim.stepping.run_error import ErrorFinder
+from cosim.telemetry.snapshot import FilmShape, RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.compiled import all_modules
 
 TICKS_PER_PHASE = 5
+_find = ErrorFinder.find
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes() -> None:
     """Compile all kernels once, before several processes would each compile those that it needs."""
     compile_modules(print, all_modules())
+
+
+def pytest_collection_finish() -> None:
+    """Leave what is there before the first test out of every later search for garbage."""
+    gc.freeze()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Solve no refined mesh for error bars, which takes most of a short run, unless a test asks for them."""
+    marked = item.get_closest_marker("error_bars")
+
+    def find(finder: ErrorFinder, *given: Any, everywhere: bool = False) -> RunErrors:
+        if marked or everywhere:
+            return _find(finder, *given, everywhere=everywhere)
+        return RunErrors(reason="left out of this test")
+
+    setattr(ErrorFinder, "find", find)  # noqa: B010 - it is a method for mypy
 
 
 def made_up_stage(scenario: Scenario) -> RunInfo:

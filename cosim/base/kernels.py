@@ -238,6 +238,9 @@ def kernel(
         if by_address:
             result.__class__ = numba_insides.Kernel
         result.fixed_signature, result.cache = fixed, cache_of(function, alone=by_address)
+        # a first call asks for its types of arguments alone: a second copy, kept in another file
+        compile_as = result.compile
+        result.compile = lambda asked: compile_as(fixed if asked == fixed.args else asked)
         if result.cache is not None:
             result._cache = result.cache  # numba has no public way to say what else a kernel depends on
         return result
@@ -343,13 +346,13 @@ class RecordStore:
             self._words.view(np.float64)[begin] = given
         elif kind is None:
             self._words[begin] = given
-        elif given.dtype != kind[0] or given.ndim != kind[1] or not given.flags.c_contiguous:
+        elif given.dtype != kind[0] or given.ndim != kind[1] or not (given.flags.c_contiguous or kind[3]):
             raise TypeError(f"an array of {given.dtype} {given.shape} is none of {kind[:2]}")
         else:
-            # what is not to be written to has no buffer for ctypes; numpy's way takes six times as long
+            # read-only arrays, or with gaps, have no buffer for ctypes; numpy's way takes six times as long
             place = 0
             if given.size:
-                writable = given.flags.writeable
+                writable = given.flags.writeable and given.flags.c_contiguous
                 place = addressof(c_char.from_buffer(given)) if writable else given.ctypes.data
             numbers = given.size, given.itemsize, place, *given.shape, *given.strides
             # the first two words are its owner, which none asks for
@@ -363,7 +366,7 @@ def _layout(kind: Any) -> tuple[int, Any, Any]:
         return words, None, [_layout(part) for part in kind.types]
     if isinstance(kind, types.Array):
         dtype = np.dtype("bool" if kind.dtype == types.boolean else str(kind.dtype))
-        return words, (dtype, kind.ndim, Struct(f"{words - 2}q").pack_into), None
+        return words, (dtype, kind.ndim, Struct(f"{words - 2}q").pack_into, kind.layout == "A"), None
     return words, "float64" if kind == types.float64 else None, None
 
 

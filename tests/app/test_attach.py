@@ -13,6 +13,7 @@ import pytest
 
 import cosim
 from cosim.app.simulation import stepped_run
+from cosim.coupling.film_ticks import advance_film
 from cosim.errors import InputError, InstabilityError
 
 ARM = """
@@ -297,6 +298,8 @@ def test_what_a_loop_reads_leaves_no_trace() -> None:
         ends.append((repr(soft.ledger), soft.film.tolist(), soft.save().carrier.scene.given_back.tolist()))
     half = len(ends) // 2
     assert ends[:half] == ends[half:]
+    kernel: Any = advance_film
+    assert kernel.signatures == [kernel.fixed_signature.args]  # compiled for no other arguments
 
 
 def test_several_steps_of_mujoco_make_a_tick() -> None:

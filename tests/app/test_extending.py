@@ -37,8 +37,8 @@ pressure_Pa = 20e3
 
 """
 RUN = """\
-result = cosim.run("mine.toml")
-plain = cosim.run("plain.toml")
+result = cosim.run("mine.toml", error=False)
+plain = cosim.run("plain.toml", error=False)
 assert abs(result.tip_position - plain.tip_position).max() > 1e-5
 """
 REPORT = "print(result.summary['status'], len(result.tip_position))\n"

@@ -133,6 +133,12 @@ def test_settings_of_the_compiler_count(package: Path) -> None:
     assert run(package, NUMBA_NUM_THREADS="1")[1] == 0
 
 
+def test_a_first_call_loads_what_was_compiled_before_it(package: Path) -> None:
+    ahead = "from cosim.scaled import scaled; scaled.compile(scaled.fixed_signature);"
+    assert run(package, before=ahead)[:2] == (2.0, 1)
+    assert run(package)[:2] == (2.0, 0)
+
+
 def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernels, "_PACKAGE", tmp_path / "cosim")
     (tmp_path / "cosim").mkdir()

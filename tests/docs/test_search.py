@@ -59,19 +59,8 @@ def found(html: Path) -> dict[str, list[str]]:
     node = shutil.which("node")
     if node is None:
         pytest.skip("needs node, to run the search as a browser does")
-    build = [
-        "-m",
-        "sphinx",
-        "--quiet",
-        "-D",
-        "nb_execution_mode=off",
-        "-D",
-        "html_theme=basic",
-        "--builder",
-        "html",
-        str(DOCS),
-        str(html),
-    ]
+    plain = ("-D", "nb_execution_mode=off", "-D", "html_theme=basic", "--builder", "html")
+    build = ["-m", "sphinx", "--quiet", *plain, str(DOCS), str(html)]
     subprocess.run([sys.executable, *build], check=True, cwd=DOCS.parent)
     done = subprocess.run([node, str(SEARCH), str(html), *WANTED], check=True, capture_output=True, text=True)
     lines = map(json.loads, done.stdout.splitlines())

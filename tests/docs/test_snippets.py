@@ -112,7 +112,9 @@ def _run(command: str, code: int) -> None:
     assert main(words) == code, command
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.error_bars) if page == "README" else page for page in PAGES]
+)
 def test_every_snippet_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -157,6 +159,7 @@ def test_pages_show_all_six_lines_of_the_end_of_a_run(page: str) -> None:
     assert heads == ["modelled", "stability", "overlap", "error", "warnings", "files"]
 
 
+@pytest.mark.error_bars
 def test_the_end_of_the_first_own_run_is_as_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -84,8 +84,9 @@ def test_what_stays_below_its_branching_is_stable() -> None:
     assert summary["phases"][-1]["stability"] == "stable"
 
 
-def test_a_phase_that_ends_near_its_branching_says_so() -> None:
+def test_a_phase_that_ends_near_its_branching_says_so(caplog: pytest.LogCaptureFixture) -> None:
     phase = in_statics(10, phase__inflate__pressure_Pa=7.8e3).summary["phases"][-1]
+    assert "phase 'inflate' ends near a branching" in caplog.text
     assert phase["stability"] == "near a branching"
     assert 7.8e3 * (1.0 + phase["load_margin"]) == pytest.approx(BRANCHES_Pa, rel=5e-3)
 
@@ -141,11 +142,6 @@ def test_a_branching_that_a_slow_ramp_passes_between_two_looks_is_named(together
 
 def test_a_run_in_time_below_its_branching_warns_of_nothing() -> None:
     assert pouch(clock__tick_s=0.004, phase__inflate__pressure_Pa=6e3).summary["branchings"] == []
-
-
-def test_a_state_near_its_branching_is_said_to_be(caplog: pytest.LogCaptureFixture) -> None:
-    in_statics(10, phase__inflate__pressure_Pa=7.8e3)
-    assert "phase 'inflate' ends near a branching" in caplog.text
 
 
 def test_it_is_on_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -26,6 +26,7 @@ from cosim.stepping.run_error import FACTORS, apart, tension_apart
 from tests.small_section import FRAMED, framed_section, on_a_ur5e
 
 SADDLE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
+pytestmark = pytest.mark.error_bars
 LEAST, MOST = 1.2, 3.5
 FIGURES = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
 LENGTHS = {"tip_m": "tip_position_m", "sag_m": "sag_m", "volume_m3": "volume_m3"}

@@ -351,7 +351,7 @@ class HostScene(CoupledScene):
             np.ones(2, np.int64), float(model.opt.timestep), np.zeros(3, np.int64),
             np.array((model._address, data._address)), np.zeros((0, 3)), none, none, none,
             self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
-            data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, np.zeros(0, np.int32), data.M,
+            data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
             mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),
         )  # fmt: skip
 
