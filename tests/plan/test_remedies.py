@@ -5,11 +5,21 @@ from __future__ import annotations
 import re
 from copy import deepcopy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import cosim
+from cosim.base.frames import Pose
+from cosim.build.arms import find_arm
+from cosim.config.schema.phase import PhaseTable, TipPathTable
+from cosim.kinematics.arm import Arm, Payload
+from cosim.plan.asked_motion import planned_arm
+from cosim.plan.motion import JointPath
+from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
 from tests.plan.test_arm_limits import heavy, scenario
 
 SMOOTH: dict[str, Any] = {"name": "a", "duration_s": 0.08, "flange_shift_m": [0.2, 0.2, -0.1]}
@@ -90,6 +100,33 @@ def test_a_longer_phase_takes_no_longer_than_it_must(tmp_path: Path) -> None:
         times = float(re.findall(r"at least ([\d.]+) times", line)[0])
         shorter = 0.95 * (times - 0.1) / 1.02  # without the rounding and the margin, and a little less
         assert quantity in warned(path, [SMOOTH | {"duration_s": SMOOTH["duration_s"] * shorter}]), line
+
+
+def warned_on_a_tip_path(speed_m_s: float, ramp_s: float) -> dict[str, str]:
+    """Return the warnings of a phase with a tip path, by quantity, for joints that turn evenly along it."""
+    points = ((0.4, 0.0, 0.4), (0.4, 0.2, 0.4))
+    table = TipPathTable(points_m=points, speed_m_s=speed_m_s, ramp_s=ramp_s)
+    course = table.course()
+    phase = PhaseTable("follow", course.duration_s, ramp="linear", tip_path=table)
+    idle, nothing = SoftCommand((), (), (), ()), Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
+    s = np.linspace(0.0, 1.0, 200)
+    arm = Arm(find_arm("ur5e"))
+    passed = np.linalg.norm(course.at(s * course.duration_s).position - points[0], axis=1)
+    path = JointPath(arm.home, CubicSpline(s, arm.home + np.outer(passed, [5.0, 5.0, 0.0, 0.0, 0.0, 0.0])))
+    planned = PhasePlan(phase, path, idle, idle, (), nothing, None, Pose())
+    plan = Plan(Pose(), arm.home, idle, (0.0, 0.0, -9.81), (planned,))
+    scene: Any = SimpleNamespace(tick_s=2e-3, armature=np.zeros(6))
+    told = planned_arm(arm, scene, plan, Payload(1.0, np.zeros(3), np.eye(3)), None, dynamic=True).warnings()
+    return {line.split()[1]: line for line in told}
+
+
+def test_a_tip_path_is_slowed_down_as_its_warning_says() -> None:
+    told = warned_on_a_tip_path(1.0, 0.1)
+    assert set(told) == {"velocity", "acceleration", "torque"}
+    for quantity, line in told.items():
+        found = re.search(r"divide speed_m_s of the tip_path of phase 'follow' by ([\d.]+), and mul", line)
+        assert found is not None, line
+        assert quantity not in warned_on_a_tip_path(1.0 / float(found[1]), 0.1 * float(found[1])), line
 
 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
