@@ -1,7 +1,7 @@
 """Grasps of the three-finger gripper: masses x shapes x initial positions, lifted, shaken and held.
 
     python benchmarks/grasps.py [--json FILE] [--markdown FILE] [--seeds N] [--masses G ..] [--shapes NAME ..]
-                              [--published] [--fidelity NAME]
+                              [--published] [--fidelity NAME] [--set KEY=VALUE ..]
     python benchmarks/grasps.py --drawn N [--json FILE] [--seed N] [--shapes NAME ..] [--compared NAME ..]
     python benchmarks/grasps.py --ticks S .. [--integrators NAME ..] [--until close]
                               [--nudges MM ..] [--seeds N] [--masses G ..] [--shapes NAME ..]
@@ -23,8 +23,8 @@ counts as lost, and is also counted apart.
 
 `--ticks`: the same with several ticks and integrators, up to the end of a phase ("shake" unless told
 otherwise), of 100 g unless masses are given and of seed 0 alone unless seeds are: where the closing ends in
-the flange's frame, and slips. `--set` changes the scenarios. `--nudges`: object and stand are moved by so
-much along x before, which says what of these figures rests on chance.
+the flange's frame, and slips. `--nudges`: object and stand are moved by so much along x before, which says
+what of these figures rests on chance. `--set` changes the scenarios, here and in the first form.
 """
 
 from __future__ import annotations
@@ -67,10 +67,9 @@ def place(shape: str, seed: int) -> dict[str, Any]:
     }
 
 
-def grasp(shape: str, mass_g: int, seed: int, *, published: bool, fidelity: str = "lumped") -> dict[str, Any]:
-    """Return how one case ended, and what it moved, with the scenario's own fingers or the paper's model."""
-    overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g, "model.published": published}
-    overrides["fidelity"] = fidelity
+def grasp(shape: str, mass_g: int, seed: int, changes: dict[str, Any]) -> dict[str, Any]:
+    """Return how one case ended, and what it moved, in a scenario with changes."""
+    overrides = place(shape, seed) | {f"object.{shape}.mass_kg": 1e-3 * mass_g} | changes
     simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", overrides))
     stage = simulation.stage
     body, began = stage.body_names.index(shape), time.thread_time()
@@ -269,6 +268,8 @@ def main() -> None:
         (compare if options.ticks else compare_drawn)(options)
         return
     cases: list[dict[str, Any]] = []
+    changes: dict[str, Any] = {"model.published": options.published, "fidelity": options.fidelity}
+    changes |= dict(map(parse_assignment, options.changes))
     if options.json and options.json.is_file():
         cases = json.loads(options.json.read_text())
     done = {(case["shape"], case["mass_g"], case["seed"]) for case in cases}
@@ -277,7 +278,7 @@ def main() -> None:
         case = (shape, mass, seed)
         if case in done:
             continue
-        cases.append(grasp(*case, published=options.published, fidelity=options.fidelity))
+        cases.append(grasp(*case, changes))
         print(json.dumps(cases[-1]), flush=True)
         if options.json:
             options.json.write_text(json.dumps(cases, indent=2) + "\n")

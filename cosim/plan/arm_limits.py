@@ -28,7 +28,6 @@ PLANNED: Final = "planned: "
 """What warnings of a plan begin with."""
 
 _ROUNDING = 1e-9
-_BETWEEN: Final = 1.02  # a speed between two samples over the largest of the samples
 
 
 @final
@@ -117,6 +116,7 @@ class Extreme:
         time_s: simulated.
         phase: index.
         prismatic: whether the joint slides: units are [m] and [N] then.
+        remedy: what to change in the plan, to be put behind `text`; empty where nothing is known.
     """
 
     quantity: str
@@ -127,6 +127,7 @@ class Extreme:
     time_s: float
     phase: int
     prismatic: bool = False
+    remedy: str = ""
 
     @property
     def beyond(self) -> bool:
@@ -138,14 +139,6 @@ class Extreme:
         """Of the value."""
         turning = UNITS[self.quantity]
         return turning.replace("rad", "m").replace("N m", "N") if self.prismatic else turning
-
-    @property
-    def remedy(self) -> str:
-        """How much longer a phase keeps a bound of velocity; empty for other quantities."""
-        if self.quantity != "velocity" or not math.isfinite(self.excess):
-            return ""
-        times = math.ceil(10.0 * _BETWEEN * (1.0 + self.excess)) / 10.0
-        return f"; give this phase at least {times:g} times its duration_s"
 
     def figures(self, phase_names: tuple[str, ...]) -> dict[str, Any]:
         """Return it for the summary."""

@@ -1,20 +1,17 @@
-"""What a plan asks of the arm, before anything runs: joints against their bounds, links against the scene."""
+"""Whether an arm can stand where a run begins: its links against the scene, its joints against its weight."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.frames import Array, Pose
 from cosim.base.solid import LinkContact
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import ScenarioError
-from cosim.plan.arm_limits import ArmLimits, PathClearances, PlannedArm
-from cosim.plan.motion import JointPath, JointReference, progress
-from cosim.plan.plan import PhasePlan, Plan
+from cosim.plan.motion import JointPath
 from cosim.plan.planning import AnyWay, JointPlanner
 from cosim.soft.body.body import SoftBody
 
@@ -22,109 +19,8 @@ if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.scene import RigidScene
 
-_FEWEST, _MOST, _PER_KNOT = 50, 1000, 2  # samples of a phase in which the arm moves
-_INSIDE = 1e-9  # share of a phase between its border and what counts as within
 _STANDS_IN_M = 1e-3  # an arm that stands no deeper than this touches
 _SAME_rad = 1e-3  # joints of one configuration
-
-
-@final
-@dataclass(frozen=True)
-class AskedMotion:
-    """What a plan asks of the joints at some instants; at `jumps` the reference's speed or place jumps.
-
-    Args:
-        time_s: (n,), in order.
-        phase: (n,) index.
-        joints: n instants.
-        jumps: (n,) bool; speed and acceleration are then those of a jump within a tick.
-    """
-
-    time_s: Array
-    phase: IntArray
-    joints: JointReference
-    jumps: Mask
-
-
-def planned_arm(
-    arm: Arm,
-    scene: RigidScene,
-    plan: Plan,
-    payload: Payload,
-    clearances: PathClearances | None,
-    *,
-    dynamic: bool,
-) -> PlannedArm:
-    """Return what a plan asks of an arm.
-
-    Torques are those of the arm with a rigid payload; jumps of the reference do not count in them.
-
-    Args:
-        arm: kinematics and inverse dynamics.
-        scene: at its start.
-        plan: of the run.
-        payload: the soft robot in its drawn shape and what else is mounted.
-        clearances: on that way; None where they are not looked at.
-        dynamic: whether the motion takes time; positions and torques at rest otherwise.
-    """
-    limits, names = ArmLimits.of(arm), tuple(planned.phase.name for planned in plan.phases)
-    asked = asked_motion(plan, scene.tick_s)
-    q, v, a = asked.joints.position, asked.joints.velocity, asked.joints.acceleration
-    moving, still = np.zeros_like(q), np.zeros(arm.joint_count)
-    for k in range(len(q)):
-        timed = dynamic and not asked.jumps[k]
-        moving[k] = arm.inverse_dynamics(
-            q[k], v[k] if timed else still, a[k] if timed else still, scene.armature, payload
-        )
-    values = {"position": q, "velocity": v, "acceleration": a, "torque": moving}
-    asked_for = values if dynamic else {"position": q, "torque": moving}
-    found = [limits.extreme(name, rows, asked.time_s, asked.phase) for name, rows in asked_for.items()]
-    return PlannedArm(limits, tuple(extreme for extreme in found if extreme is not None), clearances, names)
-
-
-def asked_motion(plan: Plan, tick_s: float) -> AskedMotion:
-    """Return what a plan asks of the joints, at instants close enough together to find the largest values.
-
-    Args:
-        plan: of a run.
-        tick_s: within which a jump of the reference happens [s].
-    """
-    rows: list[tuple[Array, int, JointReference, bool]] = []
-    began_s, here, speed = 0.0, plan.joints, np.zeros_like(plan.joints)
-    for index, planned in enumerate(plan.phases):
-        phase = planned.phase
-        time_s, joints = _through(planned)
-        first, last = joints.row(0), joints.row(-1)
-        jump = JointReference(
-            here, first.velocity + (first.position - here) / tick_s, (first.velocity - speed) / tick_s
-        )
-        rows.append((np.array([began_s]), index, jump, True))
-        rows.append((began_s + time_s, index, joints, False))
-        here, speed = planned.joints.last, last.velocity
-        if phase.settle_s > 0.0:
-            end_s = np.array([began_s + phase.duration_s])
-            rows.append((end_s, index, JointReference(here, last.velocity, -speed / tick_s), True))
-            speed = np.zeros_like(here)
-        began_s += phase.duration_s + phase.settle_s
-    return AskedMotion(
-        np.concatenate([time_s for time_s, _, _, _ in rows]),
-        np.concatenate([np.full(len(time_s), index) for time_s, index, _, _ in rows]),
-        JointReference(*(
-            np.concatenate([np.atleast_2d(getattr(joints, name)) for _, _, joints, _ in rows])
-            for name in ("position", "velocity", "acceleration")
-        )),
-        np.concatenate([np.full(len(time_s), jumps) for time_s, _, _, jumps in rows]),
-    )  # fmt: skip
-
-
-def _through(planned: PhasePlan) -> tuple[Array, JointReference]:
-    """Return times (n,) within a phase, and what is asked for then."""
-    phase, path = planned.phase, planned.joints
-    count = 2
-    if path.spline is not None:
-        count = min(max(_FEWEST, _PER_KNOT * len(path.spline.x)), _MOST)
-    time_s = phase.duration_s * np.clip(np.linspace(0.0, 1.0, count), _INSIDE, 1.0 - _INSIDE)
-    return time_s, path.through([progress(phase.ramp, t, phase.duration_s) for t in time_s.tolist()])
 
 
 def drawn_payload(body: SoftBody, mounted: MassProperties | None) -> Payload:

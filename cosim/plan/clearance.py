@@ -25,7 +25,7 @@ from cosim.base.solid import LinkContact, Solid
 from cosim.config.schema.scenario import PlanTable
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import Nearest, PathClearances, Touch, nearer, with_touches
-from cosim.plan.arm_plan import AskedMotion, asked_motion
+from cosim.plan.asked_motion import AskedMotion, asked_motion
 from cosim.plan.motion import CellMotion, JointPath, progress
 from cosim.plan.plan import Plan
 from cosim.plan.planning import flange_key

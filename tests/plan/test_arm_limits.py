@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from traceback import format_exception
 from typing import Any
@@ -175,12 +174,6 @@ def test_a_motion_that_is_too_fast_is_reported_before_and_after(tmp_path: Path) 
     assert abs(run["tracking_error"]["value"]) == pytest.approx(error)
     speed = np.abs(result.joint_velocity).max()
     assert abs(run["velocity"]["value"]) == pytest.approx(speed)
-    told = next(line for line in result.summary["warnings"] if line.startswith("planned: velocity"))
-    times = re.search(r"give this phase at least ([\d.]+) times its duration_s", told)
-    assert times is not None
-    slower = cosim.Simulation(path, overrides={"phase.move.duration_s": 0.08 * float(times[1])})
-    assert slower.stage.arm is not None
-    assert not any("velocity" in line for line in slower.stage.arm.warnings())
 
 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.base.frames import Pose
 from cosim.config.schema.phase import PhaseTable
-from cosim.plan.arm_plan import AskedMotion, asked_motion
+from cosim.plan.asked_motion import AskedMotion, asked_motion
 from cosim.plan.motion import JointPath, progress
 from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
 

@@ -15,7 +15,7 @@ from cosim.cli.main import EXIT_INPUT, main
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import PlanTable
 from cosim.kinematics.arm import Clearance
-from cosim.plan.arm_plan import asked_motion
+from cosim.plan.asked_motion import asked_motion
 from cosim.plan.clearance import path_clearances
 
 SCENARIO = """schema = 2
