@@ -32,11 +32,10 @@ from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan import clearance
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
-from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
+from cosim.plan.arm_plan import check_base, checked_start, drawn_payload, section_range
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
-from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import ArmsRun, DynamicSimulation
