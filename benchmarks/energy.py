@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import cosim
-from cosim.telemetry.energy_terms import LOST, PUT_IN
+from cosim.base.names import LOST, PUT_IN
 
 JERK = {"name": "jerk", "duration_s": 0.1, "settle_s": 0.5, "flange_shift_m": [0.03, 0.0, 0.0]}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {

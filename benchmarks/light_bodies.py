@@ -28,8 +28,8 @@ import numpy as np
 
 import cosim
 from cosim.app.simulation import stepped_run
+from cosim.base.names import PUT_IN
 from cosim.errors import SolverError
-from cosim.telemetry.energy_terms import PUT_IN
 
 RADIUS_M, DROP_M, GRAVITY = 0.015, 0.035, 9.81
 FROM_TIP_M = 0.05

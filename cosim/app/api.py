@@ -1,5 +1,7 @@
 """Running a scenario from Python."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -29,8 +31,8 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     recording: bool = False,
-    controllers: "Mapping[str, AnyController] | None" = None,
-    body: "AnyBody | None" = None,
+    controllers: Mapping[str, AnyController] | None = None,
+    body: AnyBody | None = None,
     observers: Sequence[driver.Observer] = (),
     error: bool | None = None,
 ) -> RunResult:

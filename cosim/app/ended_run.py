@@ -1,5 +1,7 @@
 """A run that has ended: loaded from its directory, and its recording as Rerun's viewer shows it."""
 
+from __future__ import annotations
+
 import json
 import os
 from dataclasses import dataclass

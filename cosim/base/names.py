@@ -1,8 +1,6 @@
-"""Names of parts without one of their own, and what docstrings say of fields.
+"""Names that files and results give: parts without their own name, the terms of the energy, a class's fields.
 
-Names that files and results give to parts without their own name.
-
-What docstrings say of a class's fields: schemas and files repeat it, so that every text stands once.
+Schemas and files repeat what docstrings say of fields, so that every text stands once.
 """
 
 import inspect
@@ -11,6 +9,15 @@ from typing import Final
 
 ONLY_CHAMBER: Final = "chamber"
 """Name of the chamber of a body that has only one."""
+WORKS: Final = (
+    "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
+    "air_drag_J", "material_damping_J",
+)  # fmt: skip
+PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
+LOST: Final = ("eyelets_J", "damping_J", "air_drag_J", "material_damping_J", "numerical_J")
+TERMS: Final = (*WORKS, "elastic_J", "kinetic_J", "numerical_J", "rest_J")
+"""Of the energy balance, in the order of its columns;
+elastic energy, and with it the rest, are known at some ticks only."""
 
 
 def texts_of(kind: type) -> tuple[str, dict[str, str]]:

@@ -30,8 +30,8 @@ from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
 from cosim.recording.recorder import Recorder, RecordingPart
-from cosim.telemetry.closing import closing_lines, quiet_line
 from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.summary import closing_lines, quiet_line
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:

@@ -19,6 +19,8 @@ either: reading one runs no code that was not there before.
 Puts together the table of a soft robot from the files that it starts from and attaches.
 """
 
+from __future__ import annotations
+
 import csv
 import importlib.util
 import inspect

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.base.names import LOST, PUT_IN, TERMS
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
-from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 

@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 
 from cosim._version import __version__
 from cosim.base.frames import Array, IntArray
-from cosim.base.names import texts_of
+from cosim.base.names import TERMS, texts_of
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError
-from cosim.telemetry.energy_terms import TERMS
 from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, phase_cells, reason_of

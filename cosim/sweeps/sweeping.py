@@ -8,6 +8,8 @@ The rows of a sweep, one line of JSON each, written as they come: what a killed 
 `cosim.sweep`.
 """
 
+from __future__ import annotations
+
 import json
 import logging
 import os
@@ -135,7 +137,7 @@ class Journal:
         self._file: TextIO | None = None
 
     @contextmanager
-    def open(self) -> "Iterator[Journal]":
+    def open(self) -> Iterator[Journal]:
         """Open its file for further rows.
 
         Raises:

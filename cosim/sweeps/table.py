@@ -9,6 +9,8 @@ The table of a sweep: a row per design, in Parquet with units; and its columns a
 Columns of a sweep against one of them, as a picture; needs pandas and matplotlib.
 """
 
+from __future__ import annotations
+
 import inspect
 import json
 import pickle
@@ -119,7 +121,7 @@ class Task:
     directory: str | None = None
 
     @classmethod
-    def of(cls, scenario: Scenario, **how: Any) -> "Task":
+    def of(cls, scenario: Scenario, **how: Any) -> Task:
         """Return the task of a checked scenario."""
         return cls(pickle.dumps(scenario), **how)
 

@@ -20,10 +20,10 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel
+from cosim.base.names import LOST, PUT_IN, TERMS, WORKS
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
-from cosim.telemetry.energy_terms import LOST, PUT_IN, TERMS, WORKS
 
 KINETIC, DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(7)
 _ELASTIC_S: Final = 0.1

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cosim.app.driver import build_simulation, with_fidelity_chosen
+from cosim.base.names import TERMS
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
@@ -21,11 +22,9 @@ from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.section_energy import BENT, LOW
 from cosim.soft.solve.assembly import FilmEnergies
 from cosim.stepping.stepped_run import SteppedRun
-from cosim.telemetry.closing import handover_line
 from cosim.telemetry.energy import COLUMNS, EnergyFigures, EnergyParts, EnergyRow
-from cosim.telemetry.energy_terms import TERMS
 from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.summary import SummaryBuilder
+from cosim.telemetry.summary import SummaryBuilder, handover_line
 from tests.small_section import on_a_ur5e, section
 from tests.stepping.snapshots import assert_close
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.base.names import LOST, TERMS
+from cosim.base.names import PUT_IN as ALL_PUT_IN
 from cosim.base.state_check import check_state
 from cosim.recording.plots import plots_of
-from cosim.telemetry import energy_terms
-from cosim.telemetry.energy_terms import LOST, TERMS
 from cosim.telemetry.snapshot import Snapshot
 
 SCENARIO = """
@@ -195,7 +195,7 @@ def test_the_balance_is_in_the_arrays_and_adds_up_at_every_tick_that_has_it_whol
             assert np.isnan(np.delete(column, whole)).all()
         else:
             assert column[-1] == pytest.approx(at_end[name], rel=1e-12)
-    put_in, lost = (sum(energy[name] for name in names) for names in (energy_terms.PUT_IN, LOST))
+    put_in, lost = (sum(energy[name] for name in names) for names in (ALL_PUT_IN, LOST))
     left = put_in - lost - energy["elastic_J"] - energy["kinetic_J"]
     assert left[whole] == pytest.approx(energy["rest_J"][whole], abs=1e-12)
     # what is written is what is read

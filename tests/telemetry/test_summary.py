@@ -13,8 +13,7 @@ import pytest
 
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import Footing
-from cosim.telemetry.closing import error_line
-from cosim.telemetry.summary import SummaryBuilder, summary_markdown
+from cosim.telemetry.summary import SummaryBuilder, error_line, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"

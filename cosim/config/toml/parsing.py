@@ -15,6 +15,8 @@ pydantic checks types, keys and bounds; every fault is reported with the path of
 what is allowed. What is wrong in a table does not keep rules from being checked on the rest.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -154,7 +156,7 @@ class KindTable:
         kind: its name; the default of the field is that of the kind.
     """
 
-    kinds: "ClassVar[dict[str, type[KindTable]]]"
+    kinds: ClassVar[dict[str, type[KindTable]]]
 
     kind: Name
 

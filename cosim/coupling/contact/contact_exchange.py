@@ -45,10 +45,10 @@ from cosim.coupling.contact.contact_kernels import (
     contact_calls,
     fastest_touched,
     find_touched,
+    search_calls,
     settle_touched,
 )
 from cosim.coupling.contact.foresight_kernels import foresee
-from cosim.coupling.contact.search_kernels import search_calls
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies

@@ -7,8 +7,8 @@ the tick count, and servos continue at the speed that they were asked for last.
 
 from typing import Any
 
-from cosim.base.kernel_types import Indices, Vector
-from cosim.base.kernels import device_function, kernel, small_vector
+from cosim.base.kernel_types import Indices
+from cosim.base.kernels import copy, device_function, kernel, small_vector
 from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import Leads, fill_speed, fill_velocity
 from cosim.rigid.scene.bodies import ACCELERATE, CONSTRAIN, REBEGIN, REFACTORISE, REFINISH, VELOCITIES
@@ -30,12 +30,6 @@ def fill_leads(leads: Any, h: float) -> None:
 
 
 @device_function
-def _copy(values: Vector, to: Vector) -> None:
-    for i in range(values.shape[0]):
-        to[i] = values[i]
-
-
-@device_function
 def _begin_ahead(steps: Indices, ahead: Any) -> None:
     """Bring the second state up to its positions, with what the joints carry."""
     call_native(steps[REBEGIN], ahead.sides[0], ahead.sides[1])
@@ -53,12 +47,12 @@ def _take_ahead(leads: Any) -> None:
     """Fill by how much bodies are ahead after a tick of several steps."""
     steps, ahead, h = leads.foresight.steps, leads.foresight.ahead, leads.foresight.ahead.step_s
     here, there = ahead.here, ahead.there
-    _copy(here.position, there.position)
-    _copy(here.speed, there.speed)
-    _copy(here.warm, there.warm)
-    _copy(here.torque, there.torque)
-    _copy(here.applied, there.applied)
-    _copy(here.control, there.control)
+    copy(here.position, there.position)
+    copy(here.speed, there.speed)
+    copy(here.warm, there.warm)
+    copy(here.torque, there.torque)
+    copy(here.applied, there.applied)
+    copy(here.control, there.control)
     now, flange = small_vector(6), small_vector(6)
     for b in range(leads.ahead.shape[0]):
         if leads.ahead[b] > 0:

@@ -19,7 +19,7 @@ the step, both frozen; `stretch` is what is left of earlier slips. Equal and opp
 one line: a moment of the friction times the distance of y from the point that it is tied to is left over.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import final
 
@@ -294,11 +294,6 @@ class FilmPairs:
     def work(self, before: Array, positions: Array) -> float:
         """Return the work [J] on the film in a step from (n, 3) [m] to (n, 3) [m]."""
         return float(pair_work(self.call, before, positions, self.rows, np.empty_like(before)))
-
-    def rubbing(self, friction: Array, stretch: Array) -> "FilmPairs":
-        """Return the same pairs with friction up to (k,) [N] by stick springs stretched by (k, 3) [m]."""
-        out = np.empty_like(self.rows.out)
-        return replace(self, rows=self.rows._replace(friction=friction, stretch=stretch, out=out))
 
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""

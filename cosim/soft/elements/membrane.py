@@ -9,7 +9,7 @@ force N = dpsi/dE [N/m] and the tangent C = dN/dE,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
 Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain",
 see their files; "neo_hookean", see below. The axes of E are along a triangle's first edge and across; of
-fabric they are warp and weft, so that all triangles have one C, and its yarns straighten, see `material`.
+fabric they are warp and weft, so that all triangles have one C, and its yarns straighten, see `fabric`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 
 "neo_hookean", an incompressible membrane, such as silicone, whose thickness follows from its area: with
@@ -277,7 +277,7 @@ def scatter(
 def _straighten(strain: tuple[float, float, float], yarns: Matrix, n: Vector, c: Matrix) -> float:
     """Add to n (3,) and c (3, 3) what straightening yarns resist; return the density [J/m^2].
 
-    Law: see `material`. It has no compression and is convex, so that a tension field with it is one.
+    Law: see `fabric`. It has no compression and is convex, so that a tension field with it is one.
 
     Args:
         strain: E11, E22, 2 E12, along warp and weft.

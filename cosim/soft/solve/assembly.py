@@ -26,23 +26,15 @@ from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.elements.pressure import GasChambers
+from cosim.soft.film import step_arrays
 from cosim.soft.film.film_terms import FilmActing, film_terms, term_calls
-from cosim.soft.film.step_arrays import (
-    FilmArrays,
-    FilmBeams,
-    FilmFrames,
-    FilmLoads,
-    FilmPoint,
-    FilmSlots,
-    StepBed,
-)
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
 _NO_SLOTS = np.zeros(0, np.int64)
 _NO_MEMORY = np.zeros(0)
-_NO_BED = StepBed(np.zeros(0), np.zeros((0, 3)), False, 0)
+_NO_BED = step_arrays.StepBed(np.zeros(0), np.zeros((0, 3)), False, 0)
 
 
 @final
@@ -76,15 +68,15 @@ class SoftSystem:
         self._freshened = [(each, own) for each, own in places if type(each).fresh is not Element.fresh]
         self._acting: tuple[tuple[object, ...], FilmActing] | None = None
         self.low_rank: LowRank | None = None
-        self._stores = RecordStore(FilmArrays), RecordStore(FilmArrays)
+        self._stores = RecordStore(step_arrays.FilmArrays), RecordStore(step_arrays.FilmArrays)
 
     @cached_property
-    def film(self) -> FilmArrays:
+    def film(self) -> step_arrays.FilmArrays:
         """What kernels know of the body, in parts that nothing couples."""
         return film_arrays(self.body, ranges_apart(self.pattern))
 
     @cached_property
-    def whole_film(self) -> FilmArrays:
+    def whole_film(self) -> step_arrays.FilmArrays:
         """The same as one part."""
         return self.film._replace(parts=np.ascontiguousarray(self.film.parts[[0, -1]]))
 
@@ -99,7 +91,7 @@ class SoftSystem:
         return self._stores[1].address(self.whole_film)
 
     @cached_property
-    def slots(self) -> FilmSlots:
+    def slots(self) -> step_arrays.FilmSlots:
         """Where the terms of the film are in the body's own pattern."""
         return film_slots(self.film, self.pattern)
 
@@ -250,7 +242,7 @@ class SoftSystem:
             if films is not None:  # touching films widen the tangent, in which all else is by then
                 acting = acting._replace(touching=acting.touching._replace(call=0))
         self.memory[:] = memory
-        point = FilmPoint(positions, memory, self.memory, self.gradient, blocks, self._pull)
+        point = step_arrays.FilmPoint(positions, memory, self.memory, self.gradient, blocks, self._pull)
         energy: float = film_terms(self.whole_at, slots, acting, 0, point)
         if not self.complete or loads.extra is not None:
             energy += self._add_further(positions, loads, memory, inertia, hessian=hessian)
@@ -306,7 +298,7 @@ def is_packed(element: Element) -> bool:
     return isinstance(element, _TAKEN) or _beams_of(element) is not None
 
 
-def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
+def film_arrays(body: SoftBody, apart: IntArray) -> step_arrays.FilmArrays:
     """Return the arrays of what kernels know of a body, see `is_packed`.
 
     Args:
@@ -328,7 +320,7 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
     segments = np.concatenate([no_pairs, *(cable.segments for cable in cables)])
     listed = hinges.coupled[:, None], segments[:, None]  # row by row
     rows = triangles, *listed, _rings(beams), _rings(frames), gas
-    return FilmArrays(
+    return step_arrays.FilmArrays(
         np.array(term_calls(beams=len(beams.groups) > 0, frames=len(frames.groups) > 0)),
         np.concatenate(triangles), np.concatenate(shapes), np.concatenate(areas), np.concatenate(drawn),
         np.array(stiffness), np.array(laws), np.array(compression), np.concatenate(forces),
@@ -344,12 +336,12 @@ def film_arrays(body: SoftBody, apart: IntArray) -> FilmArrays:
     )  # fmt: skip
 
 
-def film_slots(film: FilmArrays, pattern: BlockPattern) -> FilmSlots:
+def film_slots(film: step_arrays.FilmArrays, pattern: BlockPattern) -> step_arrays.FilmSlots:
     """Return where pairs of a film's nodes are in a pattern."""
     rings = [film.rings[a:b] for a, b in zip(film.caps[:-1], film.caps[1:], strict=True)]
     caps, none = [pattern.slots(ring[None, :])[0] for ring in rings], np.zeros(0, np.int64)
     tied = [pattern.slots(nodes[None])[0] if len(nodes) else none for nodes in film.eyelets.tied]
-    return FilmSlots(
+    return step_arrays.FilmSlots(
         pattern.slots(film.triangles), pattern.slots(film.hinges), pattern.slots(film.segments),
         np.concatenate([none, *tied]), _firsts(tied), pattern.slots(film.gas_triangles),
         np.concatenate([none, *caps]), _firsts(caps),
@@ -359,7 +351,7 @@ def film_slots(film: FilmArrays, pattern: BlockPattern) -> FilmSlots:
     )  # fmt: skip
 
 
-def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
+def film_loads(body: SoftBody, loads: Loads, share: Array) -> step_arrays.FilmLoads:
     """Return what acts on a body besides what is plain, with room for what it adds to a tangent.
 
     Args:
@@ -385,7 +377,7 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
     eyelets = rows.copy() if any(cable.remembers for cable in cables) else rows[:0]
     dense = len(lengths) + len(gas)
     force = np.zeros((0, 3)) if loads.nodal_force is None else np.array(loads.nodal_force, order="C")
-    return FilmLoads(
+    return step_arrays.FilmLoads(
         rows[:, SHARE].copy(), np.array([np.nan if length is None else length for length in lengths]), spring,
         gas, eyelets, force,
         np.array(loads.cable_stiffening or np.ones(len(lengths))),
@@ -393,10 +385,10 @@ def film_loads(body: SoftBody, loads: Loads, share: Array) -> FilmLoads:
     )  # fmt: skip
 
 
-def _no_slots(caps: int) -> FilmSlots:
+def _no_slots(caps: int) -> step_arrays.FilmSlots:
     table, none = np.zeros((0, 0), np.int64), np.zeros(0, np.int64)
     firsts, of_caps = np.zeros(1, np.int64), np.zeros(caps + 1, np.int64)
-    return FilmSlots(table, table, table, none, firsts, table, none, of_caps, none, none, none)
+    return step_arrays.FilmSlots(table, table, table, none, firsts, table, none, of_caps, none, none, none)
 
 
 def _parts(rows: Sequence[Sequence[IntArray] | IntArray], apart: IntArray) -> IntArray:
@@ -432,7 +424,7 @@ def _beams_of(element: Element) -> BeamArrays | None:
     return arrays if isinstance(arrays, BeamArrays) else None
 
 
-def _film_beams(body: SoftBody, apart: IntArray) -> FilmBeams:
+def _film_beams(body: SoftBody, apart: IntArray) -> step_arrays.FilmBeams:
     """Return the rings of beams of a body, those of each element part by part."""
     groups, found = list[tuple[int, int, int, int, int]](), list[BeamArrays]()
     begin, slot = 0, 0
@@ -447,7 +439,7 @@ def _film_beams(body: SoftBody, apart: IntArray) -> FilmBeams:
             found.append(beams)
         begin += count * nodes
     whole = list({id(beams): beams for beams in found}.values())
-    return FilmBeams(
+    return step_arrays.FilmBeams(
         np.array(groups, np.int64).reshape(-1, 5),
         np.concatenate([np.zeros(0, np.int64), *(np.ravel(beams.rings) for beams in whole)]),
         np.concatenate([np.zeros(0), *(np.ravel(beams.directors) for beams in whole)]),
@@ -456,7 +448,7 @@ def _film_beams(body: SoftBody, apart: IntArray) -> FilmBeams:
     )
 
 
-def _film_frames(body: SoftBody, apart: IntArray) -> FilmFrames:
+def _film_frames(body: SoftBody, apart: IntArray) -> step_arrays.FilmFrames:
     """Return the frames and plates of a body, those of each element part by part."""
     groups, found = list[tuple[int, int, int, int, int]](), list(body.of_kind(FrameRings))
     begin, first, slot = 0, 0, 0
@@ -466,7 +458,7 @@ def _film_frames(body: SoftBody, apart: IntArray) -> FilmFrames:
             groups.append((begin + a * nodes, b - a, nodes, first + a * nodes * nodes, slot))
             slot += (b - a) * nodes * (nodes + 1) // 2
         begin, first = begin + frames.rings.size, first + frames.projections.size
-    return FilmFrames(
+    return step_arrays.FilmFrames(
         np.array(groups, np.int64).reshape(-1, 5),
         np.concatenate([np.zeros(0, np.int64), *(frames.rings.ravel() for frames in found)]),
         np.concatenate([np.zeros(0), *(frames.projections.ravel() for frames in found)]),
@@ -481,7 +473,7 @@ def _part_by_part(rings: IntArray, apart: IntArray) -> list[tuple[int, int]]:
     return list(pairwise([0, *(1 + np.flatnonzero(np.diff(part))).tolist(), len(rings)]))
 
 
-def _rings(groups: FilmBeams | FilmFrames) -> list[IntArray]:
+def _rings(groups: step_arrays.FilmBeams | step_arrays.FilmFrames) -> list[IntArray]:
     """Return the nodes (f, m) of each group of rings."""
     return [
         groups.rings[begin : begin + count * nodes].reshape(count, nodes)
@@ -494,11 +486,11 @@ def _firsts(parts: Sequence[Any]) -> IntArray:
     return np.array([0, *accumulate(len(part) for part in parts)], dtype=np.int64)
 
 
-def _bed_of(inertia: Inertia | None) -> StepBed:
+def _bed_of(inertia: Inertia | None) -> step_arrays.StepBed:
     if inertia is None:
         return _NO_BED
     closely = inertia.closely or inertia.step_s == math.inf
-    return StepBed(inertia.coefficient, inertia.target, closely, inertia.rates)
+    return step_arrays.StepBed(inertia.coefficient, inertia.target, closely, inertia.rates)
 
 
 def _bound_elements(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:

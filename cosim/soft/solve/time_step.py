@@ -17,17 +17,8 @@ from cosim.soft.body.places import place_of_largest
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.film.step_arrays import (
-    ASKS,
-    BEGINS,
-    BEGINS_STEP,
-    GOES_ON,
-    LEFT,
-    TANGENT,
-    TO_DO,
-    StepMotion,
-    StepPlace,
-)
+from cosim.soft.film import step_arrays
+from cosim.soft.film.step_arrays import StepMotion, StepPlace
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
@@ -194,7 +185,7 @@ class QuickStepper:
         """
         newton = self._options.newton
         first = min(self._options.iterations, newton.iterations_max) if lenient else newton.iterations_max
-        return StepPlace(BEGINS_STEP, newton.reuse_max, first)
+        return StepPlace(step_arrays.BEGINS_STEP, newton.reuse_max, first)
 
     def knows(self, loads: Loads) -> bool:
         """Whether losses of cables do not depend on where the step leads."""
@@ -251,16 +242,16 @@ class QuickStepper:
         if start is not None:
             self.sides.fill_bed(state, flange, scheme.bed, velocities, self.sides.target)
             x[:], memory[:] = self._clamp.place(start, flange), state.memory
-            place = place._replace(begins=BEGINS)
+            place = place._replace(begins=step_arrays.BEGINS)
         if begun is not None:
-            solution.reused, place = begun.iterations, place._replace(begins=GOES_ON)
+            solution.reused, place = begun.iterations, place._replace(begins=step_arrays.GOES_ON)
         outcome = self._solver.go_on(solution, place)
         if outcome is Outcome.ITERATION_LIMIT and lenient:
             if solution.residual <= self._bound_N and not self._jumps(motion, step_s):
                 velocities[:] = (x - velocities) / scheme.bed.span
             else:
                 more = place.tangents_max + options.newton.iterations_max
-                outcome = self._go_on(solution, place._replace(begins=GOES_ON, tangents_max=more))
+                outcome = self._go_on(solution, place._replace(begins=step_arrays.GOES_ON, tangents_max=more))
         elif outcome is not Outcome.CONVERGED:
             return None
         if outcome not in (Outcome.CONVERGED, Outcome.ITERATION_LIMIT):
@@ -276,8 +267,8 @@ class QuickStepper:
     def _go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
         """Go on beyond what a step was given at first."""
         parts = self._solver.parts
-        parts[parts[:, TO_DO] != 0.0, ASKS] = TANGENT
-        parts[:, LEFT] = self._options.newton.reuse_max
+        parts[parts[:, step_arrays.TO_DO] != 0.0, step_arrays.ASKS] = step_arrays.TANGENT
+        parts[:, step_arrays.LEFT] = self._options.newton.reuse_max
         outcome = self._solver.go_on(solution, place)
         return outcome if outcome is Outcome.CONVERGED else Outcome.NO_DESCENT
 
