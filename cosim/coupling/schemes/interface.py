@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -30,6 +30,7 @@ from cosim.coupling.half_ticks import (
     read_rigid_half,
     take_rigid_half,
 )
+from cosim.coupling.soft_sides.handover import TakenOver
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos
 from cosim.coupling.ticks_taken import TicksTaken
@@ -224,7 +225,8 @@ class Interface:
 
     def begin_ticks(self) -> int:
         """Let the soft side get ready for ticks; return how many may be taken before this is called again."""
-        return self.soft.begin_ticks(self.wrench, self.scene.tick_s)
+        touching = self.touched.count > 0
+        return self.soft.begin_ticks(self.wrench, self.scene.tick_s, touching=touching)
 
     def begin(self, count: int) -> TicksTaken:
         """Return room for ticks, with what is there before the first of them."""
@@ -276,6 +278,11 @@ class Interface:
         soft, before = self.soft, self.soft.state
         try:
             return light.advance(flange, loads, aim)
+        except TakenOver as change:
+            assert self.contact is not None, "there are contacts"
+            self.contact.carry(change.off)
+            again = None if aim is None else replace(aim, start=None)
+            return self._advance_with(light, flange, loads, again)
         except ConvergenceError:
             if before.earlier is None:
                 raise

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
 
+from cosim.base.frames import Array
+
 Model: TypeAlias = Literal["section", "film"]
 
 FADE_S: Final = 0.2
@@ -43,6 +45,7 @@ class Handover:
             where the tick could not be taken by both.
         kinetic_jump_J: of the kinetic energy.
         pressure_jump_Pa: of the gas in the first chamber, where it is sealed.
+        touched_gap_N: of the force on the object that copies hold, at rest; 0 where they hold none.
     """
 
     tick: int
@@ -53,6 +56,20 @@ class Handover:
     wrench_gap: float = 0.0
     kinetic_jump_J: float = 0.0
     pressure_jump_Pa: float = 0.0
+    touched_gap_N: float = 0.0
+
+
+@final
+class TakenOver(Exception):  # noqa: N818  # nothing has failed
+    """The film has taken over within a tick, of which what it touches is to be found again.
+
+    Args:
+        off: (n, 3) [m], how far the film's nodes lie off those that the chain has touched with.
+    """
+
+    def __init__(self, off: Array) -> None:
+        super().__init__("the film has taken over")
+        self.off = off
 
 
 @final

@@ -23,6 +23,7 @@ from cosim.coupling.soft_sides.handover import (
     Handover,
     Inside,
     Model,
+    TakenOver,
     look_every,
 )
 from cosim.coupling.soft_sides.held_rings import Bridge
@@ -181,10 +182,14 @@ class HandoverArm(SoftSide):
 
     # ticks
 
-    def begin_ticks(self, wrench: Wrench, step_s: float) -> int:
-        """Change back to the chain where that is due; return how many ticks may follow."""
+    def begin_ticks(self, wrench: Wrench, step_s: float, *, touching: bool) -> int:
+        """Change back to the chain where that is due; return how many ticks may follow.
+
+        Copies do not while they touch something: a chain would let go of what dents the film.
+        """
         self._step_s, self._begun = step_s, True
-        if self._film_acts and self._inside.due and self._bridge is None:
+        holds = touching and self.chain.section.copies > 1
+        if self._film_acts and self._inside.due and self._bridge is None and not holds:
             self._take_back(wrench, step_s)
         every = look_every(step_s)
         return every - self._inside.since % every if self._film_acts else sys.maxsize
@@ -206,7 +211,9 @@ class HandoverArm(SoftSide):
         except ConvergenceError as error:
             if self._film_acts:
                 raise
-            self._hand_over(error)
+            off = self._hand_over(error, flange, loads.contact)
+            if loads.contact is not None:
+                raise TakenOver(off) from error
         return self._step(flange, loads, None if aim is None else replace(aim, start=None))
 
     def _step(self, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
@@ -275,20 +282,30 @@ class HandoverArm(SoftSide):
         own = whole if self._bridge is None else replace(whole, nodal_force=self._given)
         return LoadsLeft(whole, own)
 
-    def _hand_over(self, error: ConvergenceError) -> None:
-        """Let the film take over where the chain could not continue.
+    def _hand_over(self, error: ConvergenceError, flange: Pose, planes: ContactPlanes | None) -> Array:
+        """Let the film take over where the chain could not continue; see `TakenOver` for what is returned.
+
+        Args:
+            error: of the chain.
+            flange: pose of the flange at the end of the tick that it could not take.
+            planes: that may be touched in it.
 
         Raises:
             ConvergenceError: it cannot.
         """
-        why = _reason(error)
+        why, over, chain = _reason(error), self._over, self.chain
+        left, x = self._loads_left(chain.save_state().loads), chain.state.positions
         try:
-            left = self._loads_left(self.chain.save_state().loads)
-            bridge, jumps = self._over.film_steps(left, self._step_s)
+            if planes is not None and chain.section.copies > 1 and planes.at(x).normal_force.any():
+                bridge, jumps, off = over.film_holds(left, flange, planes, self._step_s)
+            else:
+                bridge, jumps = over.film_steps(left, self._step_s)
+                off = self.film.state.positions - x
         except ConvergenceError as failed:
             raise error.at(f"the film did not take over ({failed})") from failed
         self._inside = self._inside.left(self._step_s)
         self._change("film", why, bridge, jumps)
+        return off
 
     def _take_back(self, wrench: Wrench, step_s: float) -> None:
         """Let the chain take over, if it can."""
@@ -311,7 +328,7 @@ class HandoverArm(SoftSide):
         self._events.append(
             Handover(
                 self._ticks + 1, to, why, jumps.tip_m, jumps.force_N, jumps.wrench, jumps.kinetic_J,
-                jumps.pressure_Pa,
+                jumps.pressure_Pa, jumps.touched_N,
             )
         )  # fmt: skip
 
