@@ -10,7 +10,6 @@ from its formula: with s = 2 h / 3 and base a_n = x_n - s v_n = (4 x_n-1 - x_n-2
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -23,7 +22,7 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError
-from cosim.reduced.section_model import carried, points_of
+from cosim.reduced.section_model import carried
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.solve.chain_step import ChainState
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp, rates_from_nodes, upright
@@ -187,29 +186,50 @@ class TakingOver:
         Raises:
             ConvergenceError: the film does not come to rest with its rings where the chain has them.
         """
-        chain, film, last = self._chain, self._film, self._chain.last
+        chain, last = self._chain, self._chain.last
         here, pressure, own = chain.save_state().flange, last.pressure_Pa, acting.untouched.own
         ahead = flange @ here.inverse()
         frames = carried(last.frames, ahead)
         drawn = self._section.positions(frames, pressure)
         state, force = self._to_film(frames, acting.untouched, pressure)
         off = state.positions - drawn
-        tied = replace(own, contact=planes.carried(off))
-        resisted = chain.resisting(frames, replace(own, contact=planes), pressure)
-        answered = on_rings(self._layout, frames, resisted, chain.clamp.free, len(force))
-        answered[film.clamp.nodes] = 0.0
-        bridge = Bridge(force @ flange.rotation, np.zeros(6), fade_steps(step_s))
-        state, wrench = self._rings.at_rest(frames, state, tied, pressure).state, None
-        with suppress(ConvergenceError):
-            found = film.solve(state, flange, with_force(tied, force + answered))
-            state, wrench = found.state, together(found.wrench, bridge.on_flange(found.state.positions, flange, 0))
+        bridge, tied = Bridge(force @ flange.rotation, np.zeros(6), fade_steps(step_s)), planes.carried(off)
+        pressed = LoadsLeft(replace(acting.whole, contact=planes), replace(own, contact=tied))
+        state, wrench = self._closed_in(frames, state, force, pressed)
+        x = state.positions
+        if wrench is not None:
+            wrench = together(wrench, bridge.on_flange(x, flange, 0))
         left = acting.with_borne(supplied_wrench(last.figures), chain.state.positions, here)
-        turn = ahead.rotation.T
-        left = Wrench(left.force @ turn, left.torque @ turn)
-        bridge, jumps = self._closed(bridge, (self._tips(drawn), left), (self._tips(state.positions), wrench), flange)
-        gap = planes.force_on_bodies(drawn) - tied.contact.force_on_bodies(state.positions)
-        self._film_goes_on(replace(state, positions=ahead.inverse().apply(state.positions)), here, own, step_s)
+        left = Wrench(ahead.rotation @ left.force, ahead.rotation @ left.torque)
+        bridge, jumps = self._closed(bridge, (self._tips(drawn), left), (self._tips(x), wrench), flange)
+        gap = planes.force_on_bodies(drawn) - tied.force_on_bodies(x)
+        self._film_goes_on(replace(state, positions=ahead.inverse().apply(x)), here, own, step_s)
         return bridge, replace(jumps, touched_N=float(np.linalg.norm(gap, axis=1).max())), off
+
+    def _closed_in(
+        self, frames: Array, untouched: SoftState, force: Array, pressed: LoadsLeft
+    ) -> tuple[SoftState, Wrench | None]:
+        """Return the film at rest where it presses as the chain at frames, and its wrench on the flange.
+
+        Where it does not come to rest, it is held where the chain is; its wrench is then not known.
+
+        Args:
+            frames: (f, 4, 3).
+            untouched: film, held there.
+            force: (n, 3) [N], B.
+            pressed: loads with contacts: of the chain, and of the film.
+        """
+        film, free, flange = self._film, self._chain.clamp.free, flange_of(frames)
+        pressure = self._chain.last.pressure_Pa
+        held = self._rings.at_rest(frames, untouched, pressed.own, pressure).state
+        resisted = self._chain.resisting(frames, pressed.whole, pressure)
+        answered = on_rings(self._layout, frames, resisted, free, len(force))
+        answered[film.clamp.nodes] = 0.0
+        try:
+            found = film.solve(held, flange, with_force(pressed.own, force + answered))
+        except ConvergenceError:
+            return held, None
+        return found.state, found.wrench
 
     def _film_goes_on(self, state: SoftState, flange: Pose, loads: Loads, step_s: float) -> None:
         """Put the film where the chain is, in a shape near its own, with the chain's speed.
@@ -417,7 +437,9 @@ class TakingOver:
             return bridge, jumps
         return replace(bridge, load=_between(wrench, before, flange)), jumps
 
-    def _reached(self, bridge: Bridge, side: SoftSide, reply: SoftReply | None) -> tuple[Array, Wrench | None]:
+    def _reached(
+        self, bridge: Bridge, side: SoftSide, reply: SoftReply | None
+    ) -> tuple[Array, Wrench | None]:
         """Return tips and wrench of a model at the end of a tick that it has answered."""
         x, flange = side.state.positions, side.save_state().flange
         return self._tips(x), reply and together(reply.wrench, bridge.on_flange(x, flange, 0))
