@@ -16,6 +16,11 @@ FADE_INCREMENTS: Final = 10
 """The same in statics."""
 INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
+HOLDING: Final = 0.65
+"""Share of the range at which copies that touch something are left to the film: the pads of a chain do not
+dent, so heavy objects slide off them long before a finger has left its range."""
+HOLDING_LOOK_S: Final = 0.1
+"""Simulated time between two looks at that."""
 MOST_TIP_M, MOST_WRENCH = 5e-4, 0.05
 """Jump and gap beyond which the section model does not take back."""
 MOST_BRIDGED: Final = 0.25
@@ -125,9 +130,9 @@ class Inside:
         return self.looks >= self.wanted
 
 
-def look_every(step_s: float) -> int:
+def look_every(step_s: float, look_s: float = LOOK_S) -> int:
     """Return after how many steps of some length [s] it is looked where the film is; 0 s: statics."""
-    return 1 if step_s == 0.0 else max(1, round(LOOK_S / step_s))
+    return 1 if step_s == 0.0 else max(1, round(look_s / step_s))
 
 
 def fade_steps(step_s: float) -> int:
