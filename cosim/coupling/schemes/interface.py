@@ -290,13 +290,16 @@ class Interface:
         soft.restart()
         return light.advance(flange, loads, aim)
 
-    def take_reply(self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None) -> None:
+    def take_reply(
+        self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None, *, passed: int = 1
+    ) -> None:
         """Fill the row of the tick in progress with what `advance_soft` has returned, and hand it over.
 
         Args:
             taken: filled.
             reply: of the soft side.
             acted: (6,), on the flange in the tick, at its origin, world axes; unless given, as MuJoCo has it.
+            passed: ticks that the soft side takes note of; 0 in a tick in pieces.
         """
         k, ticks, touched = taken.done, taken.ticks, self.touched
         taken.take(reply, self.soft)
@@ -306,7 +309,7 @@ class Interface:
         ticks.work[k, 0] = touched.work_J
         ticks.body_force[k] = touched.on_each(len(self._bodies.loaded))
         taken.stability_ratio[k] = self.ratio
-        self._count(taken, 1)
+        self._count(taken, 1, passed)
 
     def follow(self, taken: TicksTaken, count: int) -> None:
         """Be where kernels have taken ticks, the last of those in the rows.
@@ -326,15 +329,16 @@ class Interface:
         taken.stability_ratio[taken.done : taken.done + count] = self.ratio
         self.scene.stepped(taken.ticks.flange(taken.done + count - 1))
         taken.done += count
-        self._count(taken, count)
+        self._count(taken, count, count)
 
-    def _count(self, taken: TicksTaken, count: int) -> None:
+    def _count(self, taken: TicksTaken, count: int, passed: int) -> None:
         flange, bodies = taken.ticks.handed[taken.done], self._bodies.handed
         self.handed = TransferredLoads(
             six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), float(bodies[6])
         )
         self.ticks += count
-        self.soft.passed(count)
+        if passed:
+            self.soft.passed(passed)
 
 
 class Coupling(ABC):

@@ -164,7 +164,7 @@ class StaggeredCoupling(Coupling):
         """Get ready for up to so many ticks; return room for them."""
         interface = self.interface
         interface.scene.check()
-        most = interface.begin_ticks()
+        most = 1 if self._fine.left else interface.begin_ticks()  # one model takes fine ticks
         if interface.soft.rowing is not self._rowing:  # another model steps from here on
             self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
             self._halves.fast_m_s = self._fine.fast_m_s
