@@ -16,7 +16,7 @@ FADE_INCREMENTS: Final = 10
 """The same in statics."""
 INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
-HOLDING: Final = 0.65
+HOLDING: Final = 0.6
 """Share of the range at which copies that touch something are left to the film: the pads of a chain do not
 dent, so heavy objects slide off them long before a finger has left its range."""
 HOLDING_LOOK_S: Final = 0.1
