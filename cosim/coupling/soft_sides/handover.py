@@ -17,8 +17,9 @@ FADE_INCREMENTS: Final = 10
 INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
 HOLDING: Final = 0.6
-"""Share of the range at which copies that touch something are left to the film: the pads of a chain do not
-dent, so heavy objects slide off them long before a finger has left its range."""
+"""Share of the range of bending at which copies that touch something are left to the film.
+
+The pads of a chain do not dent, so heavy objects slide off them long before a finger has left its range."""
 HOLDING_LOOK_S: Final = 0.1
 """Simulated time between two looks at that."""
 MOST_TIP_M, MOST_WRENCH = 5e-4, 0.05

@@ -201,7 +201,7 @@ class HandoverArm(SoftSide):
         every = look_every(step_s, HOLDING_LOOK_S)
         if touching and self._ticks % every == 0:
             last = self.chain.last
-            place = place_in_range(self.chain.section, last.frames, last.pressure_Pa)
+            place = place_in_range(self.chain.section, last.frames, last.pressure_Pa, bends_only=True)
             self._due = place.text if place.fraction > HOLDING else ""
         return every - self._ticks % every
 
