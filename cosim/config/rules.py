@@ -193,8 +193,6 @@ def _copies_of_a_section_model_have_one_pressure(scenario: Scenario) -> Told:
     robot = scenario.soft_robot
     if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable) or not robot.copies:
         return
-    if scenario.model.handover:
-        yield "model.handover", f"is of one stack of units, not of copies; {_TAKE}, or handover = false"
     settings: list[tuple[str, PerChamber[float] | None]] = [("start.pressure_Pa", scenario.start.pressure_Pa)]
     settings += [(f"phase.{phase.name}.pressure_Pa", phase.pressure_Pa) for phase in scenario.phases]
     for key, given in settings:

@@ -193,6 +193,9 @@ class RingFrames:
         for frame, shape in zip(frames[1:], self.shapes, strict=True):
             arm = shape @ frame[1:]
             measure = np.empty((6, len(arm), 3))
+            if not len(arm):  # where a copy begins
+                found.append(measure)
+                continue
             measure[:3] = np.eye(3)[:, None, :] / len(arm)
             inverse = np.linalg.inv((arm**2).sum() * np.eye(3) - arm.T @ arm)
             measure[3:] = (inverse @ np.array([cross_matrix(a) for a in arm])).transpose(1, 0, 2)

@@ -255,7 +255,7 @@ class HeldBase(Carrier):
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         """Advance by one tick: each takes long."""
-        self._soft.begin_ticks(self._wrench, self._tick_s)
+        self._soft.begin_ticks(self._wrench, self._tick_s, touching=False)
         taken = TicksTaken.room(1, 0, 0, len(self._soft.pressures_Pa))
         taken.begin(self._soft, self._wrench, self._pose)
         taken.ticks.origin[1], taken.ticks.axes[1] = self._pose.translation, self._pose.rotation

@@ -48,6 +48,7 @@ def with_handovers(
                 "wrench_gap": each.wrench_gap,
                 "kinetic_jump_J": each.kinetic_jump_J,
                 "pressure_jump_Pa": each.pressure_jump_Pa,
+                "touched_gap_N": each.touched_gap_N,
                 "faded_s": None,
                 "bridge_J": None,
             }

@@ -116,8 +116,12 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
             "phase.hang.gas: is sealed; section models of copies need pressures",
         ),
         (
-            {"soft_robot": "three_finger_gripper", "model.handover": True},
-            "model.handover: is of one stack of units, not of copies; use fidelity = 'lumped'",
+            {
+                "soft_robot": "three_finger_gripper",
+                "model.handover": True,
+                "phase.hang.pressure_Pa": [1, 2, 3],
+            },
+            "phase.hang.pressure_Pa: is not alike for all copies",
         ),
         ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
     ],

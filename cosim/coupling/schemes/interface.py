@@ -10,7 +10,7 @@ handed over; in the iterated one, what the same tick hands over, and what the la
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -26,6 +26,7 @@ from cosim.coupling.contact.contact_exchange import (
 )
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
+from cosim.coupling.soft_sides.handover import TakenOver
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, InputError
@@ -219,7 +220,8 @@ class Interface:
 
     def begin_ticks(self) -> int:
         """Let the soft side get ready for ticks; return how many may be taken before this is called again."""
-        return self.soft.begin_ticks(self.wrench, self.scene.tick_s)
+        touching = self.touched.count > 0
+        return self.soft.begin_ticks(self.wrench, self.scene.tick_s, touching=touching)
 
     def begin(self, count: int) -> TicksTaken:
         """Return room for ticks, with what is there before the first of them."""
@@ -271,6 +273,11 @@ class Interface:
         soft, before = self.soft, self.soft.state
         try:
             return light.advance(flange, loads, aim)
+        except TakenOver as change:
+            assert self.contact is not None, "there are contacts"
+            self.contact.carry(change.off)
+            again = None if aim is None else replace(aim, start=None)
+            return self._advance_with(light, flange, loads, again)
         except ConvergenceError:
             if before.earlier is None:
                 raise
@@ -278,13 +285,16 @@ class Interface:
         soft.restart()
         return light.advance(flange, loads, aim)
 
-    def take_reply(self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None) -> None:
+    def take_reply(
+        self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None, *, passed: int = 1
+    ) -> None:
         """Fill the row of the tick in progress with what `advance_soft` has returned, and hand it over.
 
         Args:
             taken: filled.
             reply: of the soft side.
             acted: (6,), on the flange in the tick, at its origin, world axes; unless given, as MuJoCo has it.
+            passed: ticks that the soft side takes note of; 0 in a tick in pieces.
         """
         k, ticks, touched = taken.done, taken.ticks, self.touched
         taken.take(reply, self.soft)
@@ -293,7 +303,7 @@ class Interface:
         ticks.contact[k] = touched.normal_force_N, touched.depth_m, self.contact_ratio
         ticks.work[k, 0] = touched.work_J
         taken.stability_ratio[k] = self.ratio
-        self._count(taken, 1)
+        self._count(taken, 1, passed)
 
     def follow(self, taken: TicksTaken, count: int) -> None:
         """Be where kernels have taken ticks, the last of those in the rows.
@@ -313,15 +323,16 @@ class Interface:
         taken.stability_ratio[taken.done : taken.done + count] = self.ratio
         self.scene.stepped(taken.ticks.flange(taken.done + count - 1))
         taken.done += count
-        self._count(taken, count)
+        self._count(taken, count, count)
 
-    def _count(self, taken: TicksTaken, count: int) -> None:
+    def _count(self, taken: TicksTaken, count: int, passed: int) -> None:
         flange, bodies = taken.ticks.handed[taken.done], self._bodies.handed
         self.handed = TransferredLoads(
             six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), float(bodies[6])
         )
         self.ticks += count
-        self.soft.passed(count)
+        if passed:
+            self.soft.passed(passed)
 
 
 class Coupling(ABC):

@@ -91,9 +91,15 @@ class FineTicks:
 
     def __init__(self, interface: Interface) -> None:
         self._interface, self.left = interface, 0
-        scene, soft = interface.scene, interface.soft
-        known = isinstance(soft, SoftArm) and soft.steps_alone and interface.contact is not None
-        self.fast_m_s = _FAR_M / scene.tick_s if known and scene.substeps > 1 else np.inf
+        scene = interface.scene
+        known = interface.contact is not None and scene.substeps > 1
+        self._fast_m_s = _FAR_M / scene.tick_s if known else np.inf
+
+    @property
+    def fast_m_s(self) -> float:
+        """Speed from which on ticks are fine ones; endless where no film is stepped."""
+        soft = self._interface.soft.rowing
+        return self._fast_m_s if isinstance(soft, SoftArm) and soft.steps_alone else np.inf
 
     def look(self) -> None:
         """Decide on the next tick, after one."""
@@ -121,7 +127,7 @@ class FineTicks:
             taken: its row is filled.
         """
         interface = self._interface
-        scene, soft = interface.scene, interface.soft
+        scene, soft = interface.scene, interface.soft.rowing
         assert isinstance(soft, SoftArm), "no other soft side takes fine ticks"
         count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
         fine, shapes = interface.begin(count), []
@@ -132,11 +138,12 @@ class FineTicks:
                 scene.check()
             scene.stepped(fine.ticks.flange(k))
             reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
-            interface.take_reply(fine, reply)
+            interface.take_reply(fine, reply, passed=0)
             shapes.append(soft.state.positions)
         taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin[1:])
         self._condense(fine, taken)
         interface.ticks = ticks + 1
+        interface.soft.passed(1)
         self.look()
         if not self.left:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
@@ -337,7 +344,7 @@ class StaggeredCoupling(Coupling):
         """Get ready for up to so many ticks; return room for them."""
         interface = self.interface
         interface.scene.check()
-        most = interface.begin_ticks()
+        most = 1 if self._fine.left else interface.begin_ticks()  # one model takes fine ticks
         if interface.soft.rowing is not self._rowing:  # another model steps from here on
             self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
             self._halves.fast_m_s = self._fine.fast_m_s

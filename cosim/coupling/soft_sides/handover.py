@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
 
+from cosim.base.frames import Array
+
 Model: TypeAlias = Literal["section", "film"]
 
 FADE_S: Final = 0.2
@@ -14,6 +16,12 @@ FADE_INCREMENTS: Final = 10
 """The same in statics."""
 INSIDE: Final = 0.9
 """Share of the section model's range that the film must be within for the section model to take back."""
+HOLDING: Final = 0.6
+"""Share of the range of bending at which copies that touch something are left to the film.
+
+The pads of a chain do not dent, so heavy objects slide off them long before a finger has left its range."""
+HOLDING_LOOK_S: Final = 0.1
+"""Simulated time between two looks at that."""
 MOST_TIP_M, MOST_WRENCH = 5e-4, 0.05
 """Jump and gap beyond which the section model does not take back."""
 MOST_BRIDGED: Final = 0.25
@@ -43,6 +51,7 @@ class Handover:
             where the tick could not be taken by both.
         kinetic_jump_J: of the kinetic energy.
         pressure_jump_Pa: of the gas in the first chamber, where it is sealed.
+        touched_gap_N: of the force on the object that copies hold, at rest; 0 where they hold none.
     """
 
     tick: int
@@ -53,6 +62,20 @@ class Handover:
     wrench_gap: float = 0.0
     kinetic_jump_J: float = 0.0
     pressure_jump_Pa: float = 0.0
+    touched_gap_N: float = 0.0
+
+
+@final
+class TakenOver(Exception):  # noqa: N818  # nothing has failed
+    """The film has taken over within a tick, of which what it touches is to be found again.
+
+    Args:
+        off: (n, 3) [m], how far the film's nodes lie off those that the chain has touched with.
+    """
+
+    def __init__(self, off: Array) -> None:
+        super().__init__("the film has taken over")
+        self.off = off
 
 
 @final
@@ -108,9 +131,9 @@ class Inside:
         return self.looks >= self.wanted
 
 
-def look_every(step_s: float) -> int:
+def look_every(step_s: float, look_s: float = LOOK_S) -> int:
     """Return after how many steps of some length [s] it is looked where the film is; 0 s: statics."""
-    return 1 if step_s == 0.0 else max(1, round(LOOK_S / step_s))
+    return 1 if step_s == 0.0 else max(1, round(look_s / step_s))
 
 
 def fade_steps(step_s: float) -> int:

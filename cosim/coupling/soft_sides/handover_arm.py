@@ -7,6 +7,7 @@ range for a while. How one begins where the other is: `taking_over`.
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, final
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.coupling.soft_sides import handover, taking_over
-from cosim.coupling.soft_sides.handover import BridgeEnd, Handover, Inside, Model, look_every
+from cosim.coupling.soft_sides.handover import BridgeEnd, Handover, Inside, Model, TakenOver, look_every
 from cosim.coupling.soft_sides.held_rings import Bridge
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import ChainShape, ChainShapes, SectionArm, SectionArmState
@@ -132,6 +133,7 @@ class HandoverArm(SoftSide):
         self._given: Array | None = None
         self._inside, self._ticks, self._step_s, self._begun = Inside(), 0, 0.0, False
         self._before: tuple[SoftState, Pose] | None = None  # before the step in progress, while forces fade
+        self._due = ""  # why the film takes over in the next tick
         self._pending: _Pending | None = None
         self._events: list[Handover | BridgeEnd] = []
 
@@ -142,8 +144,8 @@ class HandoverArm(SoftSide):
 
     @property
     def rowing(self) -> SoftSide:
-        """What kernels may step: itself, which they do not know, while forces fade."""
-        return self.acting if self._bridge is None else self
+        """What kernels may step: itself, which they do not know, while forces fade or the film is due."""
+        return self.acting if self._bridge is None and not self._due else self
 
     @property
     def state(self) -> SoftState:
@@ -163,13 +165,24 @@ class HandoverArm(SoftSide):
 
     # ticks
 
-    def begin_ticks(self, wrench: Wrench, step_s: float) -> int:
-        """Change back to the chain where that is due; return how many ticks may follow."""
+    def begin_ticks(self, wrench: Wrench, step_s: float, *, touching: bool) -> int:
+        """Change back to the chain where that is due; return how many ticks may follow.
+
+        Copies do not while they touch something: a chain would let go of what dents the film.
+        """
         self._step_s, self._begun = step_s, True
-        if self._film_acts and self._inside.due and self._bridge is None:
+        copies = self.chain.section.copies > 1
+        if self._film_acts and self._inside.due and self._bridge is None and not (touching and copies):
             self._take_back(wrench, step_s)
-        every = look_every(step_s)
-        return every - self._inside.since % every if self._film_acts else sys.maxsize
+        if self._film_acts or not copies:
+            every = look_every(step_s)
+            return every - self._inside.since % every if self._film_acts else sys.maxsize
+        every = look_every(step_s, handover.HOLDING_LOOK_S)
+        if touching and self._ticks % every == 0:
+            last = self.chain.last
+            place = place_in_range(self.chain.section, last.frames, last.pressure_Pa, bends_only=True)
+            self._due = place.text if place.fraction > handover.HOLDING else ""
+        return every - self._ticks % every
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
@@ -182,13 +195,19 @@ class HandoverArm(SoftSide):
         return self._advance(world_from_flange, loads, step_s, aim)
 
     def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
-        self._step_s = step_s
+        self._step_s, due, self._due = step_s, self._due, ""
+        if due:
+            with suppress(ConvergenceError):  # the chain can continue
+                self._hand_over(due, flange, loads)
         try:
             return self._step(flange, loads, aim)
         except ConvergenceError as error:
             if self._film_acts:
                 raise
-            self._hand_over(error)
+            try:
+                self._hand_over(_reason(error), flange, loads)
+            except ConvergenceError as failed:
+                raise error.at(f"the film did not take over ({failed})") from failed
         return self._step(flange, loads, None if aim is None else replace(aim, start=None))
 
     def _step(self, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
@@ -257,20 +276,29 @@ class HandoverArm(SoftSide):
         own = whole if self._bridge is None else replace(whole, nodal_force=self._given)
         return LoadsLeft(whole, own)
 
-    def _hand_over(self, error: ConvergenceError) -> None:
-        """Let the film take over where the chain could not continue.
+    def _hand_over(self, why: str, flange: Pose, loads: Loads) -> None:
+        """Let the film take over instead of a tick of the chain.
+
+        Args:
+            why: it does.
+            flange: pose of the flange at the end of the tick.
+            loads: then, with what may be touched in it.
 
         Raises:
             ConvergenceError: it cannot.
+            TakenOver: it has, where something may be touched.
         """
-        why = _reason(error)
-        try:
-            left = self._loads_left(self.chain.save_state().loads)
-            bridge, jumps = self._over.film_steps(left, self._step_s)
-        except ConvergenceError as failed:
-            raise error.at(f"the film did not take over ({failed})") from failed
+        over, chain, planes = self._over, self.chain, loads.contact
+        left, x = self._loads_left(chain.save_state().loads), chain.state.positions
+        if planes is not None and chain.section.copies > 1 and planes.at(x).normal_force.any():
+            bridge, jumps, off = over.film_holds(left, flange, planes, self._step_s)
+        else:
+            bridge, jumps = over.film_steps(left, self._step_s)
+            off = self.film.state.positions - x
         self._inside = self._inside.left(self._step_s)
         self._change("film", why, bridge, jumps)
+        if planes is not None:
+            raise TakenOver(off)
 
     def _take_back(self, wrench: Wrench, step_s: float) -> None:
         """Let the chain take over, if it can."""
@@ -293,7 +321,7 @@ class HandoverArm(SoftSide):
         self._events.append(
             Handover(
                 self._ticks + 1, to, why, jumps.tip_m, jumps.force_N, jumps.wrench, jumps.kinetic_J,
-                jumps.pressure_Pa,
+                jumps.pressure_Pa, jumps.touched_N,
             )
         )  # fmt: skip
 
@@ -551,7 +579,7 @@ class HandoverArm(SoftSide):
         self.film.restore_state(state.film)
         self._film_acts = state.model == "film"
         self._bridge, self._given, self._inside = state.bridge, state.given, state.inside
-        self._ticks, self._why, self._events, self._pending = state.ticks, state.why, [], None
+        self._ticks, self._why, self._events, self._pending, self._due = state.ticks, state.why, [], None, ""
         self._begun = state.ticks > 0
         self._before = self._here()
 

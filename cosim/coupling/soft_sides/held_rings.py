@@ -23,7 +23,7 @@ import numpy as np
 from cosim.base.frames import Array, Mask, Pose, Wrench, cross, vector_from_rotation
 from cosim.errors import ConvergenceError
 from cosim.reduced.fit.sampling import RingGroup, RingGuides
-from cosim.reduced.section_model import RingFrames, SectionBody, carried, frames_from_strains, strains
+from cosim.reduced.section_model import RingFrames, SectionBody, carried
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
@@ -37,7 +37,7 @@ from cosim.soft.solve.state import Clamp, SoftState
 _STIFFNESS = np.array([3e5, 3e5, 3e5, 300.0, 300.0, 300.0])  # far above a section's own
 _LEAST_PIECE = 0.02  # of the way from the straight chain
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
-_OPTIONS = NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=60, shift_max_N_m=1e6)
+_OPTIONS = NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=60, shift_max_N_m=1e9)
 
 
 @final
@@ -74,7 +74,8 @@ class HeldRings:
     ) -> None:
         frames = section.frames
         if body.frames is None:
-            rings = np.array(frames.rings[:-1])
+            ends = {chain.stop - 1 for chain in frames.chains}  # whose nodes a cap joins
+            rings = np.array([r for f, r in enumerate(frames.rings, 1) if len(r) and f not in ends])
             body = body.with_elements(FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
         self._in_shape, self._section, self._frames = in_shape, section, frames
         system = SoftSystem(body)
@@ -119,13 +120,13 @@ class HeldRings:
             ConvergenceError: it does not get there.
         """
         first = carried(self._section.straight(pressure_Pa), flange_of(frames))
-        begin, wanted = strains(first[:-1], first[1:]), strains(frames[:-1], frames[1:])
+        begin, wanted = self._frames.strains(first), self._frames.strains(frames)
         straight = self._section.positions(first, pressure_Pa)
         found = self._held(first, self._in_shape(straight, flange_of(frames)), loads)
         here, done, piece = first, 0.0, 0.5
         while done < 1.0:
             share = min(1.0, done + piece)
-            there = frames_from_strains(frames[0], begin + share * (wanted - begin))
+            there = self._frames.strained(first, begin + share * (wanted - begin))
             x = self._frames.carried(found.state.positions, here, there)
             try:
                 found = self._held(there, replace(found.state, positions=x), loads)

@@ -308,12 +308,13 @@ class SoftSide(ABC):
         """What kernels may step in rows of ticks in place of this side, until it changes."""
         return self
 
-    def begin_ticks(self, wrench: Wrench, step_s: float) -> int:
+    def begin_ticks(self, wrench: Wrench, step_s: float, *, touching: bool) -> int:
         """Get ready for ticks; return how many may be taken before this is called again.
 
         Args:
             wrench: that it exerts on the flange at present.
             step_s: length of a tick [s].
+            touching: whether it has touched something in the last tick.
         """
         return sys.maxsize
 

@@ -20,11 +20,12 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError
-from cosim.reduced.section_model import points_of
+from cosim.reduced.section_model import carried
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.solve.chain_step import ChainState
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp, rates_from_nodes, upright
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import Equilibrium, SoftState
 
 _NEAR_ITERATIONS: Final = 600  # in which the film comes to rest near a chain
@@ -65,11 +66,12 @@ class Jumps:
     tip_m: float
     force_N: float
     wrench: float
-    kinetic_J: float
-    pressure_Pa: float
+    kinetic_J: float = 0.0
+    pressure_Pa: float = 0.0
+    touched_N: float = 0.0
 
 
-NO_JUMPS: Final = Jumps(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_JUMPS: Final = Jumps(0.0, 0.0, 0.0)
 
 
 @final
@@ -161,6 +163,91 @@ class TakingOver:
         force[self._film.clamp.nodes] = 0.0
         return np.asarray(force)
 
+    def film_holds(
+        self, acting: LoadsLeft, flange: Pose, planes: ContactPlanes, step_s: float
+    ) -> tuple[Bridge, Jumps, Array]:
+        """Let the film hold what the chain holds, and be where the last tick of the chain has ended.
+
+        A film is dented by what it holds, a chain is not. So the rings close in until contacts press as the
+        chain's: the film is at rest under the forces of the springs that hold it untouched, its contacts,
+        and the opposite of the chain's, spread over the rings.
+
+        Args:
+            acting: loads at the end of the tick, contacts not counted.
+            flange: its pose at the end of the coming tick.
+            planes: that may be touched in that.
+            step_s: length of a tick.
+
+        Returns:
+            The bridge, the jumps, and how far (n, 3) [m] the untouched film lies off the chain's.
+
+        Raises:
+            ConvergenceError: the film does not come to rest with its rings where the chain has them.
+        """
+        chain, last = self._chain, self._chain.last
+        here, pressure, own = chain.save_state().flange, last.pressure_Pa, acting.untouched.own
+        ahead = flange @ here.inverse()
+        frames = carried(last.frames, ahead)
+        drawn = self._section.positions(frames, pressure)
+        state, force = self._to_film(frames, acting.untouched, pressure)
+        off = state.positions - drawn
+        bridge, tied = Bridge(force @ flange.rotation, np.zeros(6), fade_steps(step_s)), planes.carried(off)
+        pressed = LoadsLeft(replace(acting.whole, contact=planes), replace(own, contact=tied))
+        state, wrench = self._closed_in(frames, state, force, pressed)
+        x = state.positions
+        if wrench is not None:
+            wrench = together(wrench, bridge.on_flange(x, flange, 0))
+        left = acting.with_borne(supplied_wrench(last.figures), chain.state.positions, here)
+        left = Wrench(ahead.rotation @ left.force, ahead.rotation @ left.torque)
+        bridge, jumps = self._closed(bridge, (self._tips(drawn), left), (self._tips(x), wrench), flange)
+        gap = planes.force_on_bodies(drawn) - tied.force_on_bodies(x)
+        self._film_goes_on(replace(state, positions=ahead.inverse().apply(x)), here, own, step_s)
+        return bridge, replace(jumps, touched_N=float(np.linalg.norm(gap, axis=1).max())), off
+
+    def _closed_in(
+        self, frames: Array, untouched: SoftState, force: Array, pressed: LoadsLeft
+    ) -> tuple[SoftState, Wrench | None]:
+        """Return the film at rest where it presses as the chain at frames, and its wrench on the flange.
+
+        Where it does not come to rest, it is held where the chain is; its wrench is then not known.
+
+        Args:
+            frames: (f, 4, 3).
+            untouched: film, held there.
+            force: (n, 3) [N], B.
+            pressed: loads with contacts: of the chain, and of the film.
+        """
+        film, free, flange = self._film, self._chain.clamp.free, flange_of(frames)
+        pressure = self._chain.last.pressure_Pa
+        held = self._rings.at_rest(frames, untouched, pressed.own, pressure).state
+        resisted = self._chain.resisting(frames, pressed.whole, pressure)
+        answered = on_rings(self._layout, frames, resisted, free, len(force))
+        answered[film.clamp.nodes] = 0.0
+        try:
+            found = film.solve(held, flange, with_force(pressed.own, force + answered))
+        except ConvergenceError:
+            return held, None
+        return found.state, found.wrench
+
+    def _film_goes_on(self, state: SoftState, flange: Pose, loads: Loads, step_s: float) -> None:
+        """Put the film where the chain is, in a shape near its own, with the chain's speed.
+
+        Args:
+            state: at rest.
+            flange: pose of the flange.
+            loads: that act.
+            step_s: length of a tick.
+        """
+        section, last = self._section, self._chain.last
+        x, (before, rates) = state.positions, Past.of(last.chain, step_s).motion
+        velocity = section.positions(last.chain.rates, last.pressure_Pa)
+        earlier = None
+        if self._two_steps:
+            x_before = self._layout.carried(x, last.frames, before)
+            earlier = x_before, section.positions(rates, last.pressure_Pa)
+        begin = replace(state, velocities=velocity, earlier=earlier)
+        self._film.go_to(begin, 0.0, flange_of(before), (flange, loads))
+
     def film_steps(self, acting: LoadsLeft, step_s: float) -> tuple[Bridge, Jumps]:
         """Let the film take the last tick of the chain, and be where that ends.
 
@@ -175,7 +262,7 @@ class TakingOver:
         """
         chain, film, section = self._chain, self._film, self._section
         saved, shape = chain.save_state(), chain.state.positions
-        tip = self._tip(shape)
+        tips = self._tips(shape)
         last, pressure = saved.last, saved.last.pressure_Pa
         past = Past.of(last.chain, step_s)
         before, first = flange_of(past.motion[0]), flange_of(past.earlier[0])
@@ -196,7 +283,8 @@ class TakingOver:
             reply = None
         kinetic = _of_film(film) - self._of_chain(last.chain)
         wrench = acting.with_borne(supplied_wrench(last.figures), shape, saved.flange)
-        bridge, jumps = self._closed(bridge, film, (tip, wrench), reply, saved.flange)
+        reached = self._reached(bridge, film, reply)
+        bridge, jumps = self._closed(bridge, (tips, wrench), reached, saved.flange)
         return bridge, replace(jumps, kinetic_J=kinetic, pressure_Pa=film.pressures_Pa[0] - pressure)
 
     def _film_stands(
@@ -229,7 +317,7 @@ class TakingOver:
             ConvergenceError: the chain cannot.
         """
         chain, film = self._chain, self._film
-        saved, tip, pressure = film.save_state(), self._tip(film.state.positions), film.pressures_Pa[0]
+        saved, tips, pressure = film.save_state(), self._tips(film.state.positions), film.pressures_Pa[0]
         flange, before = saved.flange, saved.flange_before or saved.flange
         now, shape = self._fitted(saved.soft, (before, flange), step_s)
         past = Past.of(now, step_s)
@@ -240,7 +328,7 @@ class TakingOver:
         there = bridge.at(flange, 0)
         reply = chain.advance(flange, with_force(acting.own, there), step_s)
         kinetic = self._of_chain(chain.last.chain) - _of_film(film)
-        bridge, jumps = self._closed(bridge, chain, (tip, wrench), reply, flange)
+        bridge, jumps = self._closed(bridge, (tips, wrench), self._reached(bridge, chain, reply), flange)
         return bridge, replace(jumps, kinetic_J=kinetic, pressure_Pa=chain.last.pressure_Pa - pressure)
 
     def _fitted(
@@ -250,11 +338,12 @@ class TakingOver:
         x, v = soft.positions, soft.velocities
         x_before, v_before = (x - step_s * v, v) if soft.earlier is None else soft.earlier
         layout, motions = self._layout, []
-        rate = (points_of(flanges[1]) - points_of(flanges[0])) / step_s
+        bases = layout.drawn[layout.bases]
+        rate = (carried(bases, flanges[1]) - carried(bases, flanges[0])) / step_s
         for place, speed, flange in ((x, v, flanges[1]), (x_before, v_before, flanges[0])):
             frames = layout.fit(place, flange)
             rates = rates_from_nodes(layout, frames, speed)
-            rates[0] = rate
+            rates[layout.bases] = rate
             motions.append(np.array((frames, rates)))
         shape = SoftState.at_rest(self._film.clamp.place(x_before, flanges[0]), soft.memory, soft.touching)
         return ChainState(*motions), shape
@@ -308,8 +397,10 @@ class TakingOver:
         load = _between(found.wrench, begin.wrench, found.world_from_flange)
         return replace(found, wrench=begin.wrench), replace(bridge, load=load)
 
-    def _tip(self, positions: Array) -> Array:
-        return self._section.body.tip_position(positions)
+    def _tips(self, positions: Array) -> Array:
+        """Return the tips (copies, 3) [m] of a film."""
+        ends = [self._layout.rings[chain.stop - 2] for chain in self._layout.chains]
+        return np.array([positions[ring].mean(axis=0) for ring in ends])
 
     def _of_chain(self, chain: ChainState) -> float:
         """Return the kinetic energy [J] of a chain."""
@@ -317,7 +408,7 @@ class TakingOver:
 
     def between(self, left: Equilibrium, new: Equilibrium, bridge: Bridge | None) -> Jumps:
         """Return the jumps from one equilibrium to another, of the other model, and what a bridge closes."""
-        tip, new_tip = self._tip(left.state.positions), self._tip(new.state.positions)
+        tip, new_tip = self._tips(left.state.positions), self._tips(new.state.positions)
         wrench, flange = new.wrench, new.world_from_flange
         if bridge is not None:
             load = bridge.load.reshape(2, 3) @ flange.rotation.T
@@ -325,37 +416,42 @@ class TakingOver:
         return self._apart(tip, left.wrench, new_tip, wrench, flange)
 
     def _closed(
-        self, bridge: Bridge, new: SoftSide, left: tuple[Array, Wrench], reply: SoftReply | None, flange: Pose
+        self, bridge: Bridge, left: tuple[Array, Wrench], new: tuple[Array, Wrench | None], flange: Pose
     ) -> tuple[Bridge, Jumps]:
-        """Return a bridge that closes what the wrenches still differ by, and that; and the jump of the tip.
+        """Return a bridge that closes what the wrenches still differ by, and that; and the jump of the tips.
 
         Args:
             bridge: so far.
-            new: model, at the end of the tick.
-            left: tip (3,) [m] and wrench of the other.
-            reply: of the new one; None where it has not taken the tick.
+            left: tips (copies, 3) [m] and wrench of the model that is left.
+            new: of the new one; no wrench where it has not taken the tick.
             flange: pose of the flange.
         """
-        (tip, before), x = left, new.state.positions
-        if reply is None:
-            tip_m = float(np.linalg.norm(self._tip(x) - tip))
-            return bridge, Jumps(tip_m, math.nan, math.nan, 0.0, 0.0)
-        wrench = together(reply.wrench, bridge.on_flange(x, flange, 0))
-        jumps = self._apart(tip, before, self._tip(x), wrench, flange)
+        (tips, before), (new_tips, wrench) = left, new
+        if wrench is None:
+            tip_m = float(np.linalg.norm(new_tips - tips, axis=1).max())
+            return bridge, Jumps(tip_m, math.nan, math.nan)
+        jumps = self._apart(tips, before, new_tips, wrench, flange)
         if jumps.wrench > MOST_BRIDGED:  # a hit: what no film would pass on is not to last
             return bridge, jumps
         return replace(bridge, load=_between(wrench, before, flange)), jumps
+
+    def _reached(
+        self, bridge: Bridge, side: SoftSide, reply: SoftReply | None
+    ) -> tuple[Array, Wrench | None]:
+        """Return tips and wrench of a model at the end of a tick that it has answered."""
+        x, flange = side.state.positions, side.save_state().flange
+        return self._tips(x), reply and together(reply.wrench, bridge.on_flange(x, flange, 0))
 
     def _apart(self, tip: Array, left: Wrench, new_tip: Array, new: Wrench, flange: Pose) -> Jumps:
         """Return by how much tip and wrench differ, the latter over its size or the soft robot's weight."""
         away_N = float(np.linalg.norm(new.force - left.force))
         away_Nm = float(np.linalg.norm(new.torque - left.torque))
         weight = _G_m_s2 * self._film.mass_kg
-        length = float(np.linalg.norm(tip - flange.translation))
+        length = float(np.linalg.norm(tip - flange.translation, axis=1).max())
         size_N = max(float(np.linalg.norm(left.force)), weight)
         size_Nm = max(float(np.linalg.norm(left.torque)), 0.5 * weight * length)
-        tip_m = float(np.linalg.norm(new_tip - tip))
-        return Jumps(tip_m, away_N, max(away_N / size_N, away_Nm / size_Nm), 0.0, 0.0)
+        tip_m = float(np.linalg.norm(new_tip - tip, axis=1).max())
+        return Jumps(tip_m, away_N, max(away_N / size_N, away_Nm / size_Nm))
 
 
 def _between(found: Wrench, wanted: Wrench, flange: Pose) -> Array:

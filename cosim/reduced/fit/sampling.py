@@ -189,7 +189,7 @@ class RingGroup:
         """Return the groups of all rings; the nodes of a ring are coupled in the pattern."""
         groups = []
         sizes = np.array([len(ring) for ring in frames.rings])
-        for size in np.unique(sizes):
+        for size in np.unique(sizes[sizes > 0]):
             frame = np.flatnonzero(sizes == size)
             places = [_pairs(pattern, frames.rings[f]) for f in frame]
             slots, row, column = (np.array(part) for part in zip(*places, strict=True))

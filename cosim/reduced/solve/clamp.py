@@ -180,20 +180,23 @@ class PlaceInRange:
         return self.fraction > _AT_ITS_END
 
 
-def place_in_range(section: SectionBody, frames: Array, pressure_Pa: float) -> PlaceInRange:
+def place_in_range(
+    section: SectionBody, frames: Array, pressure_Pa: float, *, bends_only: bool = False
+) -> PlaceInRange:
     """Return where the section is that uses most of its range.
 
     Args:
         section: model.
         frames: (f, 4, 3).
         pressure_Pa: gauge.
+        bends_only: whether stretch does not count.
     """
     section.set_pressure(pressure_Pa)
     values, limits = section.frames.strains(frames), section.coefficients
     stretch = values[:, 2] * section.inverse_length - 1.0
     bend, bend_end = np.hypot(values[:, 3], values[:, 4]), np.sqrt(limits[:, BENT])
     stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
-    fractions = np.stack([stretch / stretch_end, bend / bend_end])
+    fractions = np.stack([np.where(bends_only, 0.0, stretch / stretch_end), bend / bend_end])
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
     copy, at = divmod(worst, count := len(stretch) // section.frames.copies)
     names = ("flange", *section.body.frame_rings, "tip")
