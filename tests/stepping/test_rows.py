@@ -185,7 +185,11 @@ def test_kernels_take_ticks_in_which_a_light_body_goes_far(path: Path, tmp_path:
     """As Python would, though the film's own tolerance is too coarse to know where the plate goes."""
     (tmp_path / "long.toml").write_text(SCENARIO, encoding="utf-8")
     objects, long = [TABLE, PLATE | {"mass_kg": 0.05}], 0.01
-    given = {"solver__damping_per_s": 5.0, "solver__dynamic_tolerance_N": 5e-3, "clock__tick_s": long}
+    given: dict[str, Any] = {
+        "solver__damping_per_s": 5.0,
+        "solver__dynamic_tolerance_N": 5e-3,
+        "clock__tick_s": long,
+    }
     wanted = scenario(tmp_path / "long.toml", object=objects, **given)
     rows, together = kernels_take(build_simulation(wanted))
     ticks = one_by_one(wanted)
