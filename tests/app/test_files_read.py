@@ -14,9 +14,9 @@ from typing import Any, Literal
 import pytest
 
 import cosim
+from cosim.app import driver
 from cosim.base.files import files_read, read_file
 from cosim.build.arms import find_arm
-from cosim.cli import running
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, EXIT_INTERRUPTED, main
 from cosim.config.loading import register_module
 from cosim.config.schema.phase import CommandTable
@@ -156,7 +156,7 @@ def test_a_run_does_not_go_on_with_another_body_mesh(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     written(tmp_path)
-    build = running.build_simulation
+    build = driver.build_simulation
 
     class Interrupted:
         """A simulation that is interrupted after its first ticks."""
@@ -173,7 +173,7 @@ def test_a_run_does_not_go_on_with_another_body_mesh(
             os.kill(os.getpid(), signal.SIGINT)
             yield from found
 
-    monkeypatch.setattr(running, "build_simulation", Interrupted)
+    monkeypatch.setattr(driver, "build_simulation", Interrupted)
     out = tmp_path / "out"
     given = ("--no-recording", "--quiet", "--out", str(out))
     assert main(["run", str(tmp_path / "scenario.toml"), *given]) == EXIT_INTERRUPTED

@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
+from cosim.app import driver
 from cosim.app.progress import clock
 from cosim.app.run_files import MARKER
 from cosim.base.resources import list_soft_robots
-from cosim.cli import running
 from cosim.cli.main import main
 from cosim.cli.running import TerminalLine
 from cosim.config.loading import load_scenario
@@ -59,8 +59,8 @@ def run(
     def command(
         *arguments: str, at_tick: Callable[[int], None] = lambda tick: None, out: Path = tmp_path / "out"
     ) -> tuple[int, Path]:
-        monkeypatch.setattr(running, "build_simulation", made_up_build(at_tick))
-        monkeypatch.setattr(running, "rerun_recorder", lambda path, settings, part: NotingRecorder(path))
+        monkeypatch.setattr(driver, "build_simulation", made_up_build(at_tick))
+        monkeypatch.setattr(driver, "rerun_recorder", lambda path, settings, part: NotingRecorder(path))
         return main(["run", REFERENCE, "--out", str(out), *arguments]), out
 
     return command
