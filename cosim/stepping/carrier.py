@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape
-from cosim.coupling.contact.contact_exchange import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.errors import InputError, SolverError

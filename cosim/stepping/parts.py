@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose, Twist, read_only
 from cosim.base.kept_parts import KeptParts, name_of
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.contact.contact_exchange import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import BodyPoses, RobotState, SteeredCommands, StepToTake

@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
 from cosim.base.state_check import check_state
-from cosim.coupling.contact.contact_exchange import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError, InputError

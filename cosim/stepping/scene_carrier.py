@@ -11,7 +11,8 @@ from cosim.base.frames import Array, IntArray, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
 from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
-from cosim.coupling.contact.contact_exchange import NOTHING_TOUCHED, ContactExchange, ContactReport
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
 from cosim.coupling.schemes.ledger import LedgerEntry

@@ -11,7 +11,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.build.arms import find_arm
 from cosim.config.schema.objects import WireTable
-from cosim.coupling.contact.contact_exchange import ContactExchange, ContactReport
+from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.contact.contact_report import ContactReport
 from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling

@@ -8,7 +8,7 @@ import pytest
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.contact.contact_kernels import find_near
+from cosim.coupling.contact.search_kernels import find_near
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
 from cosim.rigid.scene.scene import RigidScene

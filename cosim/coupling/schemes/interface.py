@@ -18,12 +18,8 @@ import numpy as np
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench, cross
 from cosim.coupling import half_ticks
 from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
-from cosim.coupling.contact.contact_exchange import (
-    NOTHING_TOUCHED,
-    ContactExchange,
-    ContactReport,
-    ContactState,
-)
+from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
+from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
 from cosim.coupling.soft_sides.handover import TakenOver

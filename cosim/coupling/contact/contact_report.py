@@ -1,0 +1,87 @@
+"""What the contacts of the film with the scene did in a tick, and what they carry to the next one."""
+
+from dataclasses import dataclass
+from typing import Annotated, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.soft.contact.obstacle_contact import ContactForces, ContactPlanes
+
+
+@final
+@dataclass(frozen=True)
+class ContactMemory:
+    """The contacts that pressed at the end of a tick.
+
+    Args:
+        key: (k,) ascending; names the pair of contact point and shape.
+        normal_force: (k,) [N].
+        offset: (k, 3) [m], shape frame: from where the shape carries the point to the anchor.
+        place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
+        triangle: (k,) of the film, that held a feature back; -1 for points of the film, and for features
+            that it only brushed, no deeper than the law's transition.
+    """
+
+    key: Annotated[IntArray, ("k",)]
+    normal_force: Annotated[Array, ("k",)]
+    offset: Annotated[Array, ("k", 3)]
+    place: Annotated[Array, ("k", 3)]
+    triangle: Annotated[IntArray, ("k",)]
+
+    @classmethod
+    def empty(cls) -> "ContactMemory":
+        """Return the memory of no contact."""
+        return cls(
+            np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64)
+        )
+
+
+@final
+@dataclass(frozen=True)
+class ContactReport:
+    """What the contacts of one tick did.
+
+    Args:
+        bodies: (b,) touched bodies.
+        force: (b, 3) [N] on each, world axes.
+        torque: (b, 3) [N m] on each, about the world's origin.
+        count: contact points that press.
+        normal_force_N: sum over them.
+        depth_m: of the deepest.
+        work_J: on the film.
+    """
+
+    bodies: Annotated[IntArray, ("b",)]
+    force: Annotated[Array, ("b", 3)]
+    torque: Annotated[Array, ("b", 3)]
+    count: int
+    normal_force_N: float
+    depth_m: float
+    work_J: float = 0.0
+
+    @classmethod
+    def of(cls, planes: ContactPlanes, found: ContactForces) -> "ContactReport":
+        """Return the report of contact points that know their bodies.
+
+        Args:
+            planes: what was touched.
+            found: the contact points at the end of the tick.
+        """
+        # a point that has just come off may still rub: friction is bounded by the last tick's normal force
+        acting = np.abs(found.force).max(axis=1) > 0.0
+        point, force = found.point[acting], -found.force[acting]
+        bodies, place = np.unique(planes.body[acting], return_inverse=True)
+        total, torque = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
+        np.add.at(total, place, force)
+        np.add.at(torque, place, np.cross(point, force))
+        return cls(bodies, total, torque, found.pressing, float(found.normal_force.sum()), found.depth_m)
+
+    def on_each(self, bodies: int) -> Array:
+        """Return the force on each of so many bodies (bodies, 3) [N], world axes."""
+        forces = np.zeros((bodies, 3))
+        forces[self.bodies] = self.force
+        return forces
+
+
+NOTHING_TOUCHED: Final = ContactReport(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0, 0.0, 0.0)
