@@ -117,10 +117,10 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
-    from cosim.coupling.contact import contact_kernels, foresight_kernels
+    from cosim.coupling.contact import contact_kernels, foresight_kernels, search_kernels
     from cosim.rigid.distance import film_distance, shapes, signed_distance
 
-    return contact_kernels, foresight_kernels, contact_kernels, shapes, film_distance, signed_distance
+    return contact_kernels, foresight_kernels, search_kernels, shapes, film_distance, signed_distance
 
 
 def compile_contact(tell: Callable[[str], None]) -> None:
