@@ -15,6 +15,7 @@ from cosim.app.driver import build_simulation, with_fidelity_chosen
 from cosim.base.names import TERMS
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
+from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.errors import OutOfRangeError
@@ -143,6 +144,17 @@ def test_a_jerk_and_a_falling_box_make_no_jump(tmp_path: Path) -> None:
     # a film dents under the box where a chain does not: 1.6 to 4.7 % in six ticks in which the range may end
     change = check_no_jump(hit, whole, share=0.06)
     assert hit[change.tick - 1].ledger.contacts > 0
+
+
+def test_a_stack_that_touches_something_hands_over_with_its_anchors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # moved with the film's contact points, as those of copies are, they held back an arm that leaves a bin
+    carried: list[Any] = []
+    monkeypatch.setattr(ContactExchange, "carry", lambda _, moved: carried.append(moved))
+    hit = together(run_of(tmp_path, DROP, 0.32, LEANING))
+    assert hit[changes_of(hit)[0].tick - 1].ledger.contacts > 0
+    assert not carried
 
 
 def test_what_falls_onto_a_chain_meets_it_in_rows_as_tick_by_tick(tmp_path: Path) -> None:

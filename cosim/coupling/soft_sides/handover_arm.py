@@ -286,7 +286,7 @@ class HandoverArm(SoftSide):
 
         Raises:
             ConvergenceError: it cannot.
-            TakenOver: it has, where something may be touched.
+            TakenOver: it has, where copies may touch something.
         """
         over, chain, planes = self._over, self.chain, loads.contact
         left, x = self._loads_left(chain.save_state().loads), chain.state.positions
@@ -297,7 +297,7 @@ class HandoverArm(SoftSide):
             off = self.film.state.positions - x
         self._inside = self._inside.left(self._step_s)
         self._change("film", why, bridge, jumps)
-        if planes is not None:
+        if planes is not None and chain.section.copies > 1:
             raise TakenOver(off)
 
     def _take_back(self, wrench: Wrench, step_s: float) -> None:
