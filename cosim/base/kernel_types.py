@@ -1,4 +1,7 @@
-"""Types of what kernels take, for annotations: numbers, arrays of some dimensions, named tuples of these."""
+"""Types of what kernels take, for annotations: numbers, arrays of some dimensions, named tuples of these.
+
+A file of its own: records name types alone, and need nothing of what compiles kernels in `kernels`.
+"""
 
 from functools import cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints

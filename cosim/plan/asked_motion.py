@@ -122,7 +122,7 @@ def asked_motion(plan: Plan, tick_s: float) -> AskedMotion:
 
 
 def _through(planned: PhasePlan) -> tuple[Array, JointReference]:
-    """Return times (n,) within a phase, and what is asked for then."""
+    """Return times (n,) within a phase, and the reference of the joints at these times."""
     phase, path = planned.phase, planned.joints
     count = 2
     if path.spline is not None:
