@@ -15,7 +15,7 @@ settles between the fingers; "shake", the furthest from there; "hold", over the 
 moves in the last 8 s of the hold per minute. Held: lifted by at least 0.19 m, and in the end within 30 mm of
 where it was at the end of the lift. Cases in FILE are not run again, so an interrupted benchmark goes on.
 
-`--drawn`: N grasps with drawn mass (0.1 to 1.5 kg), friction (0.1 to 0.8) and pressure (28 to 40 kPa), shape
+`--drawn`: N grasps with drawn mass (0.1 to 2 kg), friction (0.1 to 0.8) and pressure (28 to 40 kPa), shape
 by shape, on section fingers and on `lumped` ones: how many end alike, and how far the slips of those are
 apart that both hold. They end after 0.5 s of shaking. Held: lifted by 0.19 m and within 30 mm of where the
 object was at the end of the closing; slip is from there to the end. Where a section model leaves its range,
@@ -139,7 +139,7 @@ def compare(options: argparse.Namespace) -> None:
 def drawn(shape: str, number: int, seed: int) -> dict[str, Any]:
     """Return overrides of a drawn grasp."""
     rng = np.random.default_rng((seed, number))
-    mass, friction = 0.1 * 15.0 ** rng.uniform(), 0.1 * 8.0 ** rng.uniform()
+    mass, friction = 0.1 * 20.0 ** rng.uniform(), 0.1 * 8.0 ** rng.uniform()
     return place(shape, number) | {
         f"object.{shape}.mass_kg": float(mass),
         f"object.{shape}.friction": float(friction),
