@@ -12,8 +12,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario
-from cosim.bench.outputs import outputs_of
+from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario, outputs_of
 from cosim.config.benches import DesignStudyTable, FreeTable, GoalTable, LimitTable
 from cosim.config.loading import load_scenario
 from cosim.config.schema.pattern import PatternTable

@@ -18,7 +18,7 @@ import numpy as np
 
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array, Wrench
-from cosim.bench.outputs import Output, OutputShape, Slopes, change, outputs_of, read
+from cosim.bench.equilibria import Output, OutputShape, Slopes, change, outputs_of, read
 from cosim.bench.parameters import AnyParameter, LoadParameter, ParameterName, StaticModel, parameters_of
 from cosim.build.options import dynamic_options
 from cosim.config.loading import load_scenario

@@ -27,9 +27,8 @@ from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.plan.arm_limits import PathClearances, PlannedArm
-from cosim.plan.arm_plan import avoided_start, check_stands, stands_clear
 from cosim.plan.asked_motion import planned_arm
-from cosim.plan.clearance import keeps_clear, path_clearances
+from cosim.plan.clearance import avoided_start, check_stands, keeps_clear, path_clearances, stands_clear
 from cosim.plan.joint_planner import led_joints, nearest_start, plan_joints
 from cosim.plan.motion import CellMotion, JointPath
 from cosim.plan.plan import Plan

@@ -13,8 +13,8 @@ import numpy as np
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
-from cosim.config.arms.arm_files import arm_source, read_urdf
-from cosim.config.arms.arm_table import BaseTable, on_moving_base
+from cosim.config.arm_files import arm_source, read_urdf
+from cosim.config.arm_table import BaseTable, on_moving_base
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario

@@ -18,7 +18,7 @@ from cosim.config.studies import StudyTable, designs_of
 from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
 from cosim.kinematics.arm import Arm
-from cosim.plan.arm_plan import checked_start, drawn_payload
+from cosim.plan.clearance import checked_start, drawn_payload
 from cosim.plan.motion import rotation_from_direction
 from cosim.plan.planning import check_given_ways
 from cosim.rigid.build.description import SceneDescription

@@ -27,12 +27,12 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import CommandSource
 from cosim.devices.controller import AnyController
 from cosim.devices.device_loop import Actuation, PlannedCommands
-from cosim.devices.live.live_commands import LiveCommands
-from cosim.devices.live.live_values import LiveBounds
+from cosim.devices.live_commands import LiveCommands
+from cosim.devices.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan import clearance
 from cosim.plan.arm_limits import ArmLimits, PlannedArm
-from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
+from cosim.plan.clearance import check_base, checked_start, drawn_payload
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases

@@ -34,11 +34,11 @@ from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.element import Element
-from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
-from cosim.soft.elements.material import Film
+from cosim.soft.elements.material import Fabric, Film
+from cosim.soft.elements.open_caps import without_spring
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh, refine, rest_angles
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.surface import (
@@ -51,7 +51,6 @@ from cosim.soft.geometry.surface import (
     rows_of,
     triangle_area,
 )
-from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
     "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m",

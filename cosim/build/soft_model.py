@@ -29,7 +29,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of
-from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
+from cosim.reduced.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.self_contact_faces import FilmFaces

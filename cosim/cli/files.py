@@ -17,10 +17,10 @@ from cosim.base.kept_parts import KeptParts
 from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
-from cosim.config.arms.arm_files import is_arm_file, read_arm_table
-from cosim.config.arms.robot_tree import is_of_menagerie
+from cosim.config.arm_files import is_arm_file, read_arm_table
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.loading import load_file, load_scenario
+from cosim.config.robot_tree import is_of_menagerie
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
 from cosim.config.studies import StudyTable, is_search

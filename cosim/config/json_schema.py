@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 from pydantic.json_schema import GenerateJsonSchema
 
 from cosim.base.names import texts_of
-from cosim.config.arms.arm_table import ArmTable
+from cosim.config.arm_table import ArmTable
 from cosim.config.loading import register_installed
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario

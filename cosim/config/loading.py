@@ -39,7 +39,7 @@ from typing import Any, Final, TypeVar, final
 
 from cosim.base.files import note_file, read_text
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
-from cosim.config.arms.arm_files import with_arm_path
+from cosim.config.arm_files import with_arm_path
 from cosim.config.rules import check_scenario
 from cosim.config.schema.objects import with_mesh_paths, with_scene_path
 from cosim.config.schema.phase import HOLD, MOST_POINTS, PhaseTable, StartTable, TipPathTable, by_name

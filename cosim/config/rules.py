@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from cosim.base.resources import list_arms
-from cosim.config.arms.arm_files import is_arm_path, unknown_arm
+from cosim.config.arm_files import is_arm_path, unknown_arm
 from cosim.config.device_rules import DEVICE_RULES
 from cosim.config.schema.film import FIRST_RING
 from cosim.config.schema.objects import ObjectTable, WireTable

@@ -24,7 +24,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.self_contact_pairs import FilmMemory
 from cosim.soft.solve.branching import Branching, FilmOverlap
 from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.soft.solve.state import Equilibrium

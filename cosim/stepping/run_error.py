@@ -51,7 +51,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.soft.solve.stability import material_losses
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.tip_target import TipTarget
 from cosim.stepping.parts import Parts
 from cosim.telemetry.snapshot import RunErrors
 from cosim.telemetry.tick_batch import TickBatch

@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, final
 
 from annotated_types import Interval, Len
 
-from cosim.config.arms.arm_table import BaseTable
+from cosim.config.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.schema.objects import CameraTable, ObjectTable, SceneTable, SensorTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable

@@ -39,6 +39,7 @@ from cosim.coupling.contact.contact_arrays import (
     ShapeRows,
     SurfaceRows,
     Ties,
+    foresee,
     leads_of,
 )
 from cosim.coupling.contact.contact_kernels import (
@@ -48,10 +49,9 @@ from cosim.coupling.contact.contact_kernels import (
     settle_touched,
 )
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
-from cosim.coupling.contact.foresight_kernels import foresee
 from cosim.coupling.contact.search_kernels import search_calls
-from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
+from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent

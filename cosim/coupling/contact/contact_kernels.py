@@ -21,13 +21,11 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact import contact_arrays
-from cosim.coupling.contact.contact_arrays import ContactArrays, fill_speed, led
-from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
+from cosim.coupling.contact.contact_arrays import ContactArrays, fill_leads, fill_speed, foresee, led
 from cosim.coupling.contact.search_kernels import find_near
 from cosim.rigid.distance.shapes import ShapePoses, fill_near_box
-from cosim.soft.contact.contact_law import GLUED, shorten, touch
+from cosim.soft.contact.contact_law import GLUED, shorten, span, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
-from cosim.soft.contact.point_kernels import span
 
 
 @kernel

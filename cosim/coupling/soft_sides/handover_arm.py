@@ -14,12 +14,12 @@ from typing import Annotated, Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides import handover, taking_over
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover, Inside, Model, TakenOver, look_every
 from cosim.coupling.soft_sides.held_rings import Bridge
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import ChainShape, ChainShapes, SectionArm, SectionArmState
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
 from cosim.coupling.soft_sides.taking_over import Jumps, LoadsLeft, TakingOver, together, with_force, without
 from cosim.errors import ConvergenceError, OutOfRangeError
@@ -27,11 +27,11 @@ from cosim.reduced.solve.clamp import place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.self_contact_pairs import FilmMemory
 from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 
 @final

@@ -22,7 +22,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose, Wrench, cross, vector_from_rotation
 from cosim.errors import ConvergenceError
-from cosim.reduced.fit.sampling import RingGroup, RingGuides
+from cosim.reduced.sampling import RingGroup, RingGuides
 from cosim.reduced.section_model import RingFrames, SectionBody, carried
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

@@ -26,6 +26,7 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_search import FilmLook
 from cosim.soft.linear.kept_factor import NewtonState
+from cosim.soft.solve import tip_search
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.equilibrium import EquilibriumSolver
@@ -46,8 +47,7 @@ from cosim.soft.solve.state import (
     inertia_weight,
 )
 from cosim.soft.solve.time_step import ImplicitStepper
-from cosim.soft.targets import tip_search
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 Found = TypeVar("Found")
 

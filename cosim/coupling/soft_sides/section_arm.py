@@ -9,9 +9,9 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
+from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides import soft_side
 from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria, ChainFilms
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
@@ -24,14 +24,14 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
+from cosim.soft.solve import tip_search
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import Branching, Footing
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
 from cosim.soft.solve.stability import Softest, leave
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions, inertia_weight
-from cosim.soft.targets import tip_search
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 _LEAVES_MAX = 50  # a stack that leans is nearly neutral about its axis: it may give way again and again
 

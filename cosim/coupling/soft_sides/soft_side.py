@@ -29,20 +29,20 @@ import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
+from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings, ring_figures
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.self_contact_pairs import FilmMemory
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 from cosim.soft.solve.newton_options import SearchEffort
 from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
 _BDF2: Final = (9.0 / 4.0, -6.0 / 4.0, 1.0 / 4.0)

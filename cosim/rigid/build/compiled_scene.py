@@ -28,7 +28,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.solid import BodyShape
-from cosim.config.arms.chain import readable_mesh
+from cosim.config.arm_chain import readable_mesh
 from cosim.errors import InputError, SceneError
 from cosim.rigid.build import object_bodies
 from cosim.rigid.build.description import (

@@ -22,9 +22,9 @@ import numpy as np
 from cosim.base.arm_file import FIXED, ArmFile, LinkShape
 from cosim.base.frames import Array, IntArray, Pose, cross_matrix, rotation_from_vector
 from cosim.base.solid import BodyShape
-from cosim.config.arms.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, arm_source, check_limited_chain
-from cosim.config.arms.arm_table import add_inertial, add_joint, text_of
-from cosim.config.arms.chain import FLANGE_NAMES
+from cosim.config.arm_chain import FLANGE_NAMES
+from cosim.config.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, arm_source, check_limited_chain
+from cosim.config.arm_table import add_inertial, add_joint, text_of
 from cosim.errors import InputError
 from cosim.rigid.build.description import VISUAL_GROUP
 from cosim.rigid.build.mjcf_files import read_mjcf_file

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.host_scene import HostScene
 from cosim.rigid.scene.scene import RigidScene
 

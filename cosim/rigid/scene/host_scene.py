@@ -23,7 +23,7 @@ from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.errors import InputError, InstabilityError
 from cosim.rigid.build.mjcf_files import check_finite, read_mjcf_file, set_up_engine
 from cosim.rigid.build.object_bodies import GEOM_TYPES
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting
 from cosim.rigid.scene.bodies import Bodies, NativeScene, mass_places, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene

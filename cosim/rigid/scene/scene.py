@@ -33,7 +33,7 @@ from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription, body_names
 from cosim.rigid.build.mjcf_files import raise_instability
 from cosim.rigid.build.object_bodies import mesh_of
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, Mounting, droop, effort_limit
 from cosim.rigid.scene.bodies import Bodies, NativeScene, moved_by_loads, native_scene, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene

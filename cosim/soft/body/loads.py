@@ -10,8 +10,7 @@ from cosim.base.frames import Array
 from cosim.base.kernel_types import Vector, nothing_of
 from cosim.errors import InputError
 from cosim.soft.contact.obstacle_contact import ContactPlanes, TouchedPlanes
-from cosim.soft.contact.self_contact_memory import PairRows
-from cosim.soft.contact.self_contact_pairs import FilmPairs
+from cosim.soft.contact.self_contact_pairs import FilmPairs, PairRows
 from cosim.soft.elements.element import NodalPotential
 from cosim.soft.elements.gas import SealedGas
 

@@ -14,8 +14,8 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
+from cosim.soft.contact.contact_law import combine, span
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.point_kernels import combine, span
 from cosim.soft.geometry.surface import directed_edges, triangle_area
 from cosim.soft.linear.pattern import BlockPattern
 

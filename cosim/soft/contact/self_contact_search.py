@@ -14,7 +14,7 @@ from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, inlined, kernel, small_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
-from cosim.soft.contact.point_kernels import fill_point, plane_of
+from cosim.soft.contact.contact_law import fill_point, plane_of
 from cosim.soft.contact.self_contact_candidates import (
     BEYOND_EDGES,
     VALLEY,

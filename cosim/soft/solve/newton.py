@@ -20,6 +20,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import pair_calls
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.elements.open_caps import OpenCapSolver, RimArrays
 from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.step_arrays import (
     ASKS,
@@ -68,7 +69,6 @@ from cosim.soft.linear.linear_solver import (
 )
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
-from cosim.soft.published.open_caps import OpenCapSolver, RimArrays
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing

@@ -25,8 +25,7 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
+from cosim.soft.contact.contact_law import ContactLaw, fill_point, fill_slopes, fill_weights, plane_of
 from cosim.soft.contact.rigid_motion import furthest_from_mean
 from cosim.soft.contact.self_contact_candidates import (
     FilmLists,
@@ -36,8 +35,15 @@ from cosim.soft.contact.self_contact_candidates import (
     stays_quiet,
 )
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
-from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
-from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, pair_work, settle_pairs
+from cosim.soft.contact.self_contact_pairs import (
+    FilmMemory,
+    FilmMemoryRows,
+    FilmPairs,
+    PairRows,
+    add_pairs,
+    pair_work,
+    settle_pairs,
+)
 from cosim.soft.contact.self_contact_search import BEHIND_M, find_over
 from cosim.soft.solve.state import SoftState
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
-from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
+from cosim.reduced.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
 from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline, basis
 from cosim.reduced.solve.clamp import place_in_range

@@ -18,8 +18,8 @@ import numpy as np
 from cosim.base.arm_file import FIXED, MOVING
 from cosim.base.files import note_file
 from cosim.base.frames import Array, Pose
-from cosim.config.arms.arm_table import add_origin, origin_of, text_of
-from cosim.config.arms.robot_tree import found_file, link_of
+from cosim.config.arm_table import add_origin, origin_of, text_of
+from cosim.config.robot_tree import found_file, link_of
 from cosim.errors import InputError
 
 FLANGE_NAMES: Final = ("attachment_site", "tool0", "flange")

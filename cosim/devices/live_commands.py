@@ -30,7 +30,7 @@ from cosim.devices.command_source import (
 from cosim.devices.controller import Command, Measurement, over
 from cosim.devices.device_loop import PlannedCommands
 from cosim.devices.device_report import ActuationReport
-from cosim.devices.live.live_values import WHO, GasOrders, LiveBounds, LiveValues
+from cosim.devices.live_values import WHO, GasOrders, LiveBounds, LiveValues
 from cosim.plan.motion import JointReference
 from cosim.plan.plan import RobotCommand, SoftCommand
 

@@ -16,9 +16,8 @@ import numpy as np
 from cosim.base.arm_file import ArmFile, LinkShape
 from cosim.base.frames import Array, Pose
 from cosim.base.resources import arm_path, is_file, list_arms
-from cosim.config.arms import robot_tree
-from cosim.config.arms.arm_table import ArmTable, add_adapter, on_moving_base
-from cosim.config.arms.chain import (
+from cosim.config import robot_tree
+from cosim.config.arm_chain import (
     chain_to,
     check_chain,
     find_meshes,
@@ -27,7 +26,8 @@ from cosim.config.arms.chain import (
     numbers,
     replace_unreadable,
 )
-from cosim.config.arms.robot_tree import link_of, read_robot
+from cosim.config.arm_table import ArmTable, add_adapter, on_moving_base
+from cosim.config.robot_tree import link_of, read_robot
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.parsing import parse
 from cosim.config.toml.reading import Faults, blamed_on, read_table

@@ -1,1 +1,0 @@
-"""Commands from outside, step by step."""
