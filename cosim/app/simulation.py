@@ -12,13 +12,9 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final, overload
 
-from cosim.app.checkpoint import Checkpoint, check_shown, naming
-from cosim.app.driver import build_simulation, log, named_body, prepared
+from cosim.app import checkpoint, driver
 from cosim.app.workers import Workers
-from cosim.base.files import cache_directory
-from cosim.base.kept_parts import KeptParts
-from cosim.base.state_archive import WrittenState, read_archive
-from cosim.base.state_check import check_state
+from cosim.base import files, kept_parts, state_archive, state_check
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step, shown, whole
@@ -38,7 +34,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, repr=False)
-class SavedState(WrittenState):
+class SavedState(state_archive.WrittenState):
     """A simulation between two ticks; made by `Simulation.save`.
 
     Args:
@@ -86,10 +82,10 @@ class Simulation:
         start: SavedState | str | Path | None = None,
         controllers: Mapping[str, AnyController] | None = None,
         body: AnyBody | None = None,
-        kept: KeptParts | None = None,
+        kept: kept_parts.KeptParts | None = None,
     ) -> None:
-        self._controllers, self._body = controllers and dict(controllers), named_body(body)
-        self._kept = KeptParts(cache_directory()) if kept is None else kept
+        self._controllers, self._body = controllers and dict(controllers), driver.named_body(body)
+        self._kept = kept_parts.KeptParts(files.cache_directory()) if kept is None else kept
         self._given = start
         self._begin(scenario, overrides, start)
         self._made = self.scenario, self._run, self.save()
@@ -102,7 +98,7 @@ class Simulation:
     ) -> None:
         """Build a scenario and go to where it starts."""
         loaded = load_scenario(scenario, overrides, self._body and self._body.table())
-        self.scenario = prepared(loaded, log, recording=False, kept=self._kept)
+        self.scenario = driver.prepared(loaded, driver.log, recording=False, kept=self._kept)
         before = start._run.choices if isinstance(start, SavedState) else None
         self._run = self._built(before)
         if start is None:
@@ -116,7 +112,7 @@ class Simulation:
 
     def _built(self, before: Choices | None) -> SteppedRun:
         body = self._body and self._body.body
-        return build_simulation(self.scenario, self._controllers, before, body, log, self._kept)
+        return driver.build_simulation(self.scenario, self._controllers, before, body, driver.log, self._kept)
 
     @property
     def stage(self) -> RunInfo:
@@ -213,8 +209,8 @@ class Simulation:
         if isinstance(saved, SavedState):
             self._run.restore_state(found._run)
         else:
-            with naming(Path(saved)):
-                check_shown(found.snapshot, self.stage)
+            with checkpoint.naming(Path(saved)):
+                checkpoint.check_shown(found.snapshot, self.stage)
                 self._run.restore_state(found._run)
         self._snapshot = found.snapshot
 
@@ -322,13 +318,13 @@ def _read(saved: SavedState | str | Path) -> SavedState:
     Raises:
         InputError: the file cannot be read, or holds something else.
     """
-    found = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
-    if isinstance(found, Checkpoint):
+    found = state_archive.read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+    if isinstance(found, checkpoint.Checkpoint):
         found = SavedState(found.run, found.summary.last)
     if not isinstance(found, SavedState) or not isinstance(found._run, RunState):
         raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
     if found is not saved:
-        check_state(found._run.choices, None, Choices, place=f"{saved}: choices")
+        state_check.check_state(found._run.choices, None, Choices, place=f"{saved}: choices")
     return found
 
 
@@ -368,9 +364,9 @@ class Batch:
     ) -> None:
         # what takes long for the first time, kernels and section models, is made once, before there are many
         loaded = load_scenario(scenario, overrides)
-        self.scenario = prepared(loaded, log, recording=False, contact=True)
+        self.scenario = driver.prepared(loaded, driver.log, recording=False, contact=True)
         given = _for_each(changes, n, "changes")
-        run = partial(BatchRun.of, self.scenario, given, start, KeptParts(cache_directory()))
+        run = partial(BatchRun.of, self.scenario, given, start, kept_parts.KeptParts(files.cache_directory()))
         self._workers = Workers(run, n, workers)
         self._failed: dict[int, Exception] = {}
         self.measure()
@@ -488,7 +484,7 @@ class BatchRun:
         scenario: Scenario,
         changes: Sequence[Changes],
         start: SavedState | str | Path | None,
-        kept: KeptParts,
+        kept: kept_parts.KeptParts,
         k: int,
     ) -> BatchRun:
         """Return run k; those of one process share the parts that are kept there."""

@@ -24,8 +24,7 @@ from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve import assembly, newton
 from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.stepping.parts import film_law
@@ -161,7 +160,7 @@ def read(outputs: Sequence[Output], shape: OutputShape) -> Array:
     return np.array([arrays[output.read][output.place] for output in outputs])
 
 
-def read_at(outputs: Sequence[Output], system: SoftSystem, clamp: Clamp, here: Equilibrium) -> Array:
+def read_at(outputs: Sequence[Output], system: assembly.SoftSystem, clamp: Clamp, here: Equilibrium) -> Array:
     """Return the values (outputs,) at an equilibrium."""
     x, memory = np.array(here.state.positions, order="C"), system.fresh(here.state.memory)
     system.evaluate(x, here.loads, system.segment_share(x, here.loads, memory), memory, hessian=False)
@@ -251,7 +250,7 @@ class Slopes:
         self._moves: list[Moves] = [each.moves(model) for each in parameters]
 
     def at(
-        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, only: Sequence[int] | None = None
+        self, solver: newton.NewtonSolver, clamp: Clamp, here: Equilibrium, only: Sequence[int] | None = None
     ) -> tuple[Array, Array]:
         """Return the outputs (m,), and their Jacobian (m, parameters), at an equilibrium.
 

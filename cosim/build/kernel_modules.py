@@ -31,8 +31,7 @@ def common_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of every run: those of all known elements, and of what sums them."""
     from cosim.soft.body import places
     from cosim.soft.contact import contact_law, obstacle_contact
-    from cosim.soft.elements import mass_terms, pressure
-    from cosim.soft.elements.element import kinds_known
+    from cosim.soft.elements import element, mass_terms, pressure
     from cosim.soft.film import film_terms
     from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
     from cosim.soft.solve import film_step, state, step_begin
@@ -40,7 +39,7 @@ def common_modules() -> tuple[ModuleType, ...]:
     return (
         places, obstacle_contact, contact_law, envelope_kernels, film_step, film_terms, state, mass_terms,
         pattern, pressure, secant_pairs, step_begin,
-        *dict.fromkeys(sys.modules[kind.__module__] for kind in kinds_known()),
+        *dict.fromkeys(sys.modules[kind.__module__] for kind in element.kinds_known()),
     )  # fmt: skip
 
 

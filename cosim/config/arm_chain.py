@@ -5,7 +5,6 @@ Checks what joints and links of a chain say, so that a refusal names them before
 The shapes of an arm's links: their mesh files are found, and what no engine reads is replaced.
 """
 
-import math
 import struct
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
@@ -162,7 +161,7 @@ def check_chain(robot: ElementTree.Element, chain: list[ElementTree.Element], pa
             what a joint moves has no mass, or an inertia that no body has.
     """
     links = {link.get("name", ""): link for link in robot.findall("link")}
-    carrier, mass_kg = "", math.inf
+    carrier, mass_kg = "", np.inf
     root = link_of(chain[0], "parent")
     _checked_mass(links[root], f"arm file {path}: link {root!r}", moves=False, alone=False)
     for name in (root, *(link_of(joint, "child") for joint in chain)):

@@ -18,40 +18,11 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
 from cosim.base.state_check import check_indices
-from cosim.coupling.contact.contact_arrays import (
-    AGE,
-    AHEAD_TICKS,
-    ASKS,
-    LEFT,
-    MET,
-    REMEMBERED,
-    TOUCHES,
-    UNKNOWN,
-    BodyLoads,
-    ContactArrays,
-    ContactNumbers,
-    EndRows,
-    Glue,
-    ListRows,
-    MemoryRows,
-    NearPoints,
-    Search,
-    ShapeRows,
-    SurfaceRows,
-    Ties,
-    foresee,
-    leads_of,
-)
-from cosim.coupling.contact.contact_kernels import (
-    contact_calls,
-    fastest_touched,
-    find_touched,
-    settle_touched,
-)
+from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
+from cosim.coupling.contact.contact_arrays import EndRows, Glue, ListRows, MemoryRows, Search, ShapeRows, Ties
+from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
-from cosim.coupling.contact.search_kernels import search_calls
-from cosim.rigid.distance.film_distance import TriangleLists
-from cosim.rigid.distance.signed_distance import ContactQuery
+from cosim.rigid.distance import film_distance, signed_distance
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
@@ -108,7 +79,7 @@ class ContactExchange:
 
     def __init__(
         self,
-        query: ContactQuery,
+        query: signed_distance.ContactQuery,
         bodies: Bodies,
         surface: ContactSurface,
         law: ContactLaw | None = None,
@@ -125,7 +96,7 @@ class ContactExchange:
         self._places = np.zeros((len(surface), 3))
         nothing: ListRows = nothing_of(ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
-        self._store = RecordStore(ContactArrays)
+        self._store = RecordStore(contact_arrays.ContactArrays)
         self.arrays = self._first_arrays(self._searching(nowhere))
 
     @property
@@ -147,7 +118,9 @@ class ContactExchange:
             state: of the soft body before the step.
             tick_s: length of the step [s].
         """
-        return self._found(state.positions, state.velocities, self.rest_reach_m, AHEAD_TICKS * tick_s)
+        return self._found(
+            state.positions, state.velocities, self.rest_reach_m, contact_arrays.AHEAD_TICKS * tick_s
+        )
 
     def still(self, positions: Array) -> ContactPlanes | None:
         """Return what the film may touch near an equilibrium, without friction; None for nothing.
@@ -180,7 +153,11 @@ class ContactExchange:
 
     def carry(self, moved: Array) -> None:
         """Let stick springs be as stretched as they are on a film whose nodes have moved by (n, 3) [m]."""
-        memory, surface, count = self.arrays.memory, self.surface, int(self.arrays.counts[REMEMBERED])
+        memory, surface, count = (
+            self.arrays.memory,
+            self.surface,
+            int(self.arrays.counts[contact_arrays.REMEMBERED]),
+        )
         # ties of features go with the film's point by themselves
         rows = np.flatnonzero(memory.key[:count] < len(self.query.body) * len(surface))
         shape, point = np.divmod(memory.key[rows], len(surface))
@@ -198,7 +175,7 @@ class ContactExchange:
         leads, applied = self.arrays.bodies.leads, self.bodies.applied
         before = applied[bodies]
         applied[bodies] = loads.reshape(-1, 6)
-        foresee(leads, tick_s)
+        contact_arrays.foresee(leads, tick_s)
         applied[bodies] = before
         return leads.lead[bodies]
 
@@ -213,7 +190,7 @@ class ContactExchange:
 
     def fastest_m_s(self, state: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
-        return float(fastest_touched(self.at, state.positions, state.velocities))
+        return float(contact_kernels.fastest_touched(self.at, state.positions, state.velocities))
 
     def free_way(self, bodies: IntArray, tick_s: float) -> Array:
         """Return how bodies (b,) give way in a tick (6 b, 6 b) where nothing else holds them."""
@@ -227,12 +204,14 @@ class ContactExchange:
     @property
     def asks_for_weighing(self) -> bool:
         """Whether `LightBodies` has to weigh bodies after the last step."""
-        return self.asks_for_heavy or bool(self.arrays.counts[MET] >= self.arrays.numbers.renewed_after)
+        return self.asks_for_heavy or bool(
+            self.arrays.counts[contact_arrays.MET] >= self.arrays.numbers.renewed_after
+        )
 
     @property
     def asks_for_heavy(self) -> bool:
         """Whether these are heavy ones."""
-        return bool(self.arrays.counts[ASKS])
+        return bool(self.arrays.counts[contact_arrays.ASKS])
 
     def ask_for_weighing_after(self, ticks: int) -> None:
         """Let heavy bodies be weighed after so many ticks of contact, where nothing else asks for it."""
@@ -246,7 +225,7 @@ class ContactExchange:
     @cached_property
     def planes(self) -> ContactPlanes | None:
         """Contacts of the last step; None for none."""
-        count = int(self.arrays.counts[TOUCHES])
+        count = int(self.arrays.counts[contact_arrays.TOUCHES])
         if not count:
             return None
         rows = PlaneRows(*(part[:count].copy() for part in self.arrays.touched.planes))  # type: ignore[arg-type]
@@ -264,11 +243,13 @@ class ContactExchange:
     def report(self) -> ContactReport:
         """What the contacts did in the last step."""
         end, counts = self.arrays.end, self.arrays.counts
-        if not counts[TOUCHES]:
+        if not counts[contact_arrays.TOUCHES]:
             return replace(NOTHING_TOUCHED, work_J=float(end.figures[2]))
         acting = np.flatnonzero(end.acting)
         force, torque = end.loads[acting, :3], end.loads[acting, 3:]
-        return ContactReport(acting, force, torque, int(counts[REMEMBERED]), *end.figures.tolist())
+        return ContactReport(
+            acting, force, torque, int(counts[contact_arrays.REMEMBERED]), *end.figures.tolist()
+        )
 
     @property
     def held_N_m(self) -> Array:
@@ -278,13 +259,13 @@ class ContactExchange:
     @property
     def memory(self) -> ContactMemory:
         """The contacts that press."""
-        count = int(self.arrays.counts[REMEMBERED])
+        count = int(self.arrays.counts[contact_arrays.REMEMBERED])
         return ContactMemory(*(part[:count].copy() for part in self.arrays.memory))  # type: ignore[arg-type]
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
-        age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
+        age, force = int(self.arrays.counts[contact_arrays.AGE]), self.arrays.end.force.copy()
         return ContactState(self.memory, self.planes, age, centers, force)
 
     def restore_state(self, state: ContactState) -> None:
@@ -300,7 +281,11 @@ class ContactExchange:
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
-        counts[REMEMBERED], counts[AGE], counts[LEFT] = count, state.age, 1
+        counts[contact_arrays.REMEMBERED], counts[contact_arrays.AGE], counts[contact_arrays.LEFT] = (
+            count,
+            state.age,
+            1,
+        )
 
     def check_state(self, state: ContactState) -> None:
         """Check what a saved state names: `restore_state` takes it for granted.
@@ -346,7 +331,7 @@ class ContactExchange:
         places = query.feature_positions(features)
         near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
         features, places = features[near], places[near]
-        found = TriangleLists.around(places, positions, self.surface.triangles, room)
+        found = film_distance.TriangleLists.around(places, positions, self.surface.triangles, room)
         lists = ListRows(
             row, np.array(local), reach_m, behind_m, points.spans, points.listed, features, found.first,
             found.listed,
@@ -355,43 +340,48 @@ class ContactExchange:
 
     def _searching(self, lists: ListRows) -> Search:
         query, surface = self.query, self.surface
-        rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
+        rows = contact_arrays.SurfaceRows(
+            *(getattr(surface, name) for name in contact_arrays.SurfaceRows._fields)
+        )
         features = query.features.shape, query.features.position
-        near = NearPoints.room(len(lists.listed), len(lists.features))
+        near = contact_arrays.NearPoints.room(len(lists.listed), len(lists.features))
         scratch = np.empty((max(len(lists.listed), len(lists.features)), 4)), np.empty((2, 3))
         return Search(
             query.bounds, *features, rows, lists, near, np.empty_like(lists.features), self._places,
             np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
-            *scratch, search_calls(),
+            *scratch, search_kernels.search_calls(),
         )  # fmt: skip
 
-    def _first_arrays(self, search: Search) -> ContactArrays:
+    def _first_arrays(self, search: Search) -> contact_arrays.ContactArrays:
         law, bodies, query, surface = self.law, self.bodies, self.query, self.surface
         stiffness, room = law.stiffness_N_m3, len(self._glue.point)
         touchable = np.union1d(query.body, self._glue.body[:room])
         nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         movable = touchable[bodies.movable(touchable)]
-        numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0)
+        numbers = contact_arrays.ContactNumbers(
+            BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0
+        )
         touched = TouchedPlanes(
             address_of(add_contacts), PlaneRows.room(room), np.array([law.smoothing_m, law.stick_m]),
             np.empty((room, 3)), np.empty(room),
         )  # fmt: skip
-        return ContactArrays(
+        return contact_arrays.ContactArrays(
             search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
             MemoryRows.room(room), MemoryRows.room(room), touched, Ties.room(room), self._glue,
             EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
-            BodyLoads(
-                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
+            contact_arrays.BodyLoads(
+                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7),
+                contact_arrays.leads_of(bodies),
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 6, 6)),
+            np.full((bodies.count, 2), contact_arrays.UNKNOWN), np.zeros((bodies.count, 6, 6)),
             np.zeros((bodies.count, 18)), np.zeros(1), np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip
 
-    def _with_room(self, search: Search, room: int) -> ContactArrays:
+    def _with_room(self, search: Search, room: int) -> contact_arrays.ContactArrays:
         """Return the arrays with room for so many contacts, what is remembered taken along."""
-        before, remembered = self.arrays, int(self.arrays.counts[REMEMBERED])
+        before, remembered = self.arrays, int(self.arrays.counts[contact_arrays.REMEMBERED])
         room = max(room, remembered) + len(self._glue.point)
         memory = MemoryRows.room(room)
         for old, new in zip(before.memory, memory, strict=True):

@@ -17,9 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench, cross
 from cosim.coupling import half_ticks
-from cosim.coupling.contact.contact_arrays import BodyLoads, leads_of
-from cosim.coupling.contact.contact_exchange import ContactExchange, ContactState
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.contact import contact_arrays, contact_exchange, contact_report
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
 from cosim.coupling.soft_sides.handover import TakenOver
@@ -103,10 +101,10 @@ class InterfaceState:
 
     wrench: Wrench
     handed: TransferredLoads
-    touched: ContactReport
+    touched: contact_report.ContactReport
     ratio: float
     ticks: int
-    contact: ContactState | None
+    contact: contact_exchange.ContactState | None
     light: LightBodiesState | None
 
 
@@ -127,7 +125,7 @@ class Interface:
         scene: CoupledScene,
         soft: SoftSide,
         wrench: Wrench,
-        contact: ContactExchange | None = None,
+        contact: contact_exchange.ContactExchange | None = None,
         mounted: Array | None = None,
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
@@ -135,8 +133,8 @@ class Interface:
         """The kernel of a rigid half."""
         self._mounted = np.zeros(10) if mounted is None else mounted
         self._native, bodies = scene.native(), scene.bodies
-        self._bodies = BodyLoads(
-            bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7), leads_of(bodies)
+        self._bodies = contact_arrays.BodyLoads(
+            bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7), contact_arrays.leads_of(bodies)
         )
         if contact is not None:
             self._bodies = contact.arrays.bodies
@@ -152,9 +150,9 @@ class Interface:
         self.ratio, self._weighed_every = 0.0, self._seldom
 
     @property
-    def touched(self) -> ContactReport:
+    def touched(self) -> contact_report.ContactReport:
         """What the contacts of the last tick did."""
-        return NOTHING_TOUCHED if self.contact is None else self.contact.report
+        return contact_report.NOTHING_TOUCHED if self.contact is None else self.contact.report
 
     @property
     def contact_ratio(self) -> float:
@@ -206,11 +204,11 @@ class Interface:
         if self.contact is not None and contact is not None:
             self.contact.check_state(contact)
             self.contact.restore_state(contact)
-            self.contact.report = state.touched if state.contact else NOTHING_TOUCHED
+            self.contact.report = state.touched if state.contact else contact_report.NOTHING_TOUCHED
         if self.light is not None and light is not None:
             self.light.restore_state(light)
 
-    def _contacts(self) -> tuple[ContactState | None, LightBodiesState | None]:
+    def _contacts(self) -> tuple[contact_exchange.ContactState | None, LightBodiesState | None]:
         contact = None if self.contact is None else self.contact.save_state()
         return contact, None if self.light is None else self.light.save_state()
 

@@ -42,18 +42,8 @@ from cosim.base.kernels import (
     zero_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.soft.contact.contact_law import (
-    ContactLaw,
-    distance_of,
-    dragging_law,
-    feet,
-    fill_point,
-    fill_slopes,
-    fill_weights,
-    plane_of,
-    pressing_law,
-    shorten,
-)
+from cosim.soft.contact import contact_law
+from cosim.soft.contact.contact_law import ContactLaw, distance_of, feet, fill_point, plane_of, pressing_law
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
 
@@ -167,8 +157,8 @@ def _look_at(
     d = distance_of(x, nodes[3], n, y)
     level, push, rate = pressing_law(0.5 * width - d, width)
     if push != 0.0 or pairs.friction[e] != 0.0:
-        fill_slopes(x, nodes[3:], n, shrink, slope[3:])
-        fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
+        contact_law.fill_slopes(x, nodes[3:], n, shrink, slope[3:])
+        contact_law.fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
         for a in range(3):
             weight[a], weight[3 + a] = pairs.weights[e, a], -weight[3 + a]
     return d, stiffness * level, stiffness * push, stiffness * rate
@@ -191,7 +181,7 @@ def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matri
     for r in range(3):
         u[r] -= along * m[r]
         square += u[r] * u[r]
-    level, secant, rate = dragging_law(np.sqrt(square), pairs.widths[1])
+    level, secant, rate = contact_law.dragging_law(np.sqrt(square), pairs.widths[1])
     fold = limit * (rate - secant) / max(square, 1e-300)
     for r in range(3):
         for c in range(3):
@@ -315,7 +305,7 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
             for a in range(0 if resting else 3):
                 stretch[r] += weights[a] * x[nodes[a], r] - pairs.foot[e, a] * x[nodes[3 + a], r]
         if not resting:
-            shorten(stretch, pairs.normal[e], pairs.widths[1])
+            contact_law.shorten(stretch, pairs.normal[e], pairs.widths[1])
         count += 1
     return count
 

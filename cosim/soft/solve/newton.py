@@ -18,57 +18,16 @@ from cosim.base.kernels import RecordStore
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import pair_calls
-from cosim.soft.elements.element import Sums
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.elements import element, mass_terms
 from cosim.soft.elements.open_caps import OpenCapSolver, RimArrays
+from cosim.soft.film import step_arrays
 from cosim.soft.film.film_terms import FilmActing, film_terms
-from cosim.soft.film.step_arrays import (
-    ASKS,
-    BEGINS,
-    EVALUATED,
-    EVALUATION,
-    GOES_ON,
-    NODES,
-    PAIRS_KNOWN,
-    PATTERN,
-    RUN,
-    SEARCHES,
-    SOLUTION,
-    SOLVED,
-    STUCK,
-    TANGENT,
-    TRIED,
-    FilmArrays,
-    FilmLoads,
-    FilmPoint,
-    NewTangents,
-    StepMotion,
-    StepNumbers,
-    StepPlace,
-    StepWork,
-    WideTangent,
-    room_for_parts,
-)
+from cosim.soft.film.step_arrays import FilmLoads, FilmPoint, NewTangents, StepMotion, StepPlace, StepWork
+from cosim.soft.linear import kept_factor, linear_solver, secant_pairs
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
-from cosim.soft.linear.kept_factor import (
-    OUTSIDE,
-    DefiniteTangent,
-    KeptEnvelope,
-    KeptFactor,
-    NewtonState,
-    envelope_calls,
-    nothing_kept,
-)
-from cosim.soft.linear.linear_solver import (
-    NODE,
-    EnvelopeArrays,
-    LinearSolver,
-    ShiftSearch,
-    by_component,
-    negative_pivots,
-)
+from cosim.soft.linear.kept_factor import DefiniteTangent, KeptEnvelope, KeptFactor, NewtonState, nothing_kept
+from cosim.soft.linear.linear_solver import NODE, EnvelopeArrays, LinearSolver, ShiftSearch, negative_pivots
 from cosim.soft.linear.pattern import BlockPattern, check_widened
-from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
@@ -97,9 +56,9 @@ class NewtonTask:
 
     loads: Loads
     share: Array
-    inertia: Inertia | None
+    inertia: mass_terms.Inertia | None
     kind: float
-    numbers: StepNumbers
+    numbers: step_arrays.StepNumbers
     held: HeldNodes = _NOTHING_HELD
     apart: bool = False
 
@@ -160,14 +119,14 @@ class NewtonSolver:
     def __init__(self, system: SoftSystem, clamped: Mask, *, symmetric: bool = False) -> None:
         self.system, self._symmetric = system, symmetric
         self.clamped = clamped
-        self.free = np.ascontiguousarray(by_component(~clamped))
+        self.free = np.ascontiguousarray(linear_solver.by_component(~clamped))
         self._narrow = self._solver_for(system.pattern, None)
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
         self._definite: DefiniteTangent | None = None
         self.store = RecordStore(FilmSide)  # where kernels read what this solver gives them
-        self._last_wide: tuple[BlockPattern, WideTangent] | None = None
+        self._last_wide: tuple[BlockPattern, step_arrays.WideTangent] | None = None
         self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
 
     def solve(
@@ -176,7 +135,7 @@ class NewtonSolver:
         memory: Array,
         loads: Loads,
         options: NewtonOptions,
-        inertia: Inertia | None = None,
+        inertia: mass_terms.Inertia | None = None,
         frame: Array | None = None,
     ) -> NewtonResult:
         """Find the stationary point of the potential near `start`.
@@ -203,7 +162,9 @@ class NewtonSolver:
         solution = NewtonProgress(
             NewtonTask(loads, share, inertia, kind, self.numbers(options, loads)), motion, options
         )
-        outcome = self.go_on(solution, StepPlace(BEGINS, options.reuse_max, options.iterations_max))
+        outcome = self.go_on(
+            solution, StepPlace(step_arrays.BEGINS, options.reuse_max, options.iterations_max)
+        )
         if outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             reference = motion.new_memory.copy()
             system.evaluate(x, loads, share, reference, inertia=inertia, hessian=False)
@@ -232,7 +193,7 @@ class NewtonSolver:
         if not solution.tangents:
             return self._definite is not None and self._definite.reaches(end)
         # the only one was made at the start unless a kept one served before; others somewhere beyond
-        at_start = solution.tangents == 1 and solution.reused == self.parts[:, RUN].max()
+        at_start = solution.tangents == 1 and solution.reused == self.parts[:, step_arrays.RUN].max()
         begin = self._seen(start, solution.frame)
         last = end if not at_start else begin
         self._definite = made = DefiniteTangent.after(self._definite, envelope.pivots, begin, last)
@@ -247,7 +208,7 @@ class NewtonSolver:
         options: NewtonOptions,
         loads: Loads,
         step: tuple[bool, float, float, float, float, float] = _STATICS,
-    ) -> StepNumbers:
+    ) -> step_arrays.StepNumbers:
         """Return the numbers of an iteration with some bounds.
 
         Args:
@@ -255,7 +216,7 @@ class NewtonSolver:
             loads: that act.
             step: the first six of `StepNumbers`.
         """
-        return StepNumbers(
+        return step_arrays.StepNumbers(
             *step, options.tolerance_N, options.start_tolerance_N, options.reuse_rate, options.reuse_below_N,
             options.step_max_m, options.halvings_max, self.system.conservative,
             self.system.complete and loads.extra is None,
@@ -280,11 +241,13 @@ class NewtonSolver:
                 return Outcome.CONVERGED
             self.watch(solution.tangents + solution.reused)
             parts = side.work.parts[: len(side.film.parts) - 1]
-            asking = np.flatnonzero(parts[:, ASKS])
-            finite, asked = math.isfinite(solution.residual), parts[asking, ASKS]
-            if not len(asking) or (solution.tangents >= place.tangents_max and (asked == TANGENT).any()):
+            asking = np.flatnonzero(parts[:, step_arrays.ASKS])
+            finite, asked = math.isfinite(solution.residual), parts[asking, step_arrays.ASKS]
+            if not len(asking) or (
+                solution.tangents >= place.tangents_max and (asked == step_arrays.TANGENT).any()
+            ):
                 return Outcome.ITERATION_LIMIT if finite else Outcome.NOT_FINITE
-            if (parts[asking, ASKS] == TANGENT).any() and self._owns_factor_now():
+            if (parts[asking, step_arrays.ASKS] == step_arrays.TANGENT).any() and self._owns_factor_now():
                 attempts = [0]  # the kernel makes it
             else:
                 attempts = [self._answer(solution, side, k) for k in asking.tolist()]
@@ -294,9 +257,9 @@ class NewtonSolver:
             if min(attempts) < 0:
                 solution.shifts += 1
                 return Outcome.INDEFINITE
-            if (parts[asking, ASKS] == STUCK).any():
+            if (parts[asking, step_arrays.ASKS] == step_arrays.STUCK).any():
                 return Outcome.NO_DESCENT
-            place = place._replace(begins=GOES_ON)
+            place = place._replace(begins=step_arrays.GOES_ON)
 
     def side(self, task: NewtonTask) -> FilmSide:
         """Return what the kernel takes for a task."""
@@ -321,20 +284,22 @@ class NewtonSolver:
         """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
         work, motion, task = side.work, solution.motion, solution.task
         state = work.parts[part]
-        if state[ASKS] == EVALUATION:
+        if state[step_arrays.ASKS] == step_arrays.EVALUATION:
             given = motion.new_x, task.loads, task.share, work.reference
-            state[TRIED] = self.system.evaluate(*given, inertia=task.inertia, hessian=False)
-            motion.new_memory[:], state[ASKS] = self.system.memory, EVALUATED
-        elif state[ASKS] == SOLUTION:
-            kept, pairs, known = self._kept[0], work.pairs, int(state[PAIRS_KNOWN])
+            state[step_arrays.TRIED] = self.system.evaluate(*given, inertia=task.inertia, hessian=False)
+            motion.new_memory[:], state[step_arrays.ASKS] = self.system.memory, step_arrays.EVALUATED
+        elif state[step_arrays.ASKS] == step_arrays.SOLUTION:
+            kept, pairs, known = self._kept[0], work.pairs, int(state[step_arrays.PAIRS_KNOWN])
             assert kept is not None, "the kernel asks for it where there is one"
             load = np.empty_like(work.served[1])
-            bend_load(pairs, known, work.served[1], load)
+            secant_pairs.bend_load(pairs, known, work.served[1], load)
             # from the rotation of the factorisation to the present one
             step = np.ascontiguousarray(self.linear.solve(load, solution.frame @ kept.frame.T))
-            mend_step(pairs, known, step)
-            work.solution[0], state[ASKS] = step, SOLVED
-        elif state[ASKS] == TANGENT or (state[ASKS] == PATTERN and not self._changes_pattern(solution)):
+            secant_pairs.mend_step(pairs, known, step)
+            work.solution[0], state[step_arrays.ASKS] = step, step_arrays.SOLVED
+        elif state[step_arrays.ASKS] == step_arrays.TANGENT or (
+            state[step_arrays.ASKS] == step_arrays.PATTERN and not self._changes_pattern(solution)
+        ):
             return self._with_tangent(solution, side, part)
         return 0
 
@@ -343,7 +308,7 @@ class NewtonSolver:
         system, before, films = self.system, self.linear.pattern, solution.task.loads.self_contact
         wanted = system.pattern
         if films is not None:
-            films.add(solution.motion.new_x, Sums(np.zeros_like(system.gradient)), hessian=False)
+            films.add(solution.motion.new_x, element.Sums(np.zeros_like(system.gradient)), hessian=False)
             if len(films.acting):
                 wanted = system.widening.around(films.acting, before).pattern
         self._fit(wanted)
@@ -357,11 +322,11 @@ class NewtonSolver:
         kept = KeptFactor(solution.task.kind, solution.frame) if attempts == 1 else None
         self.keep(kept, part if several else None)
         if attempts > 0:
-            begin, end = side.film.parts[part : part + 2, NODES]
+            begin, end = side.film.parts[part : part + 2, step_arrays.NODES]
             load = np.zeros_like(gradient)
             load[begin:end] = -gradient[begin:end]
             side.work.solution[0, begin:end] = self.linear.solve(load)[begin:end]
-            side.work.parts[part, [ASKS, SEARCHES]] = SOLVED, 1.0
+            side.work.parts[part, [step_arrays.ASKS, step_arrays.SEARCHES]] = step_arrays.SOLVED, 1.0
         return attempts
 
     def _assemble(self, solution: NewtonProgress, side: FilmSide, part: int) -> None:
@@ -372,7 +337,7 @@ class NewtonSolver:
         if len(side.film.parts) == 2:
             system.evaluate(x, loads, share, work.reference.copy(), inertia=inertia)
             return
-        system.take_own_tangent(slice(*side.film.parts[part : part + 2, NODES].tolist()))
+        system.take_own_tangent(slice(*side.film.parts[part : part + 2, step_arrays.NODES].tolist()))
         acting: FilmActing = system.acting(loads, share, inertia)
         point = FilmPoint(x, work.reference, system.memory, system.gradient, system.blocks, work.pull)
         film_terms(side.work.film, system.slots, acting, part, point)
@@ -397,7 +362,7 @@ class NewtonSolver:
         return negative_pivots(system.tangent_pattern, self.free, system.tangent_blocks, system.low_rank)
 
     def factorise(
-        self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
+        self, positions: Array, memory: Array, loads: Loads, inertia: mass_terms.Inertia | None, frame: Array
     ) -> bool:
         """Factorise the tangent at a given shape into `linear`; False where it is indefinite.
 
@@ -476,7 +441,7 @@ class NewtonSolver:
         extra = np.array([0 if kept is None else kept.extra for kept in parts])
         if envelope is None:
             # of a kind that the kernel does not know it asks for the solutions; never of a part
-            outside = np.array([OUTSIDE if all(there) else 0])
+            outside = np.array([kept_factor.OUTSIDE if all(there) else 0])
             return self._nothing_kept._replace(there=outside, extra=extra[:1])
         frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
         counts = np.array(there, np.int64), np.zeros(len(parts), np.int64)
@@ -497,7 +462,7 @@ class NewtonSolver:
 
     @cached_property
     def _envelope_calls(self) -> IntArray:
-        return envelope_calls()
+        return kept_factor.envelope_calls()
 
     @cached_property
     def _no_dense(self) -> tuple[Array, Array, Array, Array]:
@@ -513,7 +478,7 @@ class NewtonSolver:
         counts = nothing._replace(there=there, made=made, extra=extra)
         return counts._replace(factor=factor, frame=np.eye(3)[None], free=self.free)
 
-    def _tangents(self, film: FilmArrays) -> NewTangents:
+    def _tangents(self, film: step_arrays.FilmArrays) -> NewTangents:
         """Where the kernel makes new tangents; nothing where it cannot, or a saved state holds the factor."""
         linear, system = self.linear, self.system
         closed, known = linear, linear.correction is None
@@ -521,18 +486,18 @@ class NewtonSolver:
             closed, known = linear.closed, linear.rims is not None
         if not isinstance(closed, EnvelopeCholesky) or closed.lent or not known or not system.complete:
             return self._no_tangents
-        first = np.searchsorted(system.pattern.row, film.parts[:, NODES])
+        first = np.searchsorted(system.pattern.row, film.parts[:, step_arrays.NODES])
         return NewTangents(system.slots, system.blocks, first, self._wide)
 
     @property
-    def _wide(self) -> WideTangent:
+    def _wide(self) -> step_arrays.WideTangent:
         """Where the kernel assembles a tangent that is not in the body's own pattern."""
         pattern, last = self.linear.pattern, self._last_wide
         if pattern is self.system.pattern:
             return self._no_tangents.wide
         if last is None or last[0] is not pattern:
             coupled = self.system.widening.known(pattern)
-            last = self._last_wide = pattern, WideTangent(
+            last = self._last_wide = pattern, step_arrays.WideTangent(
                 pair_calls()[1], pattern.rows, coupled.of_body, np.empty((pattern.blocks, 3, 3)),
                 np.empty(pattern.blocks, np.int64),
             )  # fmt: skip
@@ -553,9 +518,10 @@ class NewtonSolver:
         system = self.system
         return StepWork(
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
-            np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
+            np.empty((2, *system.gradient.shape)), secant_pairs.SecantPairs.room(len(system.gradient)),
             np.empty_like(system.memory), np.empty(len(system.film.segments)),
-            room_for_parts(len(system.film.parts) - 1), system.at, nothing_of(FilmLoads), self.along,
+            step_arrays.room_for_parts(len(system.film.parts) - 1), system.at, nothing_of(FilmLoads),
+            self.along,
         )  # fmt: skip
 
     @cached_property
