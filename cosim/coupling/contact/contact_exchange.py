@@ -19,7 +19,7 @@ from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
 from cosim.base.state_check import check_indices
 from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
-from cosim.coupling.contact.contact_arrays import EndRows, Glue, ListRows, MemoryRows, Search, ShapeRows, Ties
+from cosim.coupling.contact.contact_arrays import AGE, REMEMBERED, TOUCHES, ContactArrays, MemoryRows, Search
 from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.rigid.distance import film_distance, signed_distance
@@ -90,13 +90,13 @@ class ContactExchange:
         nodes, body = glued or (np.zeros(0, np.int64), 0)
         # the surface's first points are its nodes, ascending
         points = np.searchsorted(surface.nodes[surface.weights[:, 0] == 1.0, 0], nodes)
-        self._glue = Glue(
+        self._glue = contact_arrays.Glue(
             points, np.zeros((len(nodes), 3)), np.array([body]), GLUE_N_m, bodies.positions, bodies.axes
         )
         self._places = np.zeros((len(surface), 3))
-        nothing: ListRows = nothing_of(ListRows)
+        nothing: contact_arrays.ListRows = nothing_of(contact_arrays.ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
-        self._store = RecordStore(contact_arrays.ContactArrays)
+        self._store = RecordStore(ContactArrays)
         self.arrays = self._first_arrays(self._searching(nowhere))
 
     @property
@@ -153,11 +153,7 @@ class ContactExchange:
 
     def carry(self, moved: Array) -> None:
         """Let stick springs be as stretched as they are on a film whose nodes have moved by (n, 3) [m]."""
-        memory, surface, count = (
-            self.arrays.memory,
-            self.surface,
-            int(self.arrays.counts[contact_arrays.REMEMBERED]),
-        )
+        memory, surface, count = self.arrays.memory, self.surface, int(self.arrays.counts[REMEMBERED])
         # ties of features go with the film's point by themselves
         rows = np.flatnonzero(memory.key[:count] < len(self.query.body) * len(surface))
         shape, point = np.divmod(memory.key[rows], len(surface))
@@ -225,7 +221,7 @@ class ContactExchange:
     @cached_property
     def planes(self) -> ContactPlanes | None:
         """Contacts of the last step; None for none."""
-        count = int(self.arrays.counts[contact_arrays.TOUCHES])
+        count = int(self.arrays.counts[TOUCHES])
         if not count:
             return None
         rows = PlaneRows(*(part[:count].copy() for part in self.arrays.touched.planes))  # type: ignore[arg-type]
@@ -243,13 +239,11 @@ class ContactExchange:
     def report(self) -> ContactReport:
         """What the contacts did in the last step."""
         end, counts = self.arrays.end, self.arrays.counts
-        if not counts[contact_arrays.TOUCHES]:
+        if not counts[TOUCHES]:
             return replace(NOTHING_TOUCHED, work_J=float(end.figures[2]))
         acting = np.flatnonzero(end.acting)
         force, torque = end.loads[acting, :3], end.loads[acting, 3:]
-        return ContactReport(
-            acting, force, torque, int(counts[contact_arrays.REMEMBERED]), *end.figures.tolist()
-        )
+        return ContactReport(acting, force, torque, int(counts[REMEMBERED]), *end.figures.tolist())
 
     @property
     def held_N_m(self) -> Array:
@@ -259,13 +253,13 @@ class ContactExchange:
     @property
     def memory(self) -> ContactMemory:
         """The contacts that press."""
-        count = int(self.arrays.counts[contact_arrays.REMEMBERED])
+        count = int(self.arrays.counts[REMEMBERED])
         return ContactMemory(*(part[:count].copy() for part in self.arrays.memory))  # type: ignore[arg-type]
 
     def save_state(self) -> ContactState:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
-        age, force = int(self.arrays.counts[contact_arrays.AGE]), self.arrays.end.force.copy()
+        age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
         return ContactState(self.memory, self.planes, age, centers, force)
 
     def restore_state(self, state: ContactState) -> None:
@@ -281,11 +275,7 @@ class ContactExchange:
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
-        counts[contact_arrays.REMEMBERED], counts[contact_arrays.AGE], counts[contact_arrays.LEFT] = (
-            count,
-            state.age,
-            1,
-        )
+        counts[REMEMBERED], counts[AGE], counts[contact_arrays.LEFT] = count, state.age, 1
 
     def check_state(self, state: ContactState) -> None:
         """Check what a saved state names: `restore_state` takes it for granted.
@@ -332,13 +322,13 @@ class ContactExchange:
         near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
         features, places = features[near], places[near]
         found = film_distance.TriangleLists.around(places, positions, self.surface.triangles, room)
-        lists = ListRows(
+        lists = contact_arrays.ListRows(
             row, np.array(local), reach_m, behind_m, points.spans, points.listed, features, found.first,
             found.listed,
         )  # fmt: skip
         return self._searching(lists)
 
-    def _searching(self, lists: ListRows) -> Search:
+    def _searching(self, lists: contact_arrays.ListRows) -> Search:
         query, surface = self.query, self.surface
         rows = contact_arrays.SurfaceRows(
             *(getattr(surface, name) for name in contact_arrays.SurfaceRows._fields)
@@ -352,7 +342,7 @@ class ContactExchange:
             *scratch, search_kernels.search_calls(),
         )  # fmt: skip
 
-    def _first_arrays(self, search: Search) -> contact_arrays.ContactArrays:
+    def _first_arrays(self, search: Search) -> ContactArrays:
         law, bodies, query, surface = self.law, self.bodies, self.query, self.surface
         stiffness, room = law.stiffness_N_m3, len(self._glue.point)
         touchable = np.union1d(query.body, self._glue.body[:room])
@@ -365,10 +355,11 @@ class ContactExchange:
             address_of(add_contacts), PlaneRows.room(room), np.array([law.smoothing_m, law.stick_m]),
             np.empty((room, 3)), np.empty(room),
         )  # fmt: skip
-        return contact_arrays.ContactArrays(
-            search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
-            MemoryRows.room(room), MemoryRows.room(room), touched, Ties.room(room), self._glue,
-            EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
+        return ContactArrays(
+            search,
+            contact_arrays.ShapeRows(*(getattr(query, name) for name in contact_arrays.ShapeRows._fields)),
+            numbers, MemoryRows.room(room), MemoryRows.room(room), touched, contact_arrays.Ties.room(room),
+            self._glue, contact_arrays.EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
             contact_arrays.BodyLoads(
                 bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7),
                 contact_arrays.leads_of(bodies),
@@ -379,9 +370,9 @@ class ContactExchange:
             contact_calls(),
         )  # fmt: skip
 
-    def _with_room(self, search: Search, room: int) -> contact_arrays.ContactArrays:
+    def _with_room(self, search: Search, room: int) -> ContactArrays:
         """Return the arrays with room for so many contacts, what is remembered taken along."""
-        before, remembered = self.arrays, int(self.arrays.counts[contact_arrays.REMEMBERED])
+        before, remembered = self.arrays, int(self.arrays.counts[REMEMBERED])
         room = max(room, remembered) + len(self._glue.point)
         memory = MemoryRows.room(room)
         for old, new in zip(before.memory, memory, strict=True):
@@ -390,6 +381,7 @@ class ContactExchange:
             planes=PlaneRows.room(room), own=np.empty((room, 3)), pressing=np.empty(room)
         )
         return before._replace(
-            search=search, memory=memory, kept=MemoryRows.room(room), touched=touched, ties=Ties.room(room),
-            end=EndRows.room(room, self.bodies.count, before.end.force),
+            search=search, memory=memory, kept=MemoryRows.room(room),
+            touched=touched, ties=contact_arrays.Ties.room(room),
+            end=contact_arrays.EndRows.room(room, self.bodies.count, before.end.force),
         )  # fmt: skip

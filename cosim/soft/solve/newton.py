@@ -22,7 +22,7 @@ from cosim.soft.elements import element, mass_terms
 from cosim.soft.elements.open_caps import OpenCapSolver, RimArrays
 from cosim.soft.film import step_arrays
 from cosim.soft.film.film_terms import FilmActing, film_terms
-from cosim.soft.film.step_arrays import FilmLoads, FilmPoint, NewTangents, StepMotion, StepPlace, StepWork
+from cosim.soft.film.step_arrays import ASKS, NODES, TANGENT, NewTangents, StepNumbers, StepWork, WideTangent
 from cosim.soft.linear import kept_factor, linear_solver, secant_pairs
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
 from cosim.soft.linear.kept_factor import DefiniteTangent, KeptEnvelope, KeptFactor, NewtonState, nothing_kept
@@ -58,7 +58,7 @@ class NewtonTask:
     share: Array
     inertia: mass_terms.Inertia | None
     kind: float
-    numbers: step_arrays.StepNumbers
+    numbers: StepNumbers
     held: HeldNodes = _NOTHING_HELD
     apart: bool = False
 
@@ -81,7 +81,7 @@ class NewtonProgress:
     """
 
     task: NewtonTask
-    motion: StepMotion
+    motion: step_arrays.StepMotion
     options: NewtonOptions
     reused: int = 0
     tangents: int = 0
@@ -126,7 +126,7 @@ class NewtonSolver:
         self._shifts = ShiftSearch()
         self._definite: DefiniteTangent | None = None
         self.store = RecordStore(FilmSide)  # where kernels read what this solver gives them
-        self._last_wide: tuple[BlockPattern, step_arrays.WideTangent] | None = None
+        self._last_wide: tuple[BlockPattern, WideTangent] | None = None
         self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
 
     def solve(
@@ -156,14 +156,14 @@ class NewtonSolver:
         remembered = memory.copy() if moving else system.fresh(memory)
         flange = np.zeros((4, 3))
         flange[1:] = np.eye(3) if frame is None else frame.T
-        motion = StepMotion(x, x, x, x, remembered, flange, x, x, remembered)
+        motion = step_arrays.StepMotion(x, x, x, x, remembered, flange, x, x, remembered)
         kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
         share = system.segment_share(x, loads, remembered)
         solution = NewtonProgress(
             NewtonTask(loads, share, inertia, kind, self.numbers(options, loads)), motion, options
         )
         outcome = self.go_on(
-            solution, StepPlace(step_arrays.BEGINS, options.reuse_max, options.iterations_max)
+            solution, step_arrays.StepPlace(step_arrays.BEGINS, options.reuse_max, options.iterations_max)
         )
         if outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             reference = motion.new_memory.copy()
@@ -208,7 +208,7 @@ class NewtonSolver:
         options: NewtonOptions,
         loads: Loads,
         step: tuple[bool, float, float, float, float, float] = _STATICS,
-    ) -> step_arrays.StepNumbers:
+    ) -> StepNumbers:
         """Return the numbers of an iteration with some bounds.
 
         Args:
@@ -216,13 +216,13 @@ class NewtonSolver:
             loads: that act.
             step: the first six of `StepNumbers`.
         """
-        return step_arrays.StepNumbers(
+        return StepNumbers(
             *step, options.tolerance_N, options.start_tolerance_N, options.reuse_rate, options.reuse_below_N,
             options.step_max_m, options.halvings_max, self.system.conservative,
             self.system.complete and loads.extra is None,
         )  # fmt: skip
 
-    def go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
+    def go_on(self, solution: NewtonProgress, place: step_arrays.StepPlace) -> Outcome:
         """Iterate until a solution has converged or cannot continue.
 
         Args:
@@ -241,13 +241,11 @@ class NewtonSolver:
                 return Outcome.CONVERGED
             self.watch(solution.tangents + solution.reused)
             parts = side.work.parts[: len(side.film.parts) - 1]
-            asking = np.flatnonzero(parts[:, step_arrays.ASKS])
-            finite, asked = math.isfinite(solution.residual), parts[asking, step_arrays.ASKS]
-            if not len(asking) or (
-                solution.tangents >= place.tangents_max and (asked == step_arrays.TANGENT).any()
-            ):
+            asking = np.flatnonzero(parts[:, ASKS])
+            finite, asked = math.isfinite(solution.residual), parts[asking, ASKS]
+            if not len(asking) or (solution.tangents >= place.tangents_max and (asked == TANGENT).any()):
                 return Outcome.ITERATION_LIMIT if finite else Outcome.NOT_FINITE
-            if (parts[asking, step_arrays.ASKS] == step_arrays.TANGENT).any() and self._owns_factor_now():
+            if (parts[asking, ASKS] == TANGENT).any() and self._owns_factor_now():
                 attempts = [0]  # the kernel makes it
             else:
                 attempts = [self._answer(solution, side, k) for k in asking.tolist()]
@@ -257,7 +255,7 @@ class NewtonSolver:
             if min(attempts) < 0:
                 solution.shifts += 1
                 return Outcome.INDEFINITE
-            if (parts[asking, step_arrays.ASKS] == step_arrays.STUCK).any():
+            if (parts[asking, ASKS] == step_arrays.STUCK).any():
                 return Outcome.NO_DESCENT
             place = place._replace(begins=step_arrays.GOES_ON)
 
@@ -284,11 +282,11 @@ class NewtonSolver:
         """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
         work, motion, task = side.work, solution.motion, solution.task
         state = work.parts[part]
-        if state[step_arrays.ASKS] == step_arrays.EVALUATION:
+        if state[ASKS] == step_arrays.EVALUATION:
             given = motion.new_x, task.loads, task.share, work.reference
             state[step_arrays.TRIED] = self.system.evaluate(*given, inertia=task.inertia, hessian=False)
-            motion.new_memory[:], state[step_arrays.ASKS] = self.system.memory, step_arrays.EVALUATED
-        elif state[step_arrays.ASKS] == step_arrays.SOLUTION:
+            motion.new_memory[:], state[ASKS] = self.system.memory, step_arrays.EVALUATED
+        elif state[ASKS] == step_arrays.SOLUTION:
             kept, pairs, known = self._kept[0], work.pairs, int(state[step_arrays.PAIRS_KNOWN])
             assert kept is not None, "the kernel asks for it where there is one"
             load = np.empty_like(work.served[1])
@@ -296,9 +294,9 @@ class NewtonSolver:
             # from the rotation of the factorisation to the present one
             step = np.ascontiguousarray(self.linear.solve(load, solution.frame @ kept.frame.T))
             secant_pairs.mend_step(pairs, known, step)
-            work.solution[0], state[step_arrays.ASKS] = step, step_arrays.SOLVED
-        elif state[step_arrays.ASKS] == step_arrays.TANGENT or (
-            state[step_arrays.ASKS] == step_arrays.PATTERN and not self._changes_pattern(solution)
+            work.solution[0], state[ASKS] = step, step_arrays.SOLVED
+        elif state[ASKS] == TANGENT or (
+            state[ASKS] == step_arrays.PATTERN and not self._changes_pattern(solution)
         ):
             return self._with_tangent(solution, side, part)
         return 0
@@ -322,11 +320,11 @@ class NewtonSolver:
         kept = KeptFactor(solution.task.kind, solution.frame) if attempts == 1 else None
         self.keep(kept, part if several else None)
         if attempts > 0:
-            begin, end = side.film.parts[part : part + 2, step_arrays.NODES]
+            begin, end = side.film.parts[part : part + 2, NODES]
             load = np.zeros_like(gradient)
             load[begin:end] = -gradient[begin:end]
             side.work.solution[0, begin:end] = self.linear.solve(load)[begin:end]
-            side.work.parts[part, [step_arrays.ASKS, step_arrays.SEARCHES]] = step_arrays.SOLVED, 1.0
+            side.work.parts[part, [ASKS, step_arrays.SEARCHES]] = step_arrays.SOLVED, 1.0
         return attempts
 
     def _assemble(self, solution: NewtonProgress, side: FilmSide, part: int) -> None:
@@ -337,9 +335,11 @@ class NewtonSolver:
         if len(side.film.parts) == 2:
             system.evaluate(x, loads, share, work.reference.copy(), inertia=inertia)
             return
-        system.take_own_tangent(slice(*side.film.parts[part : part + 2, step_arrays.NODES].tolist()))
+        system.take_own_tangent(slice(*side.film.parts[part : part + 2, NODES].tolist()))
         acting: FilmActing = system.acting(loads, share, inertia)
-        point = FilmPoint(x, work.reference, system.memory, system.gradient, system.blocks, work.pull)
+        point = step_arrays.FilmPoint(
+            x, work.reference, system.memory, system.gradient, system.blocks, work.pull
+        )
         film_terms(side.work.film, system.slots, acting, part, point)
 
     def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
@@ -486,18 +486,18 @@ class NewtonSolver:
             closed, known = linear.closed, linear.rims is not None
         if not isinstance(closed, EnvelopeCholesky) or closed.lent or not known or not system.complete:
             return self._no_tangents
-        first = np.searchsorted(system.pattern.row, film.parts[:, step_arrays.NODES])
+        first = np.searchsorted(system.pattern.row, film.parts[:, NODES])
         return NewTangents(system.slots, system.blocks, first, self._wide)
 
     @property
-    def _wide(self) -> step_arrays.WideTangent:
+    def _wide(self) -> WideTangent:
         """Where the kernel assembles a tangent that is not in the body's own pattern."""
         pattern, last = self.linear.pattern, self._last_wide
         if pattern is self.system.pattern:
             return self._no_tangents.wide
         if last is None or last[0] is not pattern:
             coupled = self.system.widening.known(pattern)
-            last = self._last_wide = pattern, step_arrays.WideTangent(
+            last = self._last_wide = pattern, WideTangent(
                 pair_calls()[1], pattern.rows, coupled.of_body, np.empty((pattern.blocks, 3, 3)),
                 np.empty(pattern.blocks, np.int64),
             )  # fmt: skip
@@ -520,8 +520,8 @@ class NewtonSolver:
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
             np.empty((2, *system.gradient.shape)), secant_pairs.SecantPairs.room(len(system.gradient)),
             np.empty_like(system.memory), np.empty(len(system.film.segments)),
-            step_arrays.room_for_parts(len(system.film.parts) - 1), system.at, nothing_of(FilmLoads),
-            self.along,
+            step_arrays.room_for_parts(len(system.film.parts) - 1), system.at,
+            nothing_of(step_arrays.FilmLoads), self.along,
         )  # fmt: skip
 
     @cached_property
