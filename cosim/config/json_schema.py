@@ -13,23 +13,22 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from cosim.base.names import texts_of
 from cosim.config import arm_table, loading, several_arms
-from cosim.config.schema import phase, scenario
-from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
+from cosim.config.schema import phase, scenario, soft_robot
 from cosim.config.toml import keys, parsing
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 Kind = Literal["scenario", "robot", "arm"]
 _ROOTS: Final[dict[Kind, type]] = {
     "scenario": scenario.Scenario,
-    "robot": SoftRobotTable,
+    "robot": soft_robot.SoftRobotTable,
     "arm": arm_table.ArmTable,
 }
 _CHANGES: Final = "Changes"
 _ARM: Final = "OneOfSeveralArms"
 _ROBOT_GIVEN: Final = (
     {"type": "string", "description": "Name or path of a soft robot's file."},
-    {"$ref": f"#/$defs/{SoftRobotTable.__name__}"},
-    {"$ref": f"#/$defs/{SoftRobotTable.__name__}{_CHANGES}"},
+    {"$ref": f"#/$defs/{soft_robot.SoftRobotTable.__name__}"},
+    {"$ref": f"#/$defs/{soft_robot.SoftRobotTable.__name__}{_CHANGES}"},
 )
 
 
@@ -111,15 +110,15 @@ def _add_arms(tables: dict[str, Any]) -> None:
 
 def _add_changes(tables: dict[str, Any]) -> None:
     """Add tables that change a soft robot's file: those of a soft robot, in which nothing is required."""
-    changes = deepcopy(tables[SoftRobotTable.__name__])
+    changes = deepcopy(tables[soft_robot.SoftRobotTable.__name__])
     for node in changes["properties"].values():
         name = node.get("$ref", "").rpartition("/")[2]
         if "required" in tables.get(name, {}):
             tables[name + _CHANGES] = {k: v for k, v in tables[name].items() if k != "required"}
             node["$ref"] += _CHANGES
     changes["properties"]["file"] = {"type": "string", "description": "Name or path of what is changed."}
-    tables[SoftRobotTable.__name__ + _CHANGES] = changes | {"required": ["file"]}
-    _give_robot(tables[AttachmentTable.__name__]["properties"]["robot"])
+    tables[soft_robot.SoftRobotTable.__name__ + _CHANGES] = changes | {"required": ["file"]}
+    _give_robot(tables[soft_robot.AttachmentTable.__name__]["properties"]["robot"])
 
 
 def _give_robot(node: dict[str, Any]) -> None:
