@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.measure.calls import least_ms
 from cosim.base.frames import Array
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import ContactQuery
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.rigid.shapes import SIZES, compiled, level, surface_samples, to_world

@@ -44,8 +44,8 @@ from cosim.soft.geometry import polygonal_stack
 from cosim.soft.geometry.polygonal_stack import Ring
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
-from cosim.soft.targets.tip_search import find_tensions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.tip_search import find_tensions
+from cosim.soft.solve.tip_target import TipTarget
 from cosim.verification.stacks import OpenSpecimen, tilt_stiffness
 
 HANGING = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.3, 0.0, 0.7]))

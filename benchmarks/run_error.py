@@ -37,7 +37,7 @@ from cosim.coupling.soft_sides.finer_mesh import FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.errors import CosimError, UnreachableError
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.tip_target import TipTarget
 from cosim.stepping.run_error import (
     FACTORS,
     FIGURES,

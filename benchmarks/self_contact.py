@@ -32,8 +32,7 @@ from cosim.app.driver import build_simulation
 from cosim.base.frames import Array
 from cosim.build.kernel_modules import compile_kernels
 from cosim.config.loading import load_scenario
-from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.point_kernels import feet
+from cosim.soft.contact.contact_law import ContactLaw, feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import LowRank

@@ -24,7 +24,7 @@ import numpy as np
 
 import cosim
 from cosim.app.simulation import stepped_run
-from cosim.bench.outputs import Slopes, outputs_of
+from cosim.bench.equilibria import Slopes, outputs_of
 from cosim.bench.parameters import StaticModel, parameters_of
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.solve.sensitivity import factorise_at

@@ -26,8 +26,8 @@ from cosim.plan.tip_paths import reach
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium, StepOptions
-from cosim.soft.targets.tip_search import find_tensions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.tip_search import find_tensions
+from cosim.soft.solve.tip_target import TipTarget
 
 DESIGNS, TARGETS = 30, 200
 TENSION_N = (2.0, 15.0)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from cosim.app.api import run_arms as run_arms
     from cosim.app.attach import Attached as Attached
     from cosim.app.attach import attach as attach
-    from cosim.app.batch import Batch as Batch
     from cosim.app.driver import Observer as Observer
     from cosim.app.ended_run import load_run as load_run
     from cosim.app.ended_run import picture as picture
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from cosim.app.motion import replay as replay
     from cosim.app.motion import run_path as run_path
     from cosim.app.progress import ProgressBar as ProgressBar
+    from cosim.app.simulation import Batch as Batch
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.app.twin import Prediction as Prediction
@@ -68,12 +68,11 @@ if TYPE_CHECKING:
 _NAMES = {
     "cosim.app.api": "run run_arms",
     "cosim.app.attach": "Attached attach",
-    "cosim.app.batch": "Batch",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",
     "cosim.app.motion": "payload_torque plan_path replay run_path",
     "cosim.app.progress": "ProgressBar",
-    "cosim.app.simulation": "SavedState Simulation",
+    "cosim.app.simulation": "Batch SavedState Simulation",
     "cosim.app.twin": "Prediction Twin",
     "cosim.base.frames": "Pose",
     "cosim.base.kept_parts": "KeptParts",

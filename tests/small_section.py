@@ -8,7 +8,7 @@ from functools import cache
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
-from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.fitting import Effort, build_model
 from cosim.reduced.section_model import SectionBody
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw

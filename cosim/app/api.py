@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from cosim.app import driver
 from cosim.app.run_files import default_directory
-from cosim.base.files import cache_directory
-from cosim.base.kept_parts import KeptParts
-from cosim.config.loading import load_scenario
-from cosim.config.rules import check_ends
+from cosim.base import files, kept_parts
+from cosim.config import loading, rules, several_arms
 from cosim.config.schema.scenario import Scenario
-from cosim.config.several_arms import load_arms
 from cosim.errors import RunInterrupted
 from cosim.results.result import ResultBuilder, RunResult
 from cosim.telemetry.figures import branching_lines, standing_lines
@@ -58,9 +55,9 @@ def run(
     """
     started = time.perf_counter()
     named = driver.named_body(body)
-    loaded = load_scenario(scenario, overrides, named and named.table())
-    check_ends(loaded)
-    kept = KeptParts(cache_directory())
+    loaded = loading.load_scenario(scenario, overrides, named and named.table())
+    rules.check_ends(loaded)
+    kept = kept_parts.KeptParts(files.cache_directory())
     checked = driver.prepared(loaded, driver.log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
@@ -101,7 +98,7 @@ def run_arms(
         RunInterrupted: by Ctrl-C.
     """
     started = time.perf_counter()
-    loaded, kept = load_arms(scenario, overrides), KeptParts(cache_directory())
+    loaded, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(files.cache_directory())
     checked = driver.prepared_arms(loaded, driver.log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}

@@ -11,11 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 import numpy as np
 
 from cosim.app.driver import log, named_body, prepared
-from cosim.base.files import cache_directory
+from cosim.base import files, kept_parts, state_archive, state_check
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.kept_parts import KeptParts
-from cosim.base.state_archive import WrittenState, read_archive
-from cosim.base.state_check import KnownStates, check_state
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
 from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
@@ -42,7 +39,7 @@ _AHEAD: Final = 64
 
 @final
 @dataclass(frozen=True)
-class AttachedState(WrittenState):
+class AttachedState(state_archive.WrittenState):
     """A soft robot and the scene that it hangs on, between two ticks; made by `Attached.save`.
 
     Args:
@@ -116,10 +113,10 @@ class Attached:
         from cosim.build.soft_model import SoftModel  # here, so that wrong input needs no engine
 
         self.scenario, self._host = scenario, host
-        self._model = SoftModel(scenario, KeptParts(cache_directory()), body, log)
+        self._model = SoftModel(scenario, kept_parts.KeptParts(files.cache_directory()), body, log)
         self._waiting: list[tuple[Command, int]] = []
         self._hung: _Hung | None = None
-        self._known = KnownStates()
+        self._known = state_check.KnownStates()
 
     @property
     def spec(self) -> Any:
@@ -393,11 +390,11 @@ class Attached:
             InputError: the file cannot be read, or the state does not fit.
         """
         run = self._run
-        state = read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+        state = state_archive.read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
         if not isinstance(state, AttachedState):
             raise InputError(f"{saved}: holds no attached soft robot but a {type(state).__name__}")
         if state not in self._known:
-            check_state(state, self._state(run), AttachedState)
+            state_check.check_state(state, self._state(run), AttachedState)
         run.parts.soft.restore_state(state.soft)
         run.carrier.restore_state(state.carrier)
         run.parts.commands.restore_state(state.commands)

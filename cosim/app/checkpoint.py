@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
+from cosim.base import resources, state_archive
 from cosim.base.files import changed_file
 from cosim.base.kept_parts import code_identity
-from cosim.base.resources import is_file
-from cosim.base.state_archive import read_archive, read_header, write_archive
 from cosim.base.state_check import check_indices, check_state
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
@@ -237,7 +236,7 @@ class CheckpointKeeper:
         )
         header = {"tick": summary.tick, "loaded": dict(self._files.loaded), "written_by": code_identity()}
         try:
-            write_archive(self._path, header, state)
+            state_archive.write_archive(self._path, header, state)
         except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind
             # the run itself is sound, and its other files are still to be written
             warnings.warn(f"no checkpoint could be written: {error}", RuntimeWarning, stacklevel=2)
@@ -250,9 +249,9 @@ def check_resumable(directory: Path) -> None:
         InputError: there is no run, it is complete, or it left no checkpoint.
     """
     scenario, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
-    if not is_file(scenario):
+    if not resources.is_file(scenario):
         raise InputError(f"{where} holds no run, for want of a {SCENARIO}; start one: cosim run SCENARIO")
-    if not is_file(path):
+    if not resources.is_file(path):
         if _status(directory) == "completed":
             raise InputError(f"{where} this run is completed; nothing is left to do")
         raise InputError(f"{where} the run left no {CHECKPOINT}; start it again: cosim run {scenario}")
@@ -270,7 +269,7 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
             names has been changed since.
     """
     file, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
-    header = read_header(path)
+    header = state_archive.read_header(path)
     changed = changed_file(_table(header, "loaded"), {SCENARIO: scenario_digest(scenario)})
     if changed is not None:
         raise InputError(
@@ -302,7 +301,7 @@ def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> 
         InputError: it cannot be read, or is not one of this simulation.
     """
     path = directory / CHECKPOINT
-    found = read_archive(path)
+    found = state_archive.read_archive(path)
     if not isinstance(found, Checkpoint):
         raise InputError(f"{path}: holds no checkpoint but a {type(found).__name__}")
     with naming(path):

@@ -1,24 +1,13 @@
 """A run that has ended: loaded from its directory, and its recording as Rerun's viewer shows it."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final, get_args
 
-from cosim.app.run_files import (
-    ARRAYS,
-    CHECKPOINT,
-    FRAMES,
-    RECORDING,
-    SCENARIO,
-    SUMMARY,
-    images_file,
-    parts,
-    recordings,
-)
+from cosim.app import run_files
+from cosim.app.run_files import ARRAYS, CHECKPOINT, FRAMES, RECORDING, SCENARIO, SUMMARY, parts, recordings
 from cosim.base.resources import is_file
 from cosim.config.several_arms import has_arms
 from cosim.errors import InputError
@@ -49,7 +38,10 @@ def load_run(directory: str | Path) -> RunResult:
     stage = read_stage(ticks[-1])
     arrays = read_parts(ticks, COLUMNS, "tick") | read_parts(frames, FRAME_COLUMNS, "frame_tick")
     check_rows(arrays, ticks, frames, summary["ticks"], _again(where))
-    images = {one.name: read_images(parts(where, images_file(one.name)), one.name) for one in stage.cameras}
+    images = {
+        one.name: read_images(parts(where, run_files.images_file(one.name)), one.name)
+        for one in stage.cameras
+    }
     seen = {name: found for name, found in images.items() if found is not None}
     return RunResult(stage=stage, summary=summary, directory=where, images=seen, **arrays)
 

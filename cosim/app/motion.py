@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
+from cosim.app import ended_run, run_files
 from cosim.app.driver import build_simulation, log, prepared
-from cosim.app.ended_run import load_run
-from cosim.app.run_files import SCENARIO
 from cosim.base.frames import Array, IntArray, rotations_from_quaternions
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -28,8 +27,7 @@ from cosim.devices.controller import Command
 from cosim.errors import InputError, SolverError
 from cosim.results.exports import PAYLOAD, JointTable, TOLD_EVERY_s, sample_times
 from cosim.results.result import RunResult, figure_kind, result_of
-from cosim.telemetry.snapshot import RunInfo
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry import snapshot, tick_batch
 
 if TYPE_CHECKING:
     from cosim.plan.plan import PhasePlan
@@ -145,7 +143,7 @@ def _table(name: str, run: SteppedRun, rows: _Rows, cables: Sequence[str]) -> Jo
     )
 
 
-def _joint_heads(stage: RunInfo) -> list[str]:
+def _joint_heads(stage: snapshot.RunInfo) -> list[str]:
     pairs = zip(stage.joint_names, stage.sliding, strict=True)
     return [f"{name}.position_{'m' if slides else 'rad'}" for name, slides in pairs]
 
@@ -175,7 +173,7 @@ def run_path(
     Raises:
         InputError: there is no such run or phase, it has no arm, or no time.
     """
-    result = run if isinstance(run, RunResult) else load_run(run)
+    result = run if isinstance(run, RunResult) else ended_run.load_run(run)
     stage = result.stage
     if not stage.joint_names or stage.mode != "dynamic":
         lacks = "no time" if stage.joint_names else "no arm whose joints could be written"
@@ -292,10 +290,10 @@ def payload_torque(run: RunResult | str | Path) -> PayloadTorque:
     from cosim.build.arms import placed_arm  # here: engines are loaded where they are needed
     from cosim.kinematics.arm import Arm
 
-    result = run if isinstance(run, RunResult) else load_run(run)
+    result = run if isinstance(run, RunResult) else ended_run.load_run(run)
     if result.directory is None or result.stage.mode != "dynamic" or not result.stage.joint_names:
         raise InputError(f"{result.stage.scenario}: needs a run in time of an arm, with files (out=...)")
-    scenario = load_scenario(result.directory / SCENARIO)
+    scenario = load_scenario(result.directory / run_files.SCENARIO)
     arm = Arm(placed_arm(scenario.robot, scenario.arm_base), gravity=scenario.gravity_m_s2)
     q, speed = result.joint_position, result.joint_velocity
     pushing = np.gradient(speed, result.time_s, axis=0)
@@ -444,7 +442,7 @@ def replay(
 
 def _driven(run: SteppedRun, steps: Sequence[tuple[Command, int]], frames_per_s: float) -> RunResult:
     """Return what a run shows that is commanded step by step."""
-    batches = [TickBatch.of([run.advance(1)])]
+    batches = [tick_batch.TickBatch.of([run.advance(1)])]
     try:
         for command, ticks in steps:
             run.command(command, ticks)

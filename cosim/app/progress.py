@@ -1,7 +1,5 @@
 """How far a run is: as one line of text, and as an observer that shows it."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 The robot's clock paces it: a reading of time t takes the simulation to t, by whole ticks.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

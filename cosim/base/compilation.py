@@ -166,8 +166,9 @@ def _size_of_code(kernels: list[Any]) -> int:
     while to_do:
         function = to_do.pop().py_func
         size += len(function.__code__.co_code)
-        for name in function.__code__.co_names:
-            called = function.__globals__.get(name)
+        names, own = function.__code__.co_names, function.__globals__
+        modules = [vars(own[name]) for name in names if isinstance(own.get(name), ModuleType)]
+        for called in (place[name] for place in (own, *modules) for name in names if name in place):
             if hasattr(called, "py_func") and id(called) not in found:
                 found.add(id(called))
                 to_do.append(called)

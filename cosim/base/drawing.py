@@ -13,9 +13,8 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.base.files import note_file
+from cosim.base import files, resources
 from cosim.base.frames import Array
-from cosim.base.resources import extra_module
 from cosim.errors import MeshError
 
 DRAWING_SUFFIXES = (".dxf", ".svg")
@@ -96,7 +95,7 @@ def read_drawing(path: Path, unit: str | None = None) -> Drawing:
         MeshError: the file cannot be read, states no unit or another one, or is far too large.
         InputError: the library that reads it is not installed.
     """
-    note_file(path)
+    files.note_file(path)
     try:
         size = path.stat().st_size
     except OSError as error:
@@ -151,7 +150,7 @@ def _checked_unit(path: Path, stated: str | None, given: str | None) -> str:
 
 
 def _read_dxf(path: Path, given: str | None) -> Drawing:
-    ezdxf = extra_module("ezdxf", "pattern")
+    ezdxf = resources.extra_module("ezdxf", "pattern")
     try:
         document = ezdxf.readfile(path)
     except Exception as error:  # whatever the parser stumbles over
@@ -201,7 +200,7 @@ def _entities(entities: Any, around: str | None, depth: int) -> Iterator[tuple[s
 
 def _dxf_points(entity: Any, metres: float, where: str) -> Iterator[Array]:
     """Yield the points (k, 2) of an entity's lines, in the file's unit."""
-    path = extra_module("ezdxf.path", "pattern")
+    path = resources.extra_module("ezdxf.path", "pattern")
     if entity.dxftype() == "POINT":
         yield np.array([[entity.dxf.location.x, entity.dxf.location.y]])
         return
@@ -226,7 +225,7 @@ def _dxf_points(entity: Any, metres: float, where: str) -> Iterator[Array]:
 
 
 def _read_svg(path: Path, given: str | None) -> Drawing:
-    svg = extra_module("svgelements", "pattern")
+    svg = resources.extra_module("svgelements", "pattern")
     try:
         document = svg.SVG.parse(str(path), reify=True, ppi=_PX_PER_INCH)
     except Exception as error:  # whatever the parser stumbles over
@@ -264,7 +263,7 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
 
 def _svg_shapes(group: Any, around: str | None) -> Iterator[tuple[str | None, str, Any]]:
     """Yield layer, words and element of all shapes of a group."""
-    svg = extra_module("svgelements", "pattern")
+    svg = resources.extra_module("svgelements", "pattern")
     for element in group:
         layer = _svg_layer(element) or around
         if isinstance(element, svg.Group | svg.Use):
@@ -302,7 +301,7 @@ def _svg_layer(element: Any) -> str | None:
 
 def _svg_points(element: Any, metres: float) -> Iterator[Array]:
     """Yield the points (k, 2) of an element's lines, in px, y downwards."""
-    svg = extra_module("svgelements", "pattern")
+    svg = resources.extra_module("svgelements", "pattern")
     for piece in abs(
         svg.Path(element)
     ).as_subpaths():  # abs: with transforms that no rect or circle can take up
@@ -338,7 +337,7 @@ def write_dxf(path: Path, layers: Mapping[str, Sequence[DrawnLine]]) -> None:
         OSError: the file cannot be written.
         InputError: the library that writes it is not installed.
     """
-    ezdxf = extra_module("ezdxf", "pattern")
+    ezdxf = resources.extra_module("ezdxf", "pattern")
     document = ezdxf.new(units=4)
     space = document.modelspace()
     for layer, lines in layers.items():

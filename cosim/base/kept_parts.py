@@ -5,8 +5,6 @@ What a value is made of, as a short name; and which program computed it.
 Parts of simulations that others may take over: each under a name of what it was made of.
 """
 
-from __future__ import annotations
-
 import hashlib
 import platform
 from collections.abc import Callable, Iterable, Mapping

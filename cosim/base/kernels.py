@@ -28,8 +28,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from cosim.base import numba_insides
-from cosim.base.files import cache_directory, keep, kept
+from cosim.base import files, numba_insides
 from cosim.base.kernel_types import Matrix, Vector, numba_type
 from cosim.base.numba_insides import KNOWN, from_bytes, has_arrays, processor, stack_array, to_bytes
 from cosim.base.numba_insides import call_native as call_native
@@ -92,7 +91,7 @@ class KernelCache:
     def is_there(self, signature: Any) -> bool:
         """Return whether there is sound machine code; warn of a damaged file, and delete it."""
         path = self.path(signature)
-        if kept(path, bool):
+        if files.kept(path, bool):
             return True
         with suppress(OSError):
             path.unlink(missing_ok=True)
@@ -101,14 +100,14 @@ class KernelCache:
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return what is kept for a signature; None if there is nothing."""
         context.refresh()
-        return kept(self.path(signature), lambda data: from_bytes(data, context))
+        return files.kept(self.path(signature), lambda data: from_bytes(data, context))
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep what was compiled, where it can be."""
         with suppress(*(() if KNOWN else (Exception,))):  # another numba may keep other things
             data = to_bytes(compiled, alone=self._alone)
             if data is not None:
-                keep(self.path(signature), data)
+                files.keep(self.path(signature), data)
 
     def remove_old(self, signature: Any) -> None:
         """Delete what was kept of other versions of the kernel more than a week ago."""
@@ -134,7 +133,7 @@ def kernel_folder(chosen: str | None) -> Path | None:
         chosen: folder in which it is; within the package unless given. If others own it or may write to it,
             it is in the user's cache folder.
     """
-    for place in (Path(chosen) if chosen else _PACKAGE / "__pycache__", cache_directory()):
+    for place in (Path(chosen) if chosen else _PACKAGE / "__pycache__", files.cache_directory()):
         folder = place / "kernels"
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)

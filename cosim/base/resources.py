@@ -6,8 +6,6 @@ one, has them at the top of the repository. Both are found without regard to the
 Videos are written by the program that comes with imageio-ffmpeg.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress

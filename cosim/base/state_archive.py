@@ -30,8 +30,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from cosim.base.files import whole_file
-from cosim.base.resources import writing
+from cosim.base import files, resources
 from cosim.errors import InputError
 
 Kind = TypeVar("Kind")
@@ -58,7 +57,7 @@ def write_archive(target: Path | BinaryIO, header: Mapping[str, Any], state: Any
     encoder = _Encoder()
     structure = {"schema": ARCHIVE_SCHEMA, "header": dict(header), "state": encoder.encode(state, "state")}
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
-    with whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
+    with files.whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
         np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **encoder.named)
 
 
@@ -80,7 +79,7 @@ class WrittenState(ABC):
         Raises:
             OutputError: it cannot be written.
         """
-        with writing(path):
+        with resources.writing(path):
             write_archive(Path(path), {"tick": self._ticks}, self)
 
 

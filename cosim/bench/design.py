@@ -12,13 +12,10 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario
-from cosim.bench.outputs import outputs_of
-from cosim.config.benches import DesignStudyTable, FreeTable, GoalTable, LimitTable
-from cosim.config.loading import load_scenario
-from cosim.config.schema.pattern import PatternTable
+from cosim.bench.equilibria import Equilibria, LoadRow, bench_scenario, outputs_of
+from cosim.config import benches, loading
+from cosim.config.schema import pattern, soft_robot
 from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import ConvergenceError, InputError
 
@@ -30,7 +27,7 @@ _GAINED: Final = 0.1  # of the predicted gain, with which a step is taken
 _WEIGHT: Final = 10.0  # of missed limits beside the goal
 _BAD: Final = 10.0  # sizes of the goal, of a design without an equilibrium
 
-Wanted = GoalTable | LimitTable
+Wanted = benches.GoalTable | benches.LimitTable
 
 
 @final
@@ -63,7 +60,7 @@ class Designed:
         evaluations: designs that were solved.
     """
 
-    study: DesignStudyTable
+    study: benches.DesignStudyTable
     choice: str
     start: DesignValues
     found: DesignValues
@@ -96,7 +93,7 @@ class DesignProblem:
         InputError: a parameter, load or quantity does not exist.
     """
 
-    def __init__(self, study: DesignStudyTable, *, refined: bool = False) -> None:
+    def __init__(self, study: benches.DesignStudyTable, *, refined: bool = False) -> None:
         self.study, self._names = study, [case.name for case in study.case]
         scenario = bench_scenario(study.scenario, {**study.set, "fidelity": "lumped"})
         if refined:
@@ -239,12 +236,12 @@ class DesignProblem:
 
 def _refined(scenario: Scenario) -> Scenario:
     robot = scenario.soft_robot
-    body = robot.body if isinstance(robot, SoftRobotTable) else None
-    if not isinstance(body, PatternTable):
-        return load_scenario(scenario, {"fidelity": "refined"})
+    body = robot.body if isinstance(robot, soft_robot.SoftRobotTable) else None
+    if not isinstance(body, pattern.PatternTable):
+        return loading.load_scenario(scenario, {"fidelity": "refined"})
     if body.mesh_m is None:
         raise InputError("a pattern is verified on edges of half the length: set soft_robot.body.mesh_m")
-    return load_scenario(scenario, {"soft_robot.body.mesh_m": 0.5 * body.mesh_m})
+    return loading.load_scenario(scenario, {"soft_robot.body.mesh_m": 0.5 * body.mesh_m})
 
 
 @final
@@ -351,7 +348,7 @@ class DesignTask:
         verify: whether the design is verified on the refined mesh, see `solve_choice`.
     """
 
-    study: DesignStudyTable
+    study: benches.DesignStudyTable
     choice: str = ""
     begin: int = 0
     verify: bool = True
@@ -408,7 +405,7 @@ def solve_choice(task: DesignTask) -> Designed:
 
 
 def design(
-    study: DesignStudyTable,
+    study: benches.DesignStudyTable,
     *,
     verify: bool = True,
     each: Callable[..., Iterable[Designed | ConvergenceError]] = map,
@@ -451,7 +448,7 @@ def _goal(found: Designed) -> float:
     return value if found.study.goal.sense == "least" else -value
 
 
-def unit_of_key(study: DesignStudyTable, key: str) -> str:
+def unit_of_key(study: benches.DesignStudyTable, key: str) -> str:
     """Return the unit of a parameter as people write it: that of the load that has its name, if any."""
     loads = [load for case in study.case for load, value in case.loads.items() if value == key]
     name = loads[0].partition(".")[0] if loads else key
@@ -471,7 +468,7 @@ def design_lines(found: Designed) -> list[str]:
     return [*lines, *_quantity_lines(found)]
 
 
-def _at_bound(entry: FreeTable, value: float) -> bool:
+def _at_bound(entry: benches.FreeTable, value: float) -> bool:
     return min(value - entry.low, entry.high - value) < _MET * (entry.high - entry.low)
 
 
@@ -481,7 +478,7 @@ def _quantity_lines(found: Designed) -> Sequence[str]:
         unit = unit_text(unit_of(entry.quantity.partition(".")[0])) or "1"
         where = f"{entry.quantity} in {entry.case or found.study.case[0].name}"
         where += f" less that in {entry.minus}" if entry.minus else ""
-        if isinstance(entry, GoalTable):
+        if isinstance(entry, benches.GoalTable):
             what = f"{entry.sense} {where}"
         else:
             kind = next(key for key in ("at_least", "at_most", "equal") if getattr(entry, key) is not None)

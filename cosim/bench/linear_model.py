@@ -12,8 +12,7 @@ import numpy as np
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.soft_sides import lumped_arm, section_arm
 from cosim.devices.command_source import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import FIGURES
@@ -188,9 +187,9 @@ def linearise(simulation: Simulation, *, motions: int = 40) -> LinearModel:
     if motions < 1:
         raise InputError(f"motions = {motions}: a linear model needs 1 or more natural modes of the film")
     tick_s = scenario.clock.tick_s
-    if isinstance(soft, SectionArm):
+    if isinstance(soft, section_arm.SectionArm):
         soft_step = soft.linear_step(tick_s)
-    elif isinstance(soft, SoftArm):
+    elif isinstance(soft, lumped_arm.SoftArm):
         soft_step = soft.linear_step(tick_s, motions)
     else:
         raise InputError(

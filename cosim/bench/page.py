@@ -8,13 +8,9 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from cosim.base.files import write_whole
+from cosim.base import files, resources
 from cosim.base.frames import Array
-from cosim.base.resources import writing
-from cosim.bench.design import Designed, design_lines
-from cosim.bench.equilibria import bench_scenario
-from cosim.bench.fitting import Identified
-from cosim.bench.parameters import shared, with_values
+from cosim.bench import design, equilibria, fitting, parameters
 from cosim.config.loading import table_text, to_table
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
@@ -34,7 +30,7 @@ _ALIKE = 3.0  # times what residuals differ by, from where on they are alike
 _INSIDE = 0.75  # of held-out rows, below which intervals are too narrow
 
 
-def value_lines(result: Identified) -> list[str]:
+def value_lines(result: fitting.Identified) -> list[str]:
     """Return a line for each value that was found."""
     lines = []
     for entry, found in zip(result.bench.parameter, result.found, strict=True):
@@ -47,7 +43,7 @@ def value_lines(result: Identified) -> list[str]:
     return lines
 
 
-def series_lines(result: Identified) -> list[str]:
+def series_lines(result: fitting.Identified) -> list[str]:
     """Return a line for each series: how well it is met, on rows that were fitted and that were held out."""
     lines = []
     for number, entry in enumerate(result.series):
@@ -92,7 +88,7 @@ def _systematic(scaled: Array) -> bool:
     return float((scaled[1:] * scaled[:-1]).mean() / (scaled**2).mean()) > 0.3
 
 
-def write_results(result: Identified, directory: Path, source: str) -> list[Path]:
+def write_results(result: fitting.Identified, directory: Path, source: str) -> list[Path]:
     """Write `identified.html` and the robot's file with its values; return their paths.
 
     Args:
@@ -107,19 +103,19 @@ def write_results(result: Identified, directory: Path, source: str) -> list[Path
     keys = {
         key: value
         for entry, found in pairs
-        for key, value in shared((entry.key, *entry.also), found.value).items()
+        for key, value in parameters.shared((entry.key, *entry.also), found.value).items()
     }
     head = [
         f"values that `cosim identify` has found from {source}:",
         *value_lines(result),
         *series_lines(result),
     ]
-    scenario = bench_scenario(result.bench.scenario, result.bench.set)
+    scenario = equilibria.bench_scenario(result.bench.scenario, result.bench.set)
     robot = robot_text(scenario, keys, "measured", head)
     return _written(directory, robot, ("identified.html", page_text(result, source)))
 
 
-def write_designs(results: Sequence[Designed], directory: Path, source: str) -> list[Path]:
+def write_designs(results: Sequence[design.Designed], directory: Path, source: str) -> list[Path]:
     """Write `designed.html` and the file of the best choice's robot; return their paths.
 
     Args:
@@ -134,26 +130,26 @@ def write_designs(results: Sequence[Designed], directory: Path, source: str) -> 
     keys = {
         key: each
         for entry, value in zip(best.study.parameter, best.found.values.tolist(), strict=True)
-        for key, each in shared((entry.key, *entry.also), value).items()
+        for key, each in parameters.shared((entry.key, *entry.also), value).items()
         if key.startswith("soft_robot.")
     }
-    head = [f"values that `cosim design` has found for {source}:", *design_lines(best)]
-    robot = robot_text(bench_scenario(best.study.scenario, best.study.set), keys, "assumed", head)
+    head = [f"values that `cosim design` has found for {source}:", *design.design_lines(best)]
+    robot = robot_text(equilibria.bench_scenario(best.study.scenario, best.study.set), keys, "assumed", head)
     parts = [f"<h1>Designed for {escape(source)}</h1>"]
     for found in results:
         met = "" if found.feasible else ": limits are NOT met"
         parts.append(f"<h2>{escape(found.choice or 'Before and after')}{met}</h2>")
-        parts += [_list(design_lines(found)), f"<p>{found.evaluations} designs solved.</p>"]
+        parts += [_list(design.design_lines(found)), f"<p>{found.evaluations} designs solved.</p>"]
     return _written(directory, robot, ("designed.html", _page(source, parts)))
 
 
 def _written(directory: Path, robot: str, page: tuple[str, str]) -> list[Path]:
     paths = [directory / page[0], directory / "robot.toml"]
-    with writing(directory):
+    with resources.writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
     for path, text in zip(paths, (page[1], robot), strict=True):
-        with writing(path):
-            write_whole(path, text)
+        with resources.writing(path):
+            files.write_whole(path, text)
     return paths
 
 
@@ -168,7 +164,7 @@ def robot_text(
         known: where `[known]` lists them.
         head: what is said of them: first lines of the file.
     """
-    robot = with_values(scenario, dict(keys)).soft_robot
+    robot = parameters.with_values(scenario, dict(keys)).soft_robot
     if not isinstance(robot, SoftRobotTable):
         raise InputError("the soft body is given as arrays, which are in no file")
     own = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
@@ -202,7 +198,7 @@ def _plain(key: str, table: Any) -> str:
     return ".".join(found[1:])
 
 
-def page_text(result: Identified, source: str) -> str:
+def page_text(result: fitting.Identified, source: str) -> str:
     """Return the page."""
     values = "".join(
         f"<tr><td>{escape(entry.key)}</td><td>{found.value:.6g}</td><td>{found.low:.6g}</td>"
@@ -225,7 +221,7 @@ def _list(lines: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
 
 
-def _plot(result: Identified, number: int) -> str:
+def _plot(result: fitting.Identified, number: int) -> str:
     """Return measured points and the model's line of a series over its first load that varies, as SVG."""
     entry, rows = result.series[number], result.rows_of(number)
     name, values = next(

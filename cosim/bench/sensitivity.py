@@ -7,8 +7,6 @@ state before moved along its own derivative (`cosim.soft.solve.sensitivity`). Th
 the run. A kink of the film's law within a tick, such as a wrinkle that begins, is taken as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +16,7 @@ import numpy as np
 
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array, Wrench
-from cosim.bench.outputs import Output, OutputShape, Slopes, change, outputs_of, read
+from cosim.bench.equilibria import Output, OutputShape, Slopes, change, outputs_of, read
 from cosim.bench.parameters import AnyParameter, LoadParameter, ParameterName, StaticModel, parameters_of
 from cosim.build.options import dynamic_options
 from cosim.config.loading import load_scenario
@@ -28,8 +26,7 @@ from cosim.errors import InputError, SensitivityError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve import assembly, newton, step_begin
 from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side
 from cosim.soft.solve.state import (
     Clamp,
@@ -40,7 +37,6 @@ from cosim.soft.solve.state import (
     follow_flange,
     inertia_weight,
 )
-from cosim.soft.solve.step_begin import fill_bed
 from cosim.stepping.quasistatic import QuasistaticSimulation
 
 
@@ -77,8 +73,8 @@ class RunSlopes:
         self._shape, still = shape, np.zeros_like(start.soft.positions)
         self._states = [(slope.motion, still, still, still) for _, slope in self._found]
 
-    def _newton(self, clamp: Clamp) -> NewtonSolver:
-        return NewtonSolver(self._model.system, clamp.mask(self._model.system.body.nodes))
+    def _newton(self, clamp: Clamp) -> newton.NewtonSolver:
+        return newton.NewtonSolver(self._model.system, clamp.mask(self._model.system.body.nodes))
 
     def _moved(self, here: SoftArmState) -> list[Moved]:
         return [moves(_at(here), here.clamp) for moves in self._moves]
@@ -152,7 +148,7 @@ class RunSlopes:
         along, base, target = np.zeros_like(x), np.empty_like(x), np.empty_like(x)
         if bed.share > 0.0:
             follow_flange(side.clamp.held, flange_axes(after.flange), x, earlier_x, bed, along)
-        fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
+        step_begin.fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
         if place not in self._rates:
             self._rates[place] = StrainRates.of(system.body, system.film)
         rates = self._rates[place]
@@ -334,7 +330,7 @@ def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
             "at rest: pass a new simulation, or a scenario"
         )
     # apart from the run, whose next tick depends on what its system has assembled last
-    model = StaticModel.of(simulation.scenario, SoftSystem(soft.body))
+    model = StaticModel.of(simulation.scenario, assembly.SoftSystem(soft.body))
     wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
     for row in rows:
         if row.name.startswith("flange_"):

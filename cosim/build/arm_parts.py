@@ -13,10 +13,9 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from cosim.base.arm_file import ArmFile
+from cosim.base import arm_file, solid
 from cosim.base.frames import Array, Mask, Pose
 from cosim.base.kept_parts import KeptParts, name_of, stamps
-from cosim.base.triangle_mesh import read_mesh
 from cosim.build.arms import cell_of, motion_of, placed_arm
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import ContactTable, Scenario
@@ -26,14 +25,10 @@ from cosim.config.toml.reading import Faults, blamed_on
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
+from cosim.plan import asked_motion, clearance, motion, planning
 from cosim.plan.arm_limits import PathClearances, PlannedArm
-from cosim.plan.arm_plan import avoided_start, check_stands, stands_clear
-from cosim.plan.asked_motion import planned_arm
-from cosim.plan.clearance import keeps_clear, path_clearances
 from cosim.plan.joint_planner import led_joints, nearest_start, plan_joints
-from cosim.plan.motion import CellMotion, JointPath
 from cosim.plan.plan import Plan
-from cosim.plan.planning import AnyWay
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, Joint, PairFriction, SceneDescription, SceneObject
 from cosim.rigid.scene.arms import SceneOfArms
@@ -165,7 +160,7 @@ def _object_geometry(part: SolidTable, entry: ObjectTable) -> Geometry:
 
 def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
     """Return what a solid and the object that it is part of say of their shape alike."""
-    mesh = None if entry.file is None else read_mesh(mesh_path(entry.file)).scaled(entry.scale)
+    mesh = None if entry.file is None else solid.read_mesh(mesh_path(entry.file)).scaled(entry.scale)
     return {"mesh": mesh} | {name: getattr(entry, name) for name in _OF_A_SOLID}
 
 
@@ -226,7 +221,7 @@ class DescribedArm:
 
     arm: Arm
     name: str
-    driven: CellMotion | None
+    driven: motion.CellMotion | None
     description: SceneDescription
 
     @classmethod
@@ -330,7 +325,7 @@ def check_starts(shared: SceneOfArms, joints: Mapping[str, Array]) -> None:
         scene.set_joint_state(start)
     for (name, start), scene in zip(joints.items(), shared.arms, strict=True):
         with of_arm(name):
-            check_stands(scene.links.at(start), "start.flange")
+            clearance.check_stands(scene.links.at(start), "start.flange")
 
 
 @final
@@ -375,8 +370,8 @@ class ArmParts:
             )  # fmt: skip
 
     def plan_joints(
-        self, start: Pose, ways: list[AnyWay], blame: Callable[[int], str]
-    ) -> tuple[JointPath, ...]:
+        self, start: Pose, ways: list[planning.AnyWay], blame: Callable[[int], str]
+    ) -> tuple[motion.JointPath, ...]:
         """Return the joint paths of all phases, see `cosim.plan.joint_planner.plan_joints`.
 
         An arm that would stand in something begins in another configuration. So does one with spare joints
@@ -384,8 +379,8 @@ class ArmParts:
         """
 
         def planned(
-            around: object = None, clear: Callable[[tuple[JointPath, ...]], bool] | None = None
-        ) -> tuple[JointPath, ...]:
+            around: object = None, clear: Callable[[tuple[motion.JointPath, ...]], bool] | None = None
+        ) -> tuple[motion.JointPath, ...]:
             return self._kept.made(
                 "joint paths", name_of(self._arm_name, start, ways, self._led, around),
                 lambda: plan_joints(self.arm, start, ways, blame, self._led, clear),
@@ -393,9 +388,9 @@ class ArmParts:
 
         settings = self._scenario.plan
         if settings.collision == "refuse" and self.arm.has_spare_joints:
-            clear = partial(keeps_clear, self.scene, settings.clearance_m)
+            clear = partial(clearance.keeps_clear, self.scene, settings.clearance_m)
             return planned((self._geometry_name, settings.clearance_m), clear)
-        paths, stands = planned(), partial(stands_clear, self.scene)
+        paths, stands = planned(), partial(clearance.stands_clear, self.scene)
         return paths if stands(paths) else planned(self._geometry_name, stands)
 
     def motion_name(self, plan: Plan) -> str:
@@ -422,7 +417,7 @@ class ArmParts:
         )
         return self._kept.made(
             "clearances", name,
-            lambda: path_clearances(
+            lambda: clearance.path_clearances(
                 self.scene, plan, body, settings, self.driven, film_touches=film_touches
             ),
         )  # fmt: skip
@@ -440,8 +435,8 @@ class ArmParts:
 
         def made() -> PlannedArm:
             nearest = nearest_start(arm, plan.start, self._led[0])
-            found = planned_arm(arm, scene, plan, payload, clearances, dynamic=dynamic)
-            return replace(found, avoided=avoided_start(scene, plan.joints, nearest))
+            found = asked_motion.planned_arm(arm, scene, plan, payload, clearances, dynamic=dynamic)
+            return replace(found, avoided=clearance.avoided_start(scene, plan.joints, nearest))
 
         name = name_of(
             self.motion_name(plan), self._geometry_name, gravity, tick_s, payload, clearances, dynamic
@@ -449,11 +444,11 @@ class ArmParts:
         return self._kept.made("planned arm", name, made)
 
 
-def _arm_file(scenario: Scenario, kept: KeptParts) -> tuple[ArmFile, str]:
+def _arm_file(scenario: Scenario, kept: KeptParts) -> tuple[arm_file.ArmFile, str]:
     """Return the arm of a scenario where it stands, and a name of all that it was read from."""
     name = name_of(scenario.robot, scenario.arm_base)
 
-    def read() -> tuple[ArmFile, object]:
+    def read() -> tuple[arm_file.ArmFile, object]:
         file = placed_arm(scenario.robot, scenario.arm_base)
         return file, stamps(file.files)
 

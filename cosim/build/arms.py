@@ -13,8 +13,7 @@ import numpy as np
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Pose
-from cosim.config.arms.arm_files import arm_source, read_urdf
-from cosim.config.arms.arm_table import BaseTable, on_moving_base
+from cosim.config import arm_files, arm_table
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from cosim.rigid.build.description import Cell
 
 
-def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:
+def placed_arm(robot: str, base: arm_table.BaseTable | None) -> ArmFile:
     """Return an arm where a scenario puts it.
 
     Args:
@@ -39,7 +38,7 @@ def placed_arm(robot: str, base: BaseTable | None) -> ArmFile:
     if base is None:
         return arm
     placed = Pose.from_quaternion(np.array(base.quaternion), np.array(base.position_m))
-    return on_moving_base(replace(arm, world_from_base=placed), base)
+    return arm_table.on_moving_base(replace(arm, world_from_base=placed), base)
 
 
 def find_arm(robot: str) -> ArmFile:
@@ -52,13 +51,13 @@ def find_arm(robot: str) -> ArmFile:
         InputError: no such arm, or its files are not usable.
         ScenarioError: keys or values of an `arm.toml` are wrong.
     """
-    source = arm_source(robot)
+    source = arm_files.arm_source(robot)
     if source.is_mjcf:
         from cosim.rigid.build.mjcf_arm import read_mjcf  # here: a URDF needs no MuJoCo
 
         arm = read_mjcf(source)
     else:
-        arm = read_urdf(source)
+        arm = arm_files.read_urdf(source)
     if arm.home_known:
         return arm
     from cosim.kinematics.arm import Arm  # here: an arm with a home needs no Pinocchio

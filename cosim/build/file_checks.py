@@ -3,29 +3,22 @@
 import math
 from typing import Any
 
-from cosim.base.arm_file import ArmFile
+from cosim.base import arm_file, kept_parts
 from cosim.base.frames import Array
-from cosim.base.kept_parts import KeptParts
-from cosim.build.arm_parts import ArmParts, check_engines_agree, check_starts, scene_of_arms
-from cosim.build.arms import find_arm
-from cosim.build.options import described_body, fidelity_body
-from cosim.build.soft_model import body_name
-from cosim.config.loading import load_scenario
+from cosim.build import arm_parts, arms, options, soft_model
+from cosim.config import loading, several_arms, studies
 from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.several_arms import ArmsScenario, of_arm
-from cosim.config.studies import StudyTable, designs_of
 from cosim.config.toml.reading import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
 from cosim.kinematics.arm import Arm
-from cosim.plan.arm_plan import checked_start, drawn_payload
-from cosim.plan.motion import rotation_from_direction
-from cosim.plan.planning import check_given_ways
+from cosim.plan import motion, planning
+from cosim.plan.clearance import checked_start, drawn_payload
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 
 
-def checked_arm(robot: str) -> ArmFile:
+def checked_arm(robot: str) -> arm_file.ArmFile:
     """Return an arm that both engines have read, and read alike.
 
     Args:
@@ -34,16 +27,16 @@ def checked_arm(robot: str) -> ArmFile:
     Raises:
         InputError: its files are not usable; see `find_arm` and `check_engines_agree`.
     """
-    file = find_arm(robot)
-    check_engines_agree(RigidScene(SceneDescription(file)), Arm(file), file.armature)
+    file = arms.find_arm(robot)
+    arm_parts.check_engines_agree(RigidScene(SceneDescription(file)), Arm(file), file.armature)
     return file
 
 
-def flange_at_home(file: ArmFile) -> str:
+def flange_at_home(file: arm_file.ArmFile) -> str:
     """Return where an arm's flange is at home, as the line `start.flange = {...}` of a scenario."""
     pose = Arm(file).forward(file.home)
     direction = pose.rotation[:, 2].round(4)
-    rolled = rotation_from_direction(direction).T @ pose.rotation
+    rolled = motion.rotation_from_direction(direction).T @ pose.rotation
     place, way = (", ".join(f"{x + 0.0:.4f}" for x in v) for v in (pose.translation, direction))
     roll = f"{math.atan2(rolled[1, 0], rolled[0, 0]) + 0.0:.4f}"
     return f"at home: start.flange = {{ position_m = [{place}], direction = [{way}], roll_rad = {roll} }}"
@@ -58,10 +51,10 @@ def check_robot(robot: SoftRobotTable) -> None:
     Raises:
         ScenarioError: what is wrong, by key; see `build_soft_body`.
     """
-    described_body(robot, ModelTable())
+    options.described_body(robot, ModelTable())
 
 
-def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
+def check_built(scenario: Scenario, kept: kept_parts.KeptParts | None = None) -> None:
     """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and can continue.
 
     What takes statics or minutes is left to runs: see `left_to_runs`.
@@ -74,38 +67,38 @@ def check_built(scenario: Scenario, kept: KeptParts | None = None) -> None:
         ScenarioError: what is wrong, by key; see `build_soft_body`, `ArmParts`, `check_start` and
             `check_given_ways`.
     """
-    _start_of(scenario, KeptParts() if kept is None else kept)
+    _start_of(scenario, kept_parts.KeptParts() if kept is None else kept)
 
 
-def _start_of(scenario: Scenario, kept: KeptParts) -> Array | None:
+def _start_of(scenario: Scenario, kept: kept_parts.KeptParts) -> Array | None:
     """Return the joint angles (joints,) at which a scenario's arm starts; None without an arm."""
     faults = Faults()
     with faults:
-        body = kept.made("body", body_name(scenario), lambda: fidelity_body(scenario))
+        body = kept.made("body", soft_model.body_name(scenario), lambda: options.fidelity_body(scenario))
     if scenario.robot != NO_ARM:
         with faults:
-            built = ArmParts(scenario, kept)
+            built = arm_parts.ArmParts(scenario, kept)
     faults.tell()
     if scenario.robot == NO_ARM:
         return None
     planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
-    return check_given_ways(scenario, planner)
+    return planning.check_given_ways(scenario, planner)
 
 
-def check_arms(scenario: ArmsScenario) -> None:
+def check_arms(scenario: several_arms.ArmsScenario) -> None:
     """Check each of several arms as `check_built` does, and that none starts in another one.
 
     Raises:
         ScenarioError: what is wrong, by key.
     """
-    kept, faults, starts = KeptParts(), Faults(), dict[str, Array]()
+    kept, faults, starts = kept_parts.KeptParts(), Faults(), dict[str, Array]()
     for name, one in scenario.arms.items():
-        with faults, of_arm(name):
+        with faults, several_arms.of_arm(name):
             start = _start_of(one, kept)
             assert start is not None, "each of several arms needs a robot"
             starts[name] = start
     faults.tell()
-    check_starts(scene_of_arms(scenario.arms, kept)[1], starts)
+    arm_parts.check_starts(arm_parts.scene_of_arms(scenario.arms, kept)[1], starts)
 
 
 def left_to_runs(scenario: Scenario) -> tuple[str, ...]:
@@ -119,7 +112,7 @@ def left_to_runs(scenario: Scenario) -> tuple[str, ...]:
     return tuple(found)
 
 
-def check_designs(study: StudyTable) -> None:
+def check_designs(study: studies.StudyTable) -> None:
     """Check that each design of a study can be loaded and built; nothing is run.
 
     Args:
@@ -129,10 +122,10 @@ def check_designs(study: StudyTable) -> None:
         ScenarioError: what is wrong, by design and key; what several designs share stands there once.
     """
 
-    designs, kept, found = designs_of(study), KeptParts(), dict[str, list[int]]()
+    designs, kept, found = studies.designs_of(study), kept_parts.KeptParts(), dict[str, list[int]]()
     for number, varied in enumerate(designs, 1):
         try:
-            check_built(load_scenario(study.scenario, {**study.set, **varied}), kept)
+            check_built(loading.load_scenario(study.scenario, {**study.set, **varied}), kept)
         except InputError as error:
             for place, problem in getattr(error, "faults", (("", str(error)),)):
                 found.setdefault(f"{place}: {problem}" if place else problem, []).append(number)

@@ -30,17 +30,16 @@ def _has_losses(robot: AnySoftRobot) -> bool:
 def common_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of every run: those of all known elements, and of what sums them."""
     from cosim.soft.body import places
-    from cosim.soft.contact import obstacle_contact, point_kernels
-    from cosim.soft.elements import mass_terms, pressure
-    from cosim.soft.elements.element import kinds_known
+    from cosim.soft.contact import contact_law, obstacle_contact
+    from cosim.soft.elements import element, mass_terms, pressure
     from cosim.soft.film import film_terms
     from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
     from cosim.soft.solve import film_step, state, step_begin
 
     return (
-        places, obstacle_contact, point_kernels, envelope_kernels, film_step, film_terms, state, mass_terms,
+        places, obstacle_contact, contact_law, envelope_kernels, film_step, film_terms, state, mass_terms,
         pattern, pressure, secant_pairs, step_begin,
-        *dict.fromkeys(sys.modules[kind.__module__] for kind in kinds_known()),
+        *dict.fromkeys(sys.modules[kind.__module__] for kind in element.kinds_known()),
     )  # fmt: skip
 
 
@@ -89,7 +88,7 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
         modules += (rate_kernels,)
     if not scenario.model.closed:
-        from cosim.soft.published import open_caps
+        from cosim.soft.elements import open_caps
 
         modules += (open_caps,)
     if scenario.fidelity == "section":
@@ -117,10 +116,10 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
-    from cosim.coupling.contact import contact_kernels, foresight_kernels, search_kernels
+    from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
     from cosim.rigid.distance import film_distance, shapes, signed_distance
 
-    return contact_kernels, foresight_kernels, search_kernels, shapes, film_distance, signed_distance
+    return contact_kernels, contact_arrays, search_kernels, shapes, film_distance, signed_distance
 
 
 def compile_contact(tell: Callable[[str], None]) -> None:

@@ -14,8 +14,7 @@ from cosim.config.toml.reading import blamed_on
 from cosim.reduced.section_model import STRAINS, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve import newton_options, state
 
 REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
 STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
@@ -45,9 +44,9 @@ def described_body(robot: SoftRobotTable, model: ModelTable, finer: int = 0) -> 
         return build_soft_body(robot, model, finer=finer)
 
 
-def static_options(scenario: Scenario) -> NewtonOptions:
+def static_options(scenario: Scenario) -> newton_options.NewtonOptions:
     """Return how equilibria of a scenario are solved."""
-    return NewtonOptions(
+    return newton_options.NewtonOptions(
         tolerance_N=scenario.solver.residual_tolerance_N,
         start_tolerance_N=scenario.solver.residual_tolerance_N,
         iterations_max=scenario.solver.newton_iterations_max,
@@ -58,9 +57,9 @@ def static_options(scenario: Scenario) -> NewtonOptions:
     )
 
 
-def dynamic_options(scenario: Scenario) -> StepOptions:
+def dynamic_options(scenario: Scenario) -> state.StepOptions:
     """Return how ticks of a scenario are solved."""
-    return StepOptions(
+    return state.StepOptions(
         integrator=scenario.solver.integrator,
         tolerance_N=scenario.solver.dynamic_tolerance_N,
         iterations=scenario.solver.dynamic_newton_iterations,

@@ -12,31 +12,25 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias, final
 
+from cosim.base import numba_insides, state_archive
 from cosim.base.files import keep, kept
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
-from cosim.base.numba_insides import processor
-from cosim.base.state_archive import packed, unpacking
-from cosim.build.kernel_modules import compile_contact
-from cosim.build.options import contact_law
+from cosim.build import kernel_modules, options
 from cosim.build.soft_model import SoftModel
 from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
-from cosim.config.loading import note_kinds
+from cosim.config import loading, several_arms
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.several_arms import of_arm
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.command_source import CommandSource
-from cosim.devices.controller import AnyController
+from cosim.devices import command_source, controller
 from cosim.devices.device_loop import Actuation, PlannedCommands
-from cosim.devices.live.live_commands import LiveCommands
+from cosim.devices.live import live_commands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
-from cosim.plan import clearance
-from cosim.plan.arm_limits import ArmLimits, PlannedArm
-from cosim.plan.arm_plan import check_base, checked_start, drawn_payload
+from cosim.plan import arm_limits, clearance, section_plan
+from cosim.plan.clearance import check_base, checked_start, drawn_payload
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
-from cosim.plan.section_plan import section_range
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import ArmsRun, DynamicSimulation
@@ -67,12 +61,12 @@ def solved_on_disk(folder: Path | None, name: str, solve: Callable[[], SolvedPha
     """
     if folder is None or is_nameless(name):
         return solve()
-    path = folder / f"plan_{content_name(name, code_identity(), processor())}.kept"
-    found = kept(path, unpacking(SolvedPhases))
+    path = folder / f"plan_{content_name(name, code_identity(), numba_insides.processor())}.kept"
+    found = kept(path, state_archive.unpacking(SolvedPhases))
     if found is None:
         found = solve()
         with suppress(TypeError):  # a path of the tip is no plain data
-            keep(path, packed(found))
+            keep(path, state_archive.packed(found))
             _remove_oldest(folder)
     return found
 
@@ -85,12 +79,12 @@ def _remove_oldest(folder: Path) -> None:
             path.unlink()
 
 
-_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], PlannedArm | None, "Arm | None"]
+_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], arm_limits.PlannedArm | None, "Arm | None"]
 
 
 def build(
     scenario: Scenario,
-    controllers: Mapping[str, AnyController] | None = None,
+    controllers: Mapping[str, controller.AnyController] | None = None,
     before: Choices | None = None,
     body: SoftBody | None = None,
     tell: Callable[[str], None] = lambda _text: None,
@@ -111,14 +105,14 @@ def build(
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
     kept = KeptParts() if kept is None else kept
-    note_kinds(scenario)
+    loading.note_kinds(scenario)
     model = SoftModel(scenario, kept, body, tell)
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
     arranged = (
         _held_base(scenario, model, soft)
         if scenario.robot == NO_ARM
-        else _arm(scenario, model, soft, before, partial(compile_contact, tell))
+        else _arm(scenario, model, soft, before, partial(kernel_modules.compile_contact, tell))
     )
     parts, stage = _joined(scenario, model, soft, actuation, arranged)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
@@ -146,8 +140,8 @@ def build_arms(
     described, shared = scene_of_arms(scenarios, kept)
     all_planned = {}
     for (name, scenario), scene in zip(scenarios.items(), shared.arms, strict=True):
-        note_kinds(scenario)
-        with of_arm(name):
+        loading.note_kinds(scenario)
+        with several_arms.of_arm(name):
             model = SoftModel(scenario, kept, None, tell)
             parts = ArmParts(scenario, kept, described[name], scene)
             all_planned[name] = _planned(scenario, model, model.side(), parts)
@@ -155,8 +149,8 @@ def build_arms(
     runs = {}
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
-        with of_arm(name):
-            arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
+        with several_arms.of_arm(name):
+            arranged = _carried(one, None, partial(kernel_modules.compile_contact, tell), SharedArm, rest)
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     for run in runs.values():  # each begins, and is shown, with the others where they begin
@@ -190,7 +184,7 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
 
     soft = model.side()
     plan = _plan(scenario, HeldBase.plan, model)
-    carrier = HostCarrier(scene, soft, contact_law(scenario) if scenario.contact.enabled else None)
+    carrier = HostCarrier(scene, soft, options.contact_law(scenario) if scenario.contact.enabled else None)
     actuation = Actuation(scenario, soft.body, None)
     commands = _steered(scenario, plan, soft, actuation, LiveBounds(section_Pa=model.largest_pressure_Pa))
     rest = partial(brought_to_rest, model.kept, model.name, soft)
@@ -199,13 +193,13 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
 
 def _steered(
     scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation, bounds: LiveBounds
-) -> LiveCommands:
+) -> live_commands.LiveCommands:
     """Return the commands of a plan, changed by those of the scenario and by those from outside."""
     own = PlannedCommands(scenario, plan, soft, actuation)
-    commands: CommandSource = own
+    commands: command_source.CommandSource = own
     for entry in scenario.commands:
         commands = entry.source(commands, scenario)
-    return LiveCommands(commands, own, scenario, soft, bounds)
+    return live_commands.LiveCommands(commands, own, scenario, soft, bounds)
 
 
 def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arranged:
@@ -281,7 +275,7 @@ def _carried(
         contact = before.keep(contact)
     if contact.included:
         ready_for_contact()
-    law = contact_law(scenario) if contact.included else None
+    law = options.contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)
     carrier = carried_by(
@@ -306,7 +300,7 @@ def _bounds(model: SoftModel, plan: Plan, modelled: tuple[Decision, ...], arm: A
     unreached = not contact.included and contact.switch == ONLY_IN_REACH
     return LiveBounds(
         arm,
-        None if arm is None else ArmLimits.of(arm),
+        None if arm is None else arm_limits.ArmLimits.of(arm),
         model.largest_pressure_Pa,
         largest_pressure(plan) if unreached else None,
     )
@@ -320,7 +314,7 @@ def _range(
     name = name_of(_asked_name(scenario, model), way, scenario.commands, touched)
 
     def walked() -> Decision:
-        return section_range(scenario, plan, model.chain(), arm, touched)
+        return section_plan.section_range(scenario, plan, model.chain(), arm, touched)
 
     return (model.kept.made("range", name, walked),)
 

@@ -9,7 +9,6 @@ Stacks of polygonal units as a source of soft bodies: the one place that turns t
 Soft bodies that are given from Python, as arrays, in place of a scenario's soft robot.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,27 +17,20 @@ from typing import Final, TypeAlias, final
 
 import numpy as np
 
+from cosim.base import kept_parts, solid
 from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
-from cosim.base.kept_parts import content_name
-from cosim.base.triangle_mesh import GroupedSurface, TriangleMesh, read_surface
 from cosim.build.patterns import drawn_pattern
-from cosim.config.schema import soft_robot
+from cosim.config.schema import pattern, scenario, soft_robot
 from cosim.config.schema.film import FilmTable, StackTable
-from cosim.config.schema.pattern import PatternTable
-from cosim.config.schema.scenario import GivenBodyTable, ModelTable
-from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Faults
+from cosim.config.toml import parsing, reading
 from cosim.errors import MeshError, ScenarioError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
+from cosim.soft.elements import element, frame_ring, frame_stops, material, open_caps
 from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.element import Element
 from cosim.soft.elements.fabric import Fabric
-from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
-from cosim.soft.elements.material import Film
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh, refine, rest_angles
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
 from cosim.soft.geometry.surface import (
@@ -51,7 +43,6 @@ from cosim.soft.geometry.surface import (
     rows_of,
     triangle_area,
 )
-from cosim.soft.published.hinges import without_spring
 
 TAKEN_AWAY: Final = (
     "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m",
@@ -94,8 +85,8 @@ def drawn_mesh(table: soft_robot.MeshTable) -> NamedMesh:
     Raises:
         MeshError: the file cannot be read, or it has no such nodes.
     """
-    read = read_surface(Path(table.file))
-    surface = GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
+    read = solid.read_surface(Path(table.file))
+    surface = solid.GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
     check_mesh(surface.vertices, surface.triangles)
     pinched = nodes_of_several_fans(surface.triangles)
     if len(pinched):
@@ -123,7 +114,7 @@ def drawn_mesh(table: soft_robot.MeshTable) -> NamedMesh:
     )
 
 
-def _six_volumes(surface: GroupedSurface, holes: tuple[IntArray, ...]) -> float:
+def _six_volumes(surface: solid.GroupedSurface, holes: tuple[IntArray, ...]) -> float:
     """Return six times the volume [m^3] that film and caps enclose, see `cosim.soft.elements.pressure`."""
     x = surface.vertices - surface.vertices.mean(axis=0)
     a, b, c = (x[surface.triangles[:, k]] for k in range(3))
@@ -131,7 +122,7 @@ def _six_volumes(surface: GroupedSurface, holes: tuple[IntArray, ...]) -> float:
     return float((a * cross(b, c)).sum() + sum(caps))
 
 
-def _nodes(entry: soft_robot.NodeSetTable, surface: GroupedSurface) -> IntArray:
+def _nodes(entry: soft_robot.NodeSetTable, surface: solid.GroupedSurface) -> IntArray:
     if entry.group is not None:
         if entry.group not in surface.groups:
             known = ", ".join(surface.groups) or "none"
@@ -156,7 +147,7 @@ def _in_plane(name: str, axis: int, at_m: float, x: Array) -> IntArray:
     return found[np.argsort(angle if at_m > 0.5 * (low + high) else -angle, kind="stable")]
 
 
-def _nearest(name: str, points: Array, surface: GroupedSurface) -> IntArray:
+def _nearest(name: str, points: Array, surface: solid.GroupedSurface) -> IntArray:
     x = surface.vertices
     ends = x[directed_edges(surface.triangles)]
     reach = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
@@ -301,12 +292,12 @@ class NamedBody:
         """Return a body with names, the usual ones where it has none."""
         return body if isinstance(body, NamedBody) else cls(body)
 
-    def table(self) -> GivenBodyTable:
+    def table(self) -> scenario.GivenBodyTable:
         """Return what a scenario may name of it."""
-        body, faults = self.body, Faults()
+        body, faults = self.body, reading.Faults()
         described = {
             "name": self.name,
-            "arrays": content_name(body),
+            "arrays": kept_parts.content_name(body),
             "triangles": len(body.triangles),
             "closed": body.closed,
             "rings": list(body.rings),
@@ -314,7 +305,7 @@ class NamedBody:
             "cables": list(self.cable_names),
             "chambers": [chamber.name for chamber in body.gas_chambers],
         }
-        found = parse(GivenBodyTable, described, "body", faults)
+        found = parsing.parse(scenario.GivenBodyTable, described, "body", faults)
         faults.tell()
         return found
 
@@ -327,7 +318,7 @@ _REST = ""  # name of the face group of all triangles that are in none with a fi
 _KEPT_STIFFNESS = 1e-4  # of the plain law in a tension field: slack triangles beside hinges would collapse
 
 
-def build_film(table: FilmTable) -> Film:
+def build_film(table: FilmTable) -> material.Film:
     """Return a film."""
     f = table
     kept = _KEPT_STIFFNESS if f.law == "tension_field" else 0.0
@@ -339,14 +330,14 @@ def build_film(table: FilmTable) -> Film:
             w.modulus_weft_Pa, w.shear_modulus_Pa, w.warp_direction, w.straight_modulus_Pa, strain
         )
     assert young_modulus_Pa is not None, "a checked film has one of the two"
-    return Film(
+    return material.Film(
         young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
         f.loss_frequency_Hz, fabric, f.buckling_force_N_m,
     )  # fmt: skip
 
 
 def build_soft_body(
-    robot: soft_robot.SoftRobotTable, model: ModelTable, path: str = "soft_robot", finer: int = 0
+    robot: soft_robot.SoftRobotTable, model: scenario.ModelTable, path: str = "soft_robot", finer: int = 0
 ) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
@@ -406,7 +397,7 @@ def _drawn_body(robot: soft_robot.SoftRobotTable) -> tuple[NamedMesh, NamedMesh]
     if isinstance(robot.body, soft_robot.MeshTable):
         mesh = drawn_mesh(robot.body)
         _check_held(mesh, robot.base)
-    elif isinstance(robot.body, PatternTable):
+    elif isinstance(robot.body, pattern.PatternTable):
         mesh = drawn_pattern(robot.body, robot.base[0], robot.stiffener.kind != "none")
     else:
         mesh = robot.body.mesh()
@@ -423,7 +414,7 @@ def _drawn_body(robot: soft_robot.SoftRobotTable) -> tuple[NamedMesh, NamedMesh]
 def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
     """Refuse a film with a piece that no base holds."""
     held = mesh.positions[np.unique(np.concatenate([mesh.ring(name) for name in base]))]
-    for piece in TriangleMesh(mesh.positions, mesh.triangles).shells():
+    for piece in solid.TriangleMesh(mesh.positions, mesh.triangles).shells():
         if not (held[:, None] == piece.vertices).all(axis=2).any():
             raise MeshError(
                 f"the piece of film around {in_mm(piece.vertices.mean(axis=0))} shares no node with the "
@@ -431,7 +422,7 @@ def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
             )
 
 
-def _films(robot: soft_robot.SoftRobotTable) -> Film | dict[str, Film]:
+def _films(robot: soft_robot.SoftRobotTable) -> material.Film | dict[str, material.Film]:
     film = build_film(robot.film)
     own = {name: build_film(table) for name, table in _own_films(robot).items()}
     return {_REST: film, **own} if own else film
@@ -497,7 +488,7 @@ def _check_panels(robot: soft_robot.SoftRobotTable, mesh: NamedMesh, path: str) 
 
 
 def _with_attachment(
-    body: SoftBody, entry: soft_robot.AttachmentTable, model: ModelTable, path: str, finer: int
+    body: SoftBody, entry: soft_robot.AttachmentTable, model: scenario.ModelTable, path: str, finer: int
 ) -> SoftBody:
     top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
     plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
@@ -518,7 +509,7 @@ def _cable(mesh: NamedMesh, entry: soft_robot.CableTable) -> Cable:
 
 
 def _hinges(
-    robot: soft_robot.SoftRobotTable, model: ModelTable, coarse: NamedMesh, mesh: NamedMesh
+    robot: soft_robot.SoftRobotTable, model: scenario.ModelTable, coarse: NamedMesh, mesh: NamedMesh
 ) -> tuple[IntArray, Array]:
     """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
 
@@ -528,7 +519,7 @@ def _hinges(
     refined = mesh is not coarse
     drawn = _folds(coarse)
     if not model.all_hinges:
-        drawn = [(places, folds[~without_spring(coarse, folds)]) for places, folds in drawn]
+        drawn = [(places, folds[~open_caps.without_spring(coarse, folds)]) for places, folds in drawn]
     sheets = _folds(mesh) if refined else drawn
     hinges = rows_of([folds for _, folds in sheets])
     factor = robot.hinge.stiffness_factor * mesh.face_values.get(BENDING_FACTOR, 1.0)
@@ -555,20 +546,20 @@ def _shell(mesh: NamedMesh, places: IntArray, folds: IntArray, rigidity: Array) 
     return shell_stiffness(mesh.positions, triangles, folds, mean_beside(triangles, folds, rigidity[places]))
 
 
-def _stiffeners(mesh: NamedMesh, robot: soft_robot.SoftRobotTable) -> list[Element]:
+def _stiffeners(mesh: NamedMesh, robot: soft_robot.SoftRobotTable) -> list[element.Element]:
     rings, table = np.array([mesh.ring(name) for name in mesh.seam_rings]), robot.stiffener
     if table.kind == "stiff":
-        return [FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)]
-    found: list[Element] = [BeamRings.from_shape(mesh.positions, rings, _section(table))]
+        return [frame_ring.FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)]
+    found: list[element.Element] = [BeamRings.from_shape(mesh.positions, rings, _section(table))]
     if table.rest_on_one_another and len(rings) > 1:
-        found.append(FrameStops.from_shape(mesh.positions, rings, robot.frame_pitch_m))
+        found.append(frame_stops.FrameStops.from_shape(mesh.positions, rings, robot.frame_pitch_m))
     return found
 
 
 def _section(table: soft_robot.StiffenerTable) -> RectangularSection:
     # what is missing was refused before
     width, height, modulus = table.width_m or 0.0, table.height_m or 0.0, table.young_modulus_Pa or 0.0
-    return RectangularSection(width, height, modulus, table.poisson_ratio, table.strength_strain or math.inf)
+    return RectangularSection(width, height, modulus, table.poisson_ratio, table.strength_strain or np.inf)
 
 
 def _node_mass(robot: soft_robot.SoftRobotTable, coarse: NamedMesh, mesh: NamedMesh) -> Array:

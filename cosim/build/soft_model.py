@@ -13,23 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import final
 
+from cosim.base import kept_parts, state_archive
 from cosim.base.files import cache_directory, keep, kept
-from cosim.base.kept_parts import KeptParts, content_name, name_of, nameless, stamps
-from cosim.base.state_archive import packed, unpacking
-from cosim.build import options
-from cosim.build.soft_body import build_soft_body
+from cosim.build import options, soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
-from cosim.coupling.soft_sides.frozen_body import FrozenBody
-from cosim.coupling.soft_sides.handover_arm import HandoverArm
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.soft_sides import frozen_body, handover_arm, lumped_arm, section_arm, soft_side
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of
-from cosim.reduced.fit.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
+from cosim.reduced.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.self_contact_faces import FilmFaces
@@ -58,17 +52,17 @@ def section_model(
     """
     robot = file_of(scenario, "a section model")
     if body is None or robot.copies is not None:  # copies share the model of one of them
-        body = build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
+        body = soft_body.build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
     body, largest, films = _one_way(body), largest_covered(scenario), film_law(scenario)
     if films is not None:  # friction has no energy; most samples have units that press
         films = replace(films, friction=0.0, throughout=True) if FilmFaces.of(body).can_meet else None
     fold = "_folds" if robot.copies is not None else ""
     path = cache_directory() / f"section_model_{content_hash(body, largest, films)}{fold}.kept"
-    model = kept(path, unpacking(SectionModel))
+    model = kept(path, state_archive.unpacking(SectionModel))
     if model is None:
         tell(f"Building the section model of {robot.name}: up to two minutes, once; kept in {path}")
         model = _built(scenario, body, largest, films)
-        keep(path, packed(model))
+        keep(path, state_archive.packed(model))
     if math.isinf(model.tip_error) and not scenario.hands_over:
         raise ScenarioError(
             "fidelity",
@@ -99,7 +93,7 @@ def _built(
     if robot.stack is not None and robot.stack.refine:
         stack = replace(robot.stack, refine=robot.stack.refine - 1)
         robot = replace(robot, stack=stack, copies=None, palm=None)
-        coarse = _one_way(build_soft_body(robot, scenario.model))
+        coarse = _one_way(soft_body.build_soft_body(robot, scenario.model))
     try:
         # fingers fold around what they hold; one stack may hand over to its film where it folds
         return build_model(body, largest_Pa, films, coarse, None, fingers)
@@ -128,7 +122,7 @@ def largest_covered(scenario: Scenario) -> float:
 
 def content_hash(body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None) -> str:
     """Return a short name of everything that a section model depends on."""
-    return content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)
+    return kept_parts.content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)
 
 
 @final
@@ -153,7 +147,7 @@ class SoftModel:
     def __init__(
         self,
         scenario: Scenario,
-        kept: KeptParts,
+        kept: kept_parts.KeptParts,
         given: SoftBody | None = None,
         tell: Callable[[str], None] = lambda _text: None,
     ) -> None:
@@ -171,15 +165,15 @@ class SoftModel:
         if scenario.fidelity == "section":
             largest = largest_covered(scenario)
             self.section = kept.made(
-                "section model", name_of(self.body_name, largest, self._films),
+                "section model", kept_parts.name_of(self.body_name, largest, self._films),
                 lambda: section_model(scenario, tell, self.body),
             )  # fmt: skip
-        self.name = name_of(
+        self.name = kept_parts.name_of(
             self.body_name, scenario.fidelity, largest, self._flange, self._statics, self._dynamics,
             self._films,
         )  # fmt: skip
 
-    def trial(self) -> SoftSide:
+    def trial(self) -> soft_side.SoftSide:
         """Return a soft side to plan phases on.
 
         It is of the model that runs, but that a rigid one is planned on the lumped one: tensions and flange
@@ -193,23 +187,23 @@ class SoftModel:
         ends = self.section is not None and not self._scenario.hands_over
         return self.section.spline.largest_Pa if ends and self.section is not None else None
 
-    def chain(self) -> SectionArm:
+    def chain(self) -> section_arm.SectionArm:
         """Return the chain of the section model, which there is."""
         assert self.section is not None, "of a scenario whose fidelity is another"
         section = SectionBody(self.body, self.section)
-        return SectionArm(section, self._flange, self._statics, self._dynamics)
+        return section_arm.SectionArm(section, self._flange, self._statics, self._dynamics)
 
-    def _flexible(self, *, bridged: bool) -> SoftSide:
+    def _flexible(self, *, bridged: bool) -> soft_side.SoftSide:
         """Return a new soft side; `bridged` is whether forces bridge what models differ by at a handover."""
         chain = None if self.section is None else self.chain()
         if chain is not None and not self._scenario.hands_over:
             return chain
-        arm = SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
+        arm = lumped_arm.SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
         arm.effort.tell = self._tell
-        return arm if chain is None else HandoverArm(chain, arm, bridged=bridged)
+        return arm if chain is None else handover_arm.HandoverArm(chain, arm, bridged=bridged)
 
     @property
-    def finer(self) -> Callable[[int], SoftArm] | str:
+    def finer(self) -> Callable[[int], lumped_arm.SoftArm] | str:
         """What returns the film at a number of refinements; or why it cannot be refined."""
         scenario = self._scenario
         if scenario.fidelity == "rigid":
@@ -218,20 +212,20 @@ class SoftModel:
             return "the soft robot is given as arrays, which cannot be refined"
         return self.refined
 
-    def refined(self, levels: int) -> SoftArm:
+    def refined(self, levels: int) -> lumped_arm.SoftArm:
         """Return the film with every triangle divided into four so many times; searches are short."""
         short = replace(
             self._statics, iterations_max=_SHORT, search_iterations_max=_SHORT_SEARCH,
             reuse_max=options.REUSE_MAX, reuse_below_N=options.STATIC_REUSE_BELOW_N,
         )  # fmt: skip
         body = options.fidelity_body(self._scenario, levels)
-        return SoftArm(body, self._flange, short, self._dynamics, self._films)
+        return lumped_arm.SoftArm(body, self._flange, short, self._dynamics, self._films)
 
-    def side(self) -> SoftSide:
+    def side(self) -> soft_side.SoftSide:
         """Return a soft side to run."""
         flexible = self._flexible(bridged=True)
         if self._scenario.fidelity == "rigid":
-            return FrozenBody(flexible, self._scenario.solver.air_drag_per_s)
+            return frozen_body.FrozenBody(flexible, self._scenario.solver.air_drag_per_s)
         return flexible
 
 
@@ -239,10 +233,10 @@ def body_name(scenario: Scenario) -> str:
     """Return a name of all that a scenario's soft body is made of, files of meshes among it."""
     sources = tuple(_sources(scenario.soft_robot))
     if not all(isinstance(source, MeshTable | PatternTable) for source in sources):
-        return nameless()  # what other kinds of sources read is not known
+        return kept_parts.nameless()  # what other kinds of sources read is not known
     names = [source.file for source in sources if isinstance(source, MeshTable | PatternTable)]
-    files = stamps(Path(name) for name in names if name is not None)
-    return name_of(scenario.soft_robot, scenario.model, scenario.fidelity == "refined", files)
+    files = kept_parts.stamps(Path(name) for name in names if name is not None)
+    return kept_parts.name_of(scenario.soft_robot, scenario.model, scenario.fidelity == "refined", files)
 
 
 def _is_lasting(robot: AnySoftRobot) -> bool:

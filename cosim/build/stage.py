@@ -21,8 +21,7 @@ from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.device_loop import device_names, device_report
-from cosim.devices.sensor import sensor_names
+from cosim.devices import device_loop, sensor
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
@@ -32,8 +31,7 @@ from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.body.places import parents
 from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.solve.assembly import FilmEnergies
-from cosim.soft.solve.state import mode_decay
+from cosim.soft.solve import assembly, state
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
 from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, RunInfo
@@ -338,7 +336,7 @@ def stage_of(
         gravity=np.array(scenario.gravity_m_s2),
         membrane_stress=partial(_largest_stress, body),
         cable_names=scenario.soft_robot.cable_names(),
-        devices=device_names(scenario),
+        devices=device_loop.device_names(scenario),
         report=_report(parts, modelled, section),
         modelled=modelled,
         hinge_energy_share=partial(hinge_energy_share, body),
@@ -355,7 +353,7 @@ def stage_of(
         mounted=carrier.mounted,
         sliding=carrier.sliding,
         stored_m=None if robot is None else robot.stored_m,
-        sensors=sensor_names(scenario, carrier.joint_names),
+        sensors=sensor.sensor_names(scenario, carrier.joint_names),
         cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),
     )
 
@@ -366,7 +364,7 @@ def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
         return None
     gravity = np.array(scenario.gravity_m_s2)
     tick_s = scenario.clock.tick_s
-    film = FilmEnergies(body, tick_s)
+    film = assembly.FilmEnergies(body, tick_s)
     resisted = film.resisted if any(each.film.loss_factor for each in body.membranes) else None
     return EnergyParts.of(body, film.elastic, resisted, options, tick_s, gravity)
 
@@ -375,7 +373,7 @@ def _decay(scenario: Scenario) -> Decay | None:
     if scenario.mode != "dynamic":
         return None
     options = dynamic_options(scenario)
-    return partial(mode_decay, options.integrator, scenario.clock.tick_s, options.losses_per_s)
+    return partial(state.mode_decay, options.integrator, scenario.clock.tick_s, options.losses_per_s)
 
 
 def _steps(parts: Parts) -> tuple[int, float]:
@@ -423,7 +421,7 @@ def _report(parts: Parts, modelled: tuple[Decision, ...], section: SectionModel 
         "Fidelity": fidelity_report(scenario, section),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),
-        **device_report(scenario),
+        **device_loop.device_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
         "Self contact": film_report(scenario, body),
         "Contact": _contact_report(scenario, modelled),

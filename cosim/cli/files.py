@@ -12,25 +12,19 @@ from typing import Final
 
 from cosim.app.ended_run import load_run
 from cosim.app.run_files import SCENARIO, OutputDirectory
+from cosim.base import kept_parts, resources
 from cosim.base.files import write_whole
-from cosim.base.kept_parts import KeptParts
-from cosim.base.resources import arm_path, is_file, list_arms, scenario_path, writing
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
-from cosim.config.arms.arm_files import is_arm_file, read_arm_table
-from cosim.config.arms.robot_tree import is_of_menagerie
+from cosim.config import arm_files, loading, robot_tree, studies, upgrading
 from cosim.config.json_schema import Kind, json_schema
-from cosim.config.loading import load_file, load_scenario
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
-from cosim.config.studies import StudyTable, is_search
 from cosim.config.toml.parsing import SCHEMA
 from cosim.config.toml.reading import blamed_on, read_table
-from cosim.config.upgrading import upgrade_file
 from cosim.errors import InputError, ScenarioError
-from cosim.results.exports import COLLECTION, USD, check_usd, write_csv, write_film, write_usd
+from cosim.results import exports, ros_bag
 from cosim.results.result import RunResult, figure_kind
-from cosim.results.ros_bag import BAG, check_bags, write_bag
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
@@ -55,9 +49,9 @@ def upgrade_command(files: Sequence[str]) -> bool:
     """
     done = {}
     for name in files:
-        if not is_file(Path(name)):
+        if not resources.is_file(Path(name)):
             raise InputError(f"upgrade {name}: no such file")
-        count = upgrade_file(Path(name))
+        count = upgrading.upgrade_file(Path(name))
         done[name] = f"upgraded to schema {SCHEMA}, {count} changes" if count else "nothing to upgrade"
     fine = [_checked(name, text) for name, text in done.items()]
     return all(fine)
@@ -88,7 +82,7 @@ def new_command(name: str) -> None:
     if schema.exists() and schema.read_text(encoding="utf-8") != text:
         raise InputError(f"new {name}: another {schema} is there and is not overwritten; move it away")
     scenario = f"#:schema ./{SCHEMA_FILE}\n{_STARTING_SCENARIO.read_text(encoding='utf-8')}"
-    with writing(path):
+    with resources.writing(path):
         write_whole(schema, text)
         write_whole(path, scenario)
     print(f"{path} written, with {schema} for editors; run it: cosim run {path}")
@@ -114,13 +108,13 @@ def _check_built(path: Path) -> str:
     Raises:
         ScenarioError: keys or values are wrong, or it cannot be built.
     """
-    if path.suffix == ".toml" and is_search(table := read_table(path)):
+    if path.suffix == ".toml" and studies.is_search(table := read_table(path)):
         return _check_search(path, "series" in table)
-    found = load_arms(path) if path.suffix == ".toml" and has_arms(path) else load_file(path)
+    found = load_arms(path) if path.suffix == ".toml" and has_arms(path) else loading.load_file(path)
     # imported here: a file that cannot be read needs no engine
     from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot, left_to_runs
 
-    if isinstance(found, StudyTable):
+    if isinstance(found, studies.StudyTable):
         check_designs(found)
         return ""
     if isinstance(found, ArmsScenario):
@@ -138,15 +132,14 @@ def _check_built(path: Path) -> str:
 def _check_search(path: Path, of_curves: bool) -> str:
     """Check the file of `cosim identify` (of curves), or of `cosim design`; return as `_check_built` does."""
     # imported here, as only few files need them
-    from cosim.bench.design import DesignProblem
-    from cosim.bench.equilibria import Curves
+    from cosim.bench import design, equilibria
     from cosim.config.benches import load_bench, load_design_study
 
     try:
         if not of_curves:
-            DesignProblem(load_design_study(path))
+            design.DesignProblem(load_design_study(path))
             return ""
-        Curves(*load_bench(path))
+        equilibria.Curves(*load_bench(path))
     except ScenarioError:
         raise
     except InputError as error:
@@ -157,13 +150,13 @@ def _check_search(path: Path, of_curves: bool) -> str:
 def arm_lines() -> list[str]:
     """Return a line for each arm that comes with cosim: its name, joints, flange, and what it is."""
     rows = []
-    for name in list_arms():
+    for name in resources.list_arms():
         try:
             arm = find_arm(name)
         except InputError as error:
             rows.append((name, str(error)))
             continue
-        title = read_arm_table(arm_path(name)).title or ""
+        title = arm_files.read_arm_table(resources.arm_path(name)).title or ""
         rows.append((name, f"{len(arm.joint_names)} joints, {arm.notes[0].partition(',')[0]}  {title}"))
     width = max((len(name) for name, _ in rows), default=0)
     return [f"{name:<{width}}  {text}" for name, text in rows]
@@ -174,10 +167,10 @@ def _checked(name: str, fine: str) -> bool:
     path = Path(name)
     faults: tuple[tuple[str, str], ...] = ()
     try:
-        if is_of_menagerie(name) or (is_file(path) and is_arm_file(path)):
+        if robot_tree.is_of_menagerie(name) or (resources.is_file(path) and arm_files.is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
-            fine += _check_built(path if is_file(path) else scenario_path(name))
+            fine += _check_built(path if resources.is_file(path) else resources.scenario_path(name))
     except ScenarioError as error:
         faults = error.faults
     for place, problem in faults:
@@ -214,9 +207,9 @@ def export_command(
     if "plot" in wanted:
         figure_kind()
     if "bag" in wanted:
-        check_bags()
+        ros_bag.check_bags()
     if "usd" in wanted:
-        check_usd()
+        exports.check_usd()
     result = load_run(directory)
     with OutputDirectory(directory if out is None else out) as target:
         target.make()
@@ -227,37 +220,37 @@ def export_command(
 
 def _export_csv(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
     target.claim(CSV)
-    write_csv(result, target.path / CSV)
+    exports.write_csv(result, target.path / CSV)
     return target.path / CSV, ""
 
 
 def _export_plot(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
     target.claim(PLOT)
-    with writing(target.path / PLOT):
+    with resources.writing(target.path / PLOT):
         result.plot().savefig(target.path / PLOT, dpi=110)
     return target.path / PLOT, ""
 
 
 def _export_film(result: RunResult, target: OutputDirectory, times_s: Sequence[float]) -> tuple[Path, str]:
-    written = write_film(result, target.path, times_s, target.claim)
-    return target.path / COLLECTION, f", {len(written) - 1} times; open it in ParaView"
+    written = exports.write_film(result, target.path, times_s, target.claim)
+    return target.path / exports.COLLECTION, f", {len(written) - 1} times; open it in ParaView"
 
 
 def _export_bag(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
-    target.claim(BAG)
-    messages = write_bag(result, target.path / BAG)
-    return target.path / BAG, f", {messages} messages; ros2 bag play, or open its .mcap in Foxglove"
+    target.claim(ros_bag.BAG)
+    messages = ros_bag.write_bag(result, target.path / ros_bag.BAG)
+    return target.path / ros_bag.BAG, f", {messages} messages; ros2 bag play, or open its .mcap in Foxglove"
 
 
 def _export_usd(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
     from cosim.build.arm_parts import ArmParts  # here: it brings both engines
 
-    target.claim(USD)
+    target.claim(exports.USD)
     assert result.directory is not None, "it was loaded from there"
-    scenario = load_scenario(result.directory / SCENARIO)
-    shapes = () if scenario.robot == NO_ARM else ArmParts(scenario, KeptParts()).scene.shapes
-    times = write_usd(result, shapes, target.path / USD)
-    return target.path / USD, f", {times} times; open it in usdview, Blender or Omniverse"
+    scenario = loading.load_scenario(result.directory / SCENARIO)
+    shapes = () if scenario.robot == NO_ARM else ArmParts(scenario, kept_parts.KeptParts()).scene.shapes
+    times = exports.write_usd(result, shapes, target.path / exports.USD)
+    return target.path / exports.USD, f", {times} times; open it in usdview, Blender or Omniverse"
 
 
 EXPORTS: Final = {

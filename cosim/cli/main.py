@@ -312,12 +312,11 @@ def _export_fmu(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from cosim.bench import page  # here, because they load numpy and pydantic
-    from cosim.bench.fitting import identify
+    from cosim.bench import fitting, page  # here, because they load numpy and pydantic
     from cosim.config.benches import load_bench
 
     bench, series = load_bench(options.bench)
-    result = identify(bench, series, only_check=options.check, force=options.force, tell=tell)
+    result = fitting.identify(bench, series, only_check=options.check, force=options.force, tell=tell)
     if options.check:
         for line in (*result.oddities, *result.check.lines()):
             print(printable(line))

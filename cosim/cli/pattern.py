@@ -8,10 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from cosim.base import files, resources
 from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, read_drawing, write_dxf
-from cosim.base.files import write_whole
 from cosim.base.frames import in_mm
-from cosim.base.resources import is_file, soft_robot_path, writing
 from cosim.build.patterns import cut_pattern
 from cosim.cli.screen import printable
 from cosim.config.loading import load_file
@@ -61,7 +60,7 @@ def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) 
     for line in _lines(pattern, film, drawing):
         print(printable(line))
     if png is not None:
-        with writing(png):
+        with resources.writing(png):
             _figure(pattern, film).savefig(png, dpi=110)
         print(printable(f"drawn: {png}"))
 
@@ -72,7 +71,7 @@ def _robot_pattern(name: str) -> PatternTable:
     Raises:
         InputError: there is no such robot, or no pattern draws it.
     """
-    found = load_file(Path(name) if is_file(Path(name)) else soft_robot_path(name))
+    found = load_file(Path(name) if resources.is_file(Path(name)) else resources.soft_robot_path(name))
     if not isinstance(found, SoftRobotTable):
         raise InputError(f"{name}: is no soft robot's file")
     if not isinstance(found.body, PatternTable):
@@ -194,7 +193,7 @@ def export_pattern_command(name: str, out: Path) -> None:
     layers = {layer: list(lines) for layer, lines in drawn.items()}
     for entry, choice in zip(table.sets, pattern.sets, strict=True):
         layers.setdefault((entry.layer or entry.name).upper(), []).extend(choice.lines)
-    with writing(out):
+    with resources.writing(out):
         write_dxf(out, layers)
     length = sum(
         np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() for line in (*pattern.cut, *pattern.holes)
@@ -288,9 +287,9 @@ def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool
     for path in (robot, scenario):
         if path.exists():
             raise InputError(f"new {name}: {path} is there and is not overwritten")
-    with writing(robot):
-        write_whole(robot, text)
-        write_whole(scenario, SCENARIO.format(name=name))
+    with resources.writing(robot):
+        files.write_whole(robot, text)
+        files.write_whole(scenario, SCENARIO.format(name=name))
     print(f"{robot} and {scenario} written; set the film in {robot}, then: cosim run {scenario}")
 
 

@@ -15,17 +15,11 @@ from uuid import uuid4
 
 import numpy as np
 
-from cosim.app import driver
-from cosim.app.checkpoint import check_resumable, tick_to_resume
-from cosim.app.progress import ProgressLine
-from cosim.app.run_files import RECORDING, SCENARIO, check_directory, default_directory, recordings
-from cosim.base.files import cache_directory
-from cosim.base.kept_parts import KeptParts
+from cosim.app import checkpoint, driver, progress, run_files
+from cosim.base import files, kept_parts
 from cosim.cli.screen import Interruption, draw, tell
-from cosim.config.loading import load_scenario
-from cosim.config.rules import check_ends
+from cosim.config import loading, rules, several_arms
 from cosim.config.schema.scenario import RecordingTable, Scenario
-from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
@@ -40,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @final
-class TerminalLine(ProgressLine):
+class TerminalLine(progress.ProgressLine):
     """The progress line of the command line.
 
     Args:
@@ -121,12 +115,12 @@ def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None
         SolverError: the physics could not be solved; the files say how far it came.
     """
     overrides = dict(map(parse_assignment, assignments))
-    if has_arms(scenario_name):
-        return _run_arms(load_arms(scenario_name, overrides), out, how)
-    scenario = load_scenario(scenario_name, overrides)
-    check_ends(scenario)
-    directory = out if out is not None else default_directory(scenario.name)
-    check_directory(directory)
+    if several_arms.has_arms(scenario_name):
+        return _run_arms(several_arms.load_arms(scenario_name, overrides), out, how)
+    scenario = loading.load_scenario(scenario_name, overrides)
+    rules.check_ends(scenario)
+    directory = out if out is not None else run_files.default_directory(scenario.name)
+    run_files.check_directory(directory)
     if not how.quiet:
         tell(scenario.title)
     return _execute(scenario, directory, how, resume=False)
@@ -142,24 +136,24 @@ def warm_up_command(names: Sequence[str]) -> int:
         InputError: a scenario is wrong; those before it are done.
     """
     for name in names:
-        kept = KeptParts(cache_directory())
-        if has_arms(name):
-            driver.prepared_arms(load_arms(name), tell, recording=True, kept=kept)
+        kept = kept_parts.KeptParts(files.cache_directory())
+        if several_arms.has_arms(name):
+            driver.prepared_arms(several_arms.load_arms(name), tell, recording=True, kept=kept)
         else:
-            driver.prepared(load_scenario(name), tell, recording=True, contact=True, kept=kept)
+            driver.prepared(loading.load_scenario(name), tell, recording=True, contact=True, kept=kept)
         tell(f"{name}: ready to run")
     return 0
 
 
-def _run_arms(scenario: ArmsScenario, out: Path | None, how: RunOptions) -> int:
+def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOptions) -> int:
     """Run several arms and return the exit code; the progress line is that of the first."""
     if how.error:
         raise InputError("--error: several arms have no error bars; leave it out, or run each arm alone")
     if how.checkpoint_every_s is not None:
         raise InputError("--checkpoint-every: several arms write no checkpoints; leave it out")
-    directory = out if out is not None else default_directory(scenario.name)
-    check_directory(directory)
-    line, kept = TerminalLine(sys.stderr), KeptParts(cache_directory())
+    directory = out if out is not None else run_files.default_directory(scenario.name)
+    run_files.check_directory(directory)
+    line, kept = TerminalLine(sys.stderr), kept_parts.KeptParts(files.cache_directory())
     if not how.quiet:
         tell(scenario.title)
     told = _ignore if how.quiet else line.tell
@@ -189,8 +183,8 @@ def _report_arms(
             tell(quiet_line(outcome.summary, directory / name))
         else:
             tell("\n".join([f"{name}:", *closing_lines(outcome.summary, directory / name, ())]))
-    if not quiet and recordings(directory):
-        tell(f"{directory}: {RECORDING} shows all arms; open it: cosim view {directory}")
+    if not quiet and run_files.recordings(directory):
+        tell(f"{directory}: {run_files.RECORDING} shows all arms; open it: cosim view {directory}")
     last = outcomes[name]
     if last.summary["status"] == "interrupted":
         tell(f"cosim: interrupted; results are in {directory}; several arms cannot resume: start them again")
@@ -212,19 +206,19 @@ def resume_command(directory: Path, how: RunOptions) -> int:
         InputError: the run cannot continue; nothing was written.
         SolverError: the physics could not be solved; the files say how far it came.
     """
-    check_resumable(directory)
-    scenario = load_scenario(directory / SCENARIO)
-    tick = tick_to_resume(directory, scenario)
+    checkpoint.check_resumable(directory)
+    scenario = loading.load_scenario(directory / run_files.SCENARIO)
+    tick = checkpoint.tick_to_resume(directory, scenario)
     if not how.quiet:
         tell(f"{scenario.title}: resumes after tick {tick}")
-    recording = how.recording and bool(recordings(directory))
+    recording = how.recording and bool(run_files.recordings(directory))
     return _execute(scenario, directory, replace(how, recording=recording), resume=True)
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
     line = TerminalLine(sys.stderr)
     told = _ignore if how.quiet else line.tell
-    kept = KeptParts(cache_directory())
+    kept = kept_parts.KeptParts(files.cache_directory())
     scenario = driver.prepared(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:
         shown: list[driver.Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
@@ -252,7 +246,7 @@ def _ignore(_text: str) -> None:
 def _report(outcome: driver.RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
     summary = outcome.summary
     if not quiet:
-        tell("\n".join(closing_lines(summary, directory, recordings(directory))))
+        tell("\n".join(closing_lines(summary, directory, run_files.recordings(directory))))
     if summary["status"] == "interrupted":
         tell(f"cosim: interrupted; results are in {directory}; resume it: cosim run --resume {directory}")
         return interruption.exit_code
@@ -294,7 +288,7 @@ def twin_command(
         twin = stack.enter_context(Twin(simulation, streams))
         show: list[Callable[[Prediction], None]] = [_line()]
         if live is not None or out is not None:
-            path = out or Path(stack.enter_context(TemporaryDirectory())) / RECORDING
+            path = out or Path(stack.enter_context(TemporaryDirectory())) / run_files.RECORDING
             make = driver.rerun_recorder if live is None else live.recorder
             recorder = make(path, settings, RecordingPart(uuid4().hex))
             recorder.open(simulation.stage)

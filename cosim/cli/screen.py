@@ -11,8 +11,7 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Any, TextIO, final
 
-from cosim.telemetry.snapshot import RunInfo
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry import snapshot, tick_batch
 
 _STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -86,11 +85,11 @@ class Interruption:
         """Return why the loop should stop, or None."""
         return None if self.signal_number is None else signal.Signals(self.signal_number).name
 
-    def open(self, stage: RunInfo) -> None:
+    def open(self, stage: snapshot.RunInfo) -> None:
         """Note that the loop runs: from here on there is something to save."""
         self._running = True
 
-    def observe(self, batch: TickBatch) -> None:
+    def observe(self, batch: tick_batch.TickBatch) -> None:
         """Nothing to do; `reason` is asked after every batch."""
 
     def close(self) -> None:

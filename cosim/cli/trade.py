@@ -11,8 +11,7 @@ from cosim.app.driver import build_simulation, recorded
 from cosim.app.run_files import OutputDirectory, default_directory
 from cosim.cli.screen import draw as draw_line
 from cosim.cli.screen import printable, tell
-from cosim.config.loading import load_scenario
-from cosim.config.rules import check_ends
+from cosim.config import loading, rules
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
@@ -34,8 +33,8 @@ def trade_command(options: argparse.Namespace) -> int:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
     requirement, bound = _requirement(options), report.parse_budget(options.slowest)
-    scenario = load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
-    check_ends(scenario)
+    scenario = loading.load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
+    rules.check_ends(scenario)
     scenario = replace(scenario, fidelity="lumped", auto=None)
     candidates = candidates_of(
         scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against

@@ -12,24 +12,23 @@ from typing import Any, Final, Literal
 from pydantic.json_schema import GenerateJsonSchema
 
 from cosim.base.names import texts_of
-from cosim.config.arms.arm_table import ArmTable
-from cosim.config.loading import register_installed
-from cosim.config.schema.phase import PhaseTable
-from cosim.config.schema.scenario import Scenario
-from cosim.config.schema.soft_robot import AttachmentTable, SoftRobotTable
-from cosim.config.several_arms import OF_AN_ARM
-from cosim.config.toml.keys import key_of, unit_of, unit_text
-from cosim.config.toml.parsing import SCHEMA, bounded_schema
+from cosim.config import arm_table, loading, several_arms
+from cosim.config.schema import phase, scenario, soft_robot
+from cosim.config.toml import keys, parsing
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 Kind = Literal["scenario", "robot", "arm"]
-_ROOTS: Final[dict[Kind, type]] = {"scenario": Scenario, "robot": SoftRobotTable, "arm": ArmTable}
+_ROOTS: Final[dict[Kind, type]] = {
+    "scenario": scenario.Scenario,
+    "robot": soft_robot.SoftRobotTable,
+    "arm": arm_table.ArmTable,
+}
 _CHANGES: Final = "Changes"
 _ARM: Final = "OneOfSeveralArms"
 _ROBOT_GIVEN: Final = (
     {"type": "string", "description": "Name or path of a soft robot's file."},
-    {"$ref": f"#/$defs/{SoftRobotTable.__name__}"},
-    {"$ref": f"#/$defs/{SoftRobotTable.__name__}{_CHANGES}"},
+    {"$ref": f"#/$defs/{soft_robot.SoftRobotTable.__name__}"},
+    {"$ref": f"#/$defs/{soft_robot.SoftRobotTable.__name__}{_CHANGES}"},
 )
 
 
@@ -39,8 +38,8 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     Args:
         kind: "scenario", "robot" or "arm".
     """
-    register_installed()
-    core, root = bounded_schema(_ROOTS[kind]), _ROOTS[kind].__name__
+    loading.register_installed()
+    core, root = parsing.bounded_schema(_ROOTS[kind]), _ROOTS[kind].__name__
     made = GenerateJsonSchema(by_alias=True).generate(core)
     tables: dict[str, Any] = made.pop("$defs")
     if kind != "robot":
@@ -49,13 +48,13 @@ def json_schema(kind: Kind) -> dict[str, Any]:
         _describe(tables[table.__name__], table)
     if kind == "scenario":
         made["required"].remove("name")  # that of the file, if it is left out
-        tables[PhaseTable.__name__]["required"].remove("duration_s")  # that of a tip path, beside one
+        tables[phase.PhaseTable.__name__]["required"].remove("duration_s")  # that of a tip path, beside one
         _give_robot(tables[root]["properties"]["soft_robot"])
         _add_arms(tables)
     if kind != "arm":
         _add_changes(tables)
     top = {"anyOf": _ROBOT_GIVEN[1:]} if kind == "robot" else tables.pop(root)
-    named = {"$id": f"urn:cosim:{kind}:{SCHEMA}", "title": f"cosim {kind}, schema {SCHEMA}"}
+    named = {"$id": f"urn:cosim:{kind}:{parsing.SCHEMA}", "title": f"cosim {kind}, schema {parsing.SCHEMA}"}
     return {"$schema": DIALECT, **named, **top, "$defs": tables}
 
 
@@ -76,12 +75,12 @@ def _describe(table: dict[str, Any], kind: type) -> None:
     table.pop("title")
     table |= {"description": text, "additionalProperties": False}
     for entry in fields(kind):
-        key = key_of(entry)
+        key = keys.key_of(entry)
         node = table["properties"][key]
         node.pop("title", None)
         if node.get("default", 0) is None or isinstance(node.get("default"), dict):
             del node["default"]  # left out, or told by the table itself
-        unit = unit_text(unit_of(key))
+        unit = keys.unit_text(keys.unit_of(key))
         said = [arguments.get(entry.name, ""), f"Unit: {unit}." if unit else ""]
         if any(said):
             node["description"] = " ".join(filter(None, said))
@@ -91,8 +90,8 @@ def _describe(table: dict[str, Any], kind: type) -> None:
 
 def _add_arms(tables: dict[str, Any]) -> None:
     """Add the tables of several arms, with the keys of a scenario that each may give."""
-    top = tables[Scenario.__name__]
-    own = {key: top["properties"][key] for key in OF_AN_ARM}
+    top = tables[scenario.Scenario.__name__]
+    own = {key: top["properties"][key] for key in several_arms.OF_AN_ARM}
     name = {key: value for key, value in top["properties"]["name"].items() if key != "description"}
     name["description"] = "of the arm, in front of the names of its bodies, and of its folder of results."
     tables[_ARM] = {
@@ -104,22 +103,22 @@ def _add_arms(tables: dict[str, Any]) -> None:
     }
     arms = {"type": "array", "minItems": 2, "items": {"$ref": f"#/$defs/{_ARM}"}}
     top["properties"]["arm"] = arms | {"description": "`[[arm]]` of several; the keys of one need none."}
-    needed = [key for key in OF_AN_ARM if key in top["required"]]
+    needed = [key for key in several_arms.OF_AN_ARM if key in top["required"]]
     top["required"] = [key for key in top["required"] if key not in needed]
     top["anyOf"] = [{"required": needed}, {"required": ["arm"]}]
 
 
 def _add_changes(tables: dict[str, Any]) -> None:
     """Add tables that change a soft robot's file: those of a soft robot, in which nothing is required."""
-    changes = deepcopy(tables[SoftRobotTable.__name__])
+    changes = deepcopy(tables[soft_robot.SoftRobotTable.__name__])
     for node in changes["properties"].values():
         name = node.get("$ref", "").rpartition("/")[2]
         if "required" in tables.get(name, {}):
             tables[name + _CHANGES] = {k: v for k, v in tables[name].items() if k != "required"}
             node["$ref"] += _CHANGES
     changes["properties"]["file"] = {"type": "string", "description": "Name or path of what is changed."}
-    tables[SoftRobotTable.__name__ + _CHANGES] = changes | {"required": ["file"]}
-    _give_robot(tables[AttachmentTable.__name__]["properties"]["robot"])
+    tables[soft_robot.SoftRobotTable.__name__ + _CHANGES] = changes | {"required": ["file"]}
+    _give_robot(tables[soft_robot.AttachmentTable.__name__]["properties"]["robot"])
 
 
 def _give_robot(node: dict[str, Any]) -> None:

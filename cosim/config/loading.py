@@ -19,8 +19,6 @@ either: reading one runs no code that was not there before.
 Puts together the table of a soft robot from the files that it starts from and attaches.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import inspect
@@ -39,24 +37,19 @@ from typing import Any, Final, TypeVar, final
 
 from cosim.base.files import note_file, read_text
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
-from cosim.config.arms.arm_files import with_arm_path
-from cosim.config.rules import check_scenario
+from cosim.config import arm_files, rules, studies
 from cosim.config.schema.objects import with_mesh_paths, with_scene_path
 from cosim.config.schema.phase import HOLD, MOST_POINTS, PhaseTable, StartTable, TipPathTable, by_name
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.studies import StudyTable, is_study, load_study
-from cosim.config.toml import reading
-from cosim.config.toml.keys import describe, join, key_of, label
-from cosim.config.toml.parsing import KindTable, name_of, parse, register_kind, with_unknown
-from cosim.config.toml.reading import UNKNOWN, Faults
+from cosim.config.toml import keys, parsing, reading
 from cosim.errors import InputError, ScenarioError
 
 Table = TypeVar("Table", StartTable, PhaseTable)
 _KEY: Final = "cable_tension_N"
 
 
-def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
+def with_listed_tensions(scenario: Scenario, faults: reading.Faults) -> Scenario:
     """Return a scenario whose start and phases give tensions as lists; omitted ones at the start are zeros.
 
     Args:
@@ -105,7 +98,7 @@ _POINT: Final = ("x_m", "y_m", "z_m")
 _DIRECTION: Final = ("direction_x", "direction_y", "direction_z")
 
 
-def complete_tip_paths(table: dict[str, Any], folder: Path, faults: Faults) -> None:
+def complete_tip_paths(table: dict[str, Any], folder: Path, faults: reading.Faults) -> None:
     """Put into each phase that has a tip path the path's points, its duration and its ramp.
 
     Args:
@@ -119,7 +112,7 @@ def complete_tip_paths(table: dict[str, Any], folder: Path, faults: Faults) -> N
     for place, phase in enumerate(phases if isinstance(phases, list) else [], start=1):
         path = phase.get("tip_path") if isinstance(phase, dict) else None
         if isinstance(path, dict):
-            phase["tip_path"] = UNKNOWN
+            phase["tip_path"] = reading.UNKNOWN
             with faults:
                 phase["tip_path"] = _read(path, folder, f"phase.{phase.get('name', place)}.tip_path")
             phase.setdefault("ramp", "linear")
@@ -129,12 +122,12 @@ def complete_tip_paths(table: dict[str, Any], folder: Path, faults: Faults) -> N
 
 def _duration_s(path: Any) -> Any:
     """Return how long a path takes; UNKNOWN for one that is wrong, as the check of the path names that."""
-    if path is UNKNOWN:
-        return UNKNOWN
+    if path is reading.UNKNOWN:
+        return reading.UNKNOWN
     try:
-        return parse(TipPathTable, path, "", Faults()).course().duration_s
+        return parsing.parse(TipPathTable, path, "", reading.Faults()).course().duration_s
     except (InputError, reading.NotKnown):
-        return UNKNOWN
+        return reading.UNKNOWN
 
 
 def _read(path: dict[str, Any], folder: Path, key: str) -> dict[str, Any]:
@@ -229,7 +222,7 @@ def register_module(name: str) -> None:
 
 def note_kinds(value: Any) -> None:
     """Note the modules of all kinds in a scenario that are not those of cosim, see `files_read`."""
-    if isinstance(value, KindTable) and not type(value).__module__.startswith("cosim."):
+    if isinstance(value, parsing.KindTable) and not type(value).__module__.startswith("cosim."):
         with suppress(OSError, TypeError):  # typed in at a prompt
             note_file(Path(inspect.getfile(type(value))))
     parts = vars(value).values() if is_dataclass(value) else value
@@ -275,13 +268,13 @@ def _register(loaded: Any, what: str) -> None:
     found = [
         entry
         for entry in (vars(loaded).values() if isinstance(loaded, ModuleType) else (loaded,))
-        if isinstance(entry, type) and issubclass(entry, KindTable) and entry is not KindTable
+        if isinstance(entry, type) and issubclass(entry, parsing.KindTable) and entry is not parsing.KindTable
     ]
-    kinds = [table for table in found if name_of(table) is not None]
+    kinds = [table for table in found if parsing.name_of(table) is not None]
     if not kinds:
         raise InputError(f"{what}: holds no kind of tables, such as a subclass of ElementTable")
     for table in kinds:
-        register_kind(table)
+        parsing.register_kind(table)
 
 
 MOST_FILES: Final = 64
@@ -292,7 +285,7 @@ LONGEST_CHAIN: Final = 8
 class RobotFiles:
     """The files of one soft robot: each is read once, and none may lead to itself."""
 
-    def __init__(self, faults: Faults) -> None:
+    def __init__(self, faults: reading.Faults) -> None:
         self._faults = faults
         self._read: dict[Path, dict[str, Any]] = {}
         self._used = 0
@@ -328,7 +321,7 @@ class RobotFiles:
         entries = full.get("attach")
         for place, entry in enumerate(entries if isinstance(entries, list) else (), start=1):
             if isinstance(entry, dict) and "robot" in entry:
-                where = join(join(f"{path}.attach", label(entry, place)), "robot")
+                where = keys.join(keys.join(f"{path}.attach", keys.label(entry, place)), "robot")
                 entry["robot"] = self.expand(entry["robot"], folder, where, chain)
         return full
 
@@ -343,7 +336,7 @@ class RobotFiles:
         with self._faults:
             file = _found(name, folder, path)
         if file is None:
-            return with_unknown(SoftRobotTable, changes)
+            return parsing.with_unknown(SoftRobotTable, changes)
         return reading.merge(self._table(file, name, path, chain), changes)
 
     def _table(self, file: Path, name: str, path: str, chain: tuple[Path, ...]) -> dict[str, Any]:
@@ -366,7 +359,7 @@ def _found(name: Any, folder: Path, path: str) -> Path:
     if isinstance(name, reading.Unreadable):
         raise ScenarioError(path, name.problem)
     if not isinstance(name, str):
-        raise ScenarioError(path, f"expected a name or path, got {describe(name)}")
+        raise ScenarioError(path, f"expected a name or path, got {keys.describe(name)}")
     beside = folder / name
     with reading.blamed_on(path):
         return beside if beside.suffix == ".toml" and is_file(beside) else soft_robot_path(name)
@@ -417,19 +410,19 @@ def loaded_scenario(
         ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
     register_installed()
-    overrides, faults = dict(overrides), Faults()
+    overrides, faults = dict(overrides), reading.Faults()
     place = folder
     arm_folder = Path() if "robot" in overrides else folder
     scene_folder = Path() if any(key.partition(".")[0] == "scene" for key in overrides) else folder
     if body is not None:
         with faults:
             _check_no_robot(overrides, body)
-        table["soft_robot"] = UNKNOWN
+        table["soft_robot"] = reading.UNKNOWN
     elif "soft_robot" in overrides:
         reading.apply_override(table, "soft_robot", overrides.pop("soft_robot"))
         folder = Path()
     if "soft_robot" in table and body is None:
-        robot, table["soft_robot"] = table["soft_robot"], UNKNOWN
+        robot, table["soft_robot"] = table["soft_robot"], reading.UNKNOWN
         with faults:
             _check_in_file(robot)
             table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
@@ -438,13 +431,13 @@ def loaded_scenario(
             reading.apply_override(table, key, value)
     path_folder = Path() if any(".tip_path" in key for key in overrides) else place
     complete_tip_paths(table, path_folder, faults)
-    scenario = parse(Scenario, table, "", faults)
+    scenario = parsing.parse(Scenario, table, "", faults)
     if body is not None:
         scenario = reading.copy_with(scenario, soft_robot=body)
     with faults:
         scenario = reading.copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
     with faults:
-        scenario = reading.copy_with(scenario, robot=with_arm_path(scenario.robot, arm_folder))
+        scenario = reading.copy_with(scenario, robot=arm_files.with_arm_path(scenario.robot, arm_folder))
     with faults:
         scenario = reading.copy_with(scenario, scene=with_scene_path(scenario.scene, scene_folder))
     return _resolved(scenario, faults)
@@ -490,9 +483,9 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
         ScenarioError: keys or values are wrong.
     """
     register_installed()
-    path, faults = soft_robot_path(name_or_path), Faults()
+    path, faults = soft_robot_path(name_or_path), reading.Faults()
     table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
-    robot = parse(SoftRobotTable, table, "soft_robot", faults)
+    robot = parsing.parse(SoftRobotTable, table, "soft_robot", faults)
     reading.check(robot, "soft_robot", None, (), faults)
     faults.tell()
     return robot
@@ -503,15 +496,15 @@ def is_scenario(table: Mapping[str, Any]) -> bool:
     return bool({"phase", "start", "soft_robot", "robot"} & table.keys())
 
 
-def load_file(path: Path) -> Scenario | SoftRobotTable | StudyTable:
+def load_file(path: Path) -> Scenario | SoftRobotTable | studies.StudyTable:
     """Return what a scenario, robot or study file describes, checked without building anything.
 
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
     """
     table = reading.read_table(path)
-    if is_study(table):
-        return load_study(path)
+    if studies.is_study(table):
+        return studies.load_study(path)
     return load_scenario(path) if is_scenario(table) else load_soft_robot(path)
 
 
@@ -521,16 +514,16 @@ def resolve(scenario: Scenario) -> Scenario:
     Raises:
         ScenarioError: see `cosim.config.rules`.
     """
-    return _resolved(scenario, Faults())
+    return _resolved(scenario, reading.Faults())
 
 
-def _resolved(scenario: Scenario, faults: Faults) -> Scenario:
+def _resolved(scenario: Scenario, faults: reading.Faults) -> Scenario:
     with faults:
         scenario = scenario if scenario.phases else reading.copy_with(scenario, phases=(HOLD,))
     with faults:
         scenario = with_listed_tensions(scenario, faults)
     with faults:
-        check_scenario(scenario, faults)
+        rules.check_scenario(scenario, faults)
     faults.tell()
     return scenario
 
@@ -545,7 +538,7 @@ _HEADER_GIVEN = (
 def to_table(value: Any) -> Any:
     """Return the nested dicts and lists that describe a schema dataclass; absent values are left out."""
     if is_dataclass(value) and not isinstance(value, type):
-        entries = ((key_of(entry), getattr(value, entry.name)) for entry in fields(value))
+        entries = ((keys.key_of(entry), getattr(value, entry.name)) for entry in fields(value))
         return {key: to_table(item) for key, item in entries if item is not None}
     if isinstance(value, tuple):
         return [to_table(item) for item in value]

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from cosim.base.resources import list_arms
-from cosim.config.arms.arm_files import is_arm_path, unknown_arm
-from cosim.config.device_rules import DEVICE_RULES
-from cosim.config.schema.film import FIRST_RING
-from cosim.config.schema.objects import ObjectTable, WireTable
+from cosim.config import arm_files, device_rules
+from cosim.config.schema import film, objects, soft_robot
 from cosim.config.schema.phase import (
     CELL_KEYS,
     JOINT_KEYS,
@@ -22,7 +20,6 @@ from cosim.config.schema.phase import (
     values_after,
 )
 from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario, unknown_cables
-from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.reading import Fault, Faults, Told, check, rule, rules_of
 from cosim.errors import ScenarioError
@@ -65,7 +62,7 @@ def check_ends(scenario: Scenario) -> None:
         )
 
 
-def file_of(scenario: Scenario, what: str) -> SoftRobotTable:
+def file_of(scenario: Scenario, what: str) -> soft_robot.SoftRobotTable:
     """Return the soft robot of a scenario as its file has it.
 
     Args:
@@ -85,8 +82,8 @@ def file_of(scenario: Scenario, what: str) -> SoftRobotTable:
 
 @rule
 def _the_arm_is_known(scenario: Scenario) -> Told:
-    if scenario.robot not in (*list_arms(), NO_ARM) and not is_arm_path(scenario.robot):
-        yield "robot", unknown_arm(scenario.robot, (NO_ARM,))
+    if scenario.robot not in (*list_arms(), NO_ARM) and not arm_files.is_arm_path(scenario.robot):
+        yield "robot", arm_files.unknown_arm(scenario.robot, (NO_ARM,))
 
 
 @rule
@@ -102,7 +99,7 @@ def _without_phases_it_is_stepped(scenario: Scenario) -> Told:
 
 
 @rule
-def _no_object_has_its_name(wire: WireTable, scenario: Scenario) -> Told:
+def _no_object_has_its_name(wire: objects.WireTable, scenario: Scenario) -> Told:
     if wire.name in [entry.name for entry in scenario.objects]:
         yield "", "the name is used twice; names must differ"
 
@@ -112,7 +109,7 @@ def _stacks_alone_have_other_models(scenario: Scenario) -> Told:
     """A soft body that is not a stack of units is asked for nothing that only a stack has."""
     robot, fidelity = scenario.soft_robot, scenario.fidelity
     given = isinstance(robot, GivenBodyTable)
-    if isinstance(robot, SoftRobotTable) and robot.all_stacks:
+    if isinstance(robot, soft_robot.SoftRobotTable) and robot.all_stacks:
         if fidelity == "refined" and robot.stack and robot.stack.refine >= _REFINE_MAX:
             yield Fault(
                 "fidelity",
@@ -179,8 +176,8 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
         return
     if robot.attachments:
         yield "soft_robot.attach", f"has no section model: it is of one stack of units; {_TAKE}"
-    if robot.base != (FIRST_RING,):
-        yield "soft_robot.base", f"is {list(robot.base)}; a section model needs ['{FIRST_RING}'] alone"
+    if robot.base != (film.FIRST_RING,):
+        yield "soft_robot.base", f"is {list(robot.base)}; a section model needs ['{film.FIRST_RING}'] alone"
     for cable in [cable for cable in robot.cables if cable.eyelet_loss_N > 0.0][:1]:
         yield Fault(
             f"soft_robot.cable.{cable.name}.eyelet_loss_N",
@@ -293,7 +290,7 @@ def _cables_reach_a_target(phase: PhaseTable, scenario: Scenario) -> Told:
 
 
 @rule
-def _objects_hang_on_others(entry: ObjectTable, scenario: Scenario) -> Told:
+def _objects_hang_on_others(entry: objects.ObjectTable, scenario: Scenario) -> Told:
     names = tuple(each.name for each in scenario.objects)
     for key, joint in (("hinge", entry.hinge), ("slide", entry.slide)):
         if joint is not None and joint.parent is not None and joint.parent not in names:
@@ -301,7 +298,7 @@ def _objects_hang_on_others(entry: ObjectTable, scenario: Scenario) -> Told:
 
 
 @rule
-def _none_hangs_on_itself(entry: ObjectTable, scenario: Scenario) -> Told:
+def _none_hangs_on_itself(entry: objects.ObjectTable, scenario: Scenario) -> Told:
     joints = {each.name: each.hinge or each.slide for each in scenario.objects}
     line: list[str] = [entry.name]
     while (joint := joints.get(line[-1])) is not None and joint.parent is not None:
@@ -312,7 +309,7 @@ def _none_hangs_on_itself(entry: ObjectTable, scenario: Scenario) -> Told:
 
 
 @rule
-def _wires_are_tied_to_objects(wire: WireTable, scenario: Scenario) -> Told:
+def _wires_are_tied_to_objects(wire: objects.WireTable, scenario: Scenario) -> Told:
     names = tuple(entry.name for entry in scenario.objects)
     for key, held in (("first", wire.first), ("last", wire.last)):
         if held is not None and held not in names:
@@ -610,4 +607,4 @@ def _pumps_act_on_sealed_gas(phase: PhaseTable, scenario: Scenario) -> Told:
             )
 
 
-_RULES: Final = (*rules_of(globals()), *DEVICE_RULES)
+_RULES: Final = (*rules_of(globals()), *device_rules.DEVICE_RULES)

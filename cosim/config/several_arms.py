@@ -14,8 +14,7 @@ from typing import Any, Final, final
 from cosim.base.resources import scenario_path
 from cosim.config.loading import by_key, loaded_scenario, table_text, to_table
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.config.toml.keys import key_of, unknown_key_message
-from cosim.config.toml.reading import Faults, copy_with, merge, read_table
+from cosim.config.toml import keys, reading
 from cosim.errors import ScenarioError
 
 ARMS: Final = "arm"
@@ -65,7 +64,7 @@ def has_arms(source: str | Path) -> bool:
     Raises:
         InputError: there is no such scenario, or it is not TOML.
     """
-    return ARMS in read_table(scenario_path(source))
+    return ARMS in reading.read_table(scenario_path(source))
 
 
 def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmsScenario:
@@ -80,11 +79,11 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
         ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
     path, changes = scenario_path(source), by_key(overrides)
-    table = read_table(path)
+    table = reading.read_table(path)
     table.setdefault("name", path.stem)
     table |= {key: changes.pop(key) for key in ("name", "title") if key in changes}
     entries = _entries(table.pop(ARMS, None))
-    found, faults = dict[str, Scenario](), Faults()
+    found, faults = dict[str, Scenario](), reading.Faults()
     common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
     for name in {key.split(".")[1] for key in changes if key.startswith(f"{ARMS}.")} - entries.keys():
         faults.add(f"{ARMS}.{name}", f"no such arm; there are: {', '.join(entries)}")
@@ -93,7 +92,7 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
         changed = _changes_of(name, changes)
         with faults, of_arm(name):
             _check_keys(name, [*own, *changed])
-            merged = merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
+            merged = reading.merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
             if isinstance(table.get("title"), str):
                 merged["title"] = f"{table['title']}: {name}"
             found[name] = loaded_scenario(merged, path.parent, common | changed)
@@ -116,7 +115,7 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
     entries = given if isinstance(given, list) and all(isinstance(each, dict) for each in given) else []
     if len(entries) < 2:
         raise ScenarioError(ARMS, "must be two or more tables [[arm]]; the keys of one arm need no [[arm]]")
-    found, faults = dict[str, dict[str, Any]](), Faults()
+    found, faults = dict[str, dict[str, Any]](), reading.Faults()
     for place, entry in enumerate(entries, 1):
         name, key = entry.get("name"), f"{ARMS}.{place}.name"
         if name is None:
@@ -133,7 +132,7 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
 
 def _check_keys(name: str, own: Sequence[str]) -> None:
     """Check that an arm gives no key that all arms share, and none that does not exist."""
-    known, faults = {key_of(entry) for entry in fields(Scenario)}, Faults()
+    known, faults = {keys.key_of(entry) for entry in fields(Scenario)}, reading.Faults()
     for key in own:
         head = key.partition(".")[0]
         if head in known.difference(OF_AN_ARM):
@@ -142,7 +141,7 @@ def _check_keys(name: str, own: Sequence[str]) -> None:
             )
             faults.add(f"{ARMS}.{name}.{key}", text)
         elif head not in OF_AN_ARM:
-            faults.add(f"{ARMS}.{name}.{head}", unknown_key_message(head, OF_AN_ARM))
+            faults.add(f"{ARMS}.{name}.{head}", keys.unknown_key_message(head, OF_AN_ARM))
     faults.tell()
 
 
@@ -211,6 +210,6 @@ def _lasting_alike(arms: Mapping[str, Scenario]) -> dict[str, Scenario]:
         *before, last = scenario.phases
         left_s = (most - ticks[name]) * scenario.clock.tick_s
         if left_s:
-            last = copy_with(last, settle_s=last.settle_s + left_s)
-        found[name] = copy_with(scenario, phases=(*before, last))
+            last = reading.copy_with(last, settle_s=last.settle_s + left_s)
+        found[name] = reading.copy_with(scenario, phases=(*before, last))
     return found

@@ -16,9 +16,8 @@ from annotated_types import Interval
 
 from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_scenarios
+from cosim.config.toml import parsing, reading
 from cosim.config.toml.keys import Count, Text
-from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Faults, copy_with, read_table
 from cosim.errors import InputError, ScenarioError
 
 
@@ -105,15 +104,15 @@ def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
         InputError: there is no such file.
         ScenarioError: keys or values are wrong.
     """
-    folder, faults = Path(), Faults()
+    folder, faults = Path(), reading.Faults()
     if isinstance(source, Mapping):
         table = dict(source)
     else:
         path = Path(source)
         if not is_file(path):
             raise InputError(f"no study {str(source)!r}; give the path of a .toml file")
-        table, folder = read_table(path), path.parent
-    study = parse(StudyTable, table, "", faults)
+        table, folder = reading.read_table(path), path.parent
+    study = parsing.parse(StudyTable, table, "", faults)
     faults.tell()
     study = _with_key_paths(study, faults)
     _check(study, faults)
@@ -121,7 +120,7 @@ def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
     return _seen_from(study, folder)
 
 
-def _with_key_paths(study: StudyTable, faults: Faults) -> StudyTable:
+def _with_key_paths(study: StudyTable, faults: reading.Faults) -> StudyTable:
     grid = flat(study.grid)
     for key, values in grid.items():
         if not isinstance(values, list) or not values:
@@ -138,7 +137,7 @@ def _with_key_paths(study: StudyTable, faults: Faults) -> StudyTable:
         if not found:
             faults.add("samples.range", "is empty; give [low, high] for at least one key path")
         changes["samples"] = replace(study.samples, range=ranges)
-    return copy_with(study, **changes)
+    return reading.copy_with(study, **changes)
 
 
 def flat(table: Mapping[str, Any], *, ends: frozenset[str] = frozenset()) -> dict[str, Any]:
@@ -152,7 +151,7 @@ def flat(table: Mapping[str, Any], *, ends: frozenset[str] = frozenset()) -> dic
     return found
 
 
-def _range(key: str, value: Any, faults: Faults) -> RangeTable:
+def _range(key: str, value: Any, faults: reading.Faults) -> RangeTable:
     path = f"samples.range.{key}"
     if isinstance(value, list):
         if len(value) != 2 or not all(isinstance(end, int | float) for end in value):
@@ -161,7 +160,7 @@ def _range(key: str, value: Any, faults: Faults) -> RangeTable:
     if not isinstance(value, Mapping):
         raise ScenarioError(path, f"is {value!r}; give [low, high], or a table with low and high")
     ends = {end: float(value[end]) for end in ("low", "high") if isinstance(value.get(end), int)}
-    found = parse(RangeTable, {**value, **ends}, path, faults)
+    found = parsing.parse(RangeTable, {**value, **ends}, path, faults)
     if not found.low < found.high:
         raise ScenarioError(f"{path}.high", f"is {found.high:g}; must be above low, {found.low:g}")
     if found.scale == "log" and not found.low > 0.0:
@@ -173,7 +172,7 @@ def _range(key: str, value: Any, faults: Faults) -> RangeTable:
     return found
 
 
-def _check(study: StudyTable, faults: Faults) -> None:
+def _check(study: StudyTable, faults: reading.Faults) -> None:
     """Note keys that two parts of a study set, and a study that varies nothing."""
     sampled = study.samples.range if study.samples is not None else {}
     designs = {key for design in study.design for key in design}
@@ -200,7 +199,7 @@ def _seen_from(study: StudyTable, folder: Path) -> StudyTable:
     changes["grid"] = {
         key: [_file_beside(key, value, folder) for value in values] for key, values in study.grid.items()
     }
-    return copy_with(study, **changes)
+    return reading.copy_with(study, **changes)
 
 
 def _beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -10,11 +10,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from cosim.base.files import rewrite
-from cosim.base.resources import writing
+from cosim.base import files, resources
 from cosim.config.loading import is_scenario
-from cosim.config.toml.parsing import RENAMED, SCHEMA
-from cosim.config.toml.reading import read_table
+from cosim.config.toml import parsing, reading
 from cosim.errors import ScenarioError
 
 _GAP: Final = re.compile(r"(?:[\s\ufeff]|#[^\n]*)*")
@@ -123,7 +121,7 @@ class _Scanner:
         return found.group()
 
 
-_BEFORE: Final = SCHEMA - 1
+_BEFORE: Final = parsing.SCHEMA - 1
 _WRITABLE: Final = 0o222  # by anybody: root may write to all files, and is not meant to
 _CARRIED: Final = ("attach", "robot")
 
@@ -138,7 +136,7 @@ def upgrade_file(path: Path) -> int:
         ScenarioError: it is not TOML, is read-only, or has an old key beside the new one.
         OutputError: it cannot be written.
     """
-    read_table(path)
+    reading.read_table(path)
     text = path.read_bytes().decode("utf-8")
     try:
         new, count = upgraded(text)
@@ -149,8 +147,8 @@ def upgrade_file(path: Path) -> int:
             raise ScenarioError(
                 str(path), f"is read-only and not upgraded; allow it first: chmod u+w {path.resolve()}"
             )
-        with writing(path):
-            rewrite(path, new.encode("utf-8"))
+        with resources.writing(path):
+            files.rewrite(path, new.encode("utf-8"))
     return count
 
 
@@ -165,7 +163,7 @@ def upgraded(text: str) -> tuple[str, int]:
     changes = []
     for span in key_spans(text):
         kind = _kind_of(span.path[:-1], scenario)
-        new = RENAMED.get(kind, {}).get(span.path[-1])
+        new = parsing.RENAMED.get(kind, {}).get(span.path[-1])
         if new is not None:
             changes.append((span.start, span.end, new))
         if (
@@ -174,7 +172,7 @@ def upgraded(text: str) -> tuple[str, int]:
             and span.value
             and _is_before(_loaded(f"x = {span.value}")["x"])
         ):
-            changes.append((span.value_start, span.value_start + len(span.value), str(SCHEMA)))
+            changes.append((span.value_start, span.value_start + len(span.value), str(parsing.SCHEMA)))
     made = text
     for start, end, new in reversed(changes):
         made = made[:start] + new + made[end:]
@@ -203,10 +201,10 @@ def _renamed(value: Any, path: tuple[str, ...], scenario: bool) -> Any:
     if not isinstance(value, Mapping):
         return value
     kind = _kind_of(path, scenario)
-    names = RENAMED.get(kind, {})
+    names = parsing.RENAMED.get(kind, {})
     made = {names.get(key, key): _renamed(item, (*path, key), scenario) for key, item in value.items()}
     if kind and _is_before(made.get("schema")):
-        made["schema"] = SCHEMA
+        made["schema"] = parsing.SCHEMA
     return made
 
 

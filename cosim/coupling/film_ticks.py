@@ -18,18 +18,9 @@ from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.base.kernels import address_of, device_function, kernel, record_at, small_matrix, small_vector
 from cosim.base.numba_insides import caller
 from cosim.coupling import half_ticks
+from cosim.coupling.contact import contact_kernels
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays
-from cosim.coupling.contact.contact_kernels import (
-    FASTEST,
-    FIND_TOUCHED,
-    MEET_TOUCHED,
-    conclude_touch,
-    fastest_touched,
-    find_touched,
-    may_give_way,
-    meet_touched,
-    touched_planes,
-)
+from cosim.coupling.contact.contact_kernels import FASTEST, FIND_TOUCHED, MEET_TOUCHED, meet_touched
 from cosim.coupling.half_ticks import RigidSide, fill_flange, hand_over, take_rigid_half
 from cosim.coupling.ticks import Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, fill_center_and_inertia
@@ -40,19 +31,7 @@ from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.film.step_arrays import StepMotion, StepPlace
 from cosim.soft.solve import self_contact
 from cosim.soft.solve.film_step import FilmSide, film_step
-from cosim.soft.solve.self_contact import (
-    ADD,
-    FIND,
-    OVERLOOKED,
-    PRESS,
-    SETTLE,
-    THROUGH_M,
-    WORK,
-    FilmContacts,
-    films_press,
-    find_pairs,
-    first_pairs,
-)
+from cosim.soft.solve.self_contact import ADD, FIND, OVERLOOKED, PRESS, SETTLE, THROUGH_M, WORK, FilmContacts
 from cosim.soft.solve.state import Damped, add_damping, add_wrench
 
 
@@ -131,9 +110,13 @@ _STEP, _WRENCH, _MOMENTS, _RIGID, _HAND, _DAMPING, _LOSS = range(len(_CALLED))
 _film_step, _add_wrench, _mass_moments, _take_rigid_half, _hand_over, _add_damping, _eyelet_loss = map(
     caller, _CALLED
 )
-_find_touched, _meet_touched = caller(find_touched), caller(meet_touched)
-_fastest_touched = caller(fastest_touched)
-_find_pairs, _settle_pairs, _films_press = caller(find_pairs), caller(settle_pairs), caller(films_press)
+_find_touched, _meet_touched = caller(contact_kernels.find_touched), caller(meet_touched)
+_fastest_touched = caller(contact_kernels.fastest_touched)
+_find_pairs, _settle_pairs, _films_press = (
+    caller(self_contact.find_pairs),
+    caller(settle_pairs),
+    caller(self_contact.films_press),
+)
 _pair_work = caller(pair_work)
 
 
@@ -156,7 +139,10 @@ def _take_soft_step(
 ) -> bool:
     """Take the film's step of tick k with planes and pairs that were found; return whether it converged."""
     contact, films = record_at(row.contact, ContactArrays), record_at(row.films, FilmContacts)
-    planes, pairs = touched_planes(contact.touched, found[0]), first_pairs(films.pairs, found[1])
+    planes, pairs = (
+        contact_kernels.touched_planes(contact.touched, found[0]),
+        self_contact.first_pairs(films.pairs, found[1]),
+    )
     touching = Touching(planes, films.calls[ADD] if found[1] > 0 else 0, pairs)
     loads = PlainLoads(commands.pressure[k], commands.tension[k], commands.gravity[k])
     motion = StepMotion(
@@ -206,7 +192,7 @@ def _settle(row: FilmSteps, found: tuple[int, int], way: FilmMotion, ticks: Any,
     contact, films = record_at(row.contact, ContactArrays), record_at(row.films, FilmContacts)
     before, x = way.x[k + 1], way.x[k + 2]
     if films.calls.shape[0] > 0:
-        rows, memory, deepest = first_pairs(films.pairs, found[1]), films.memory, 0.0
+        rows, memory, deepest = self_contact.first_pairs(films.pairs, found[1]), films.memory, 0.0
         if found[1] > 0:
             given = films.calls[ADD], before, x, rows, films.force
             ticks.work[k, 1] = _pair_work(films.calls[WORK], given)
@@ -216,7 +202,7 @@ def _settle(row: FilmSteps, found: tuple[int, int], way: FilmMotion, ticks: Any,
             ticks.self_contact[k, 1] += memory.normal_force[e]
             deepest = memory.distance[e] if e == 0 else min(deepest, memory.distance[e])
         ticks.self_contact[k, 2] = -deepest
-    return conclude_touch(contact, row.contact, found[0], (before, x), ticks, k)
+    return contact_kernels.conclude_touch(contact, row.contact, found[0], (before, x), ticks, k)
 
 
 @device_function
@@ -241,7 +227,7 @@ def _solve(
     found = _find(row, (way.x[k + 1], way.velocity[k + 1]), waits)
     if min(found) < 0:
         return found, half_ticks.LISTS_LEFT
-    near = may_give_way(contact, found[0])
+    near = contact_kernels.may_give_way(contact, found[0])
     if near > 1 or _turns_far(ticks, k, row.largest_turn):
         return found, half_ticks.SOFT_HALF_LEFT
     again = True

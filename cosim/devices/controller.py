@@ -7,8 +7,6 @@ Controllers that come with cosim close one loop with a law from an error to an o
 measured quantity, or on the flange's motion, which leads the tip along a path.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from abc import ABC, abstractmethod

@@ -10,7 +10,6 @@ winches turn. A scenario without any of these passes through untouched.
 The commands of a scenario: its phases, the gas in the chambers, and its devices and controllers.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,16 +20,8 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.config.schema.scenario import ControllerTable, Scenario, WinchTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.command_source import (
-    CommandsAhead,
-    CommandSource,
-    FlangeOffset,
-    RobotState,
-    StepToTake,
-    bending_angle,
-    measured,
-    measured_cables,
-)
+from cosim.devices import command_source, sensor
+from cosim.devices.command_source import CommandsAhead, FlangeOffset, RobotState, StepToTake, measured_cables
 from cosim.devices.controller import (
     AnyController,
     BangBang,
@@ -59,7 +50,6 @@ from cosim.devices.drives import (
     drums_of,
     orders_of,
 )
-from cosim.devices.sensor import Sensors, SensorsState, sensor_report
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
     ChamberGas,
@@ -121,7 +111,7 @@ def _controller(entry: ControllerTable, given: Mapping[str, AnyController]) -> A
 
 
 def _law(entry: ControllerTable) -> FeedbackLaw:
-    highest = math.inf if entry.output_max is None else entry.output_max
+    highest = np.inf if entry.output_max is None else entry.output_max
     if entry.kind == "bang_bang":
         assert entry.increment is not None, "checked with the scenario"
         return BangBang(entry.increment, entry.band, entry.output_min, highest)
@@ -147,7 +137,7 @@ def device_names(scenario: Scenario) -> DeviceNames | None:
 def device_report(scenario: Scenario) -> dict[str, str]:
     """Return in words what is modelled of devices and sensors, by heading; empty without any."""
     lines = {"Pumps": _pumps(scenario), "Cables": _cables(scenario), "Controllers": _controllers(scenario)}
-    lines["Sensors"] = sensor_report(scenario)
+    lines["Sensors"] = sensor.sensor_report(scenario)
     return {heading: text for heading, text in lines.items() if text}
 
 
@@ -229,7 +219,7 @@ class Actuation:
         winches = {name: entry for entry in scenario.winches for name in entry.cables}
         tensions = scenario.start.cable_tension_N or (0.0,) * len(self._names)
         triples = zip(body.cables, self._names, tensions, strict=True)
-        step_s = self._tick_s if scenario.mode == "dynamic" else math.inf
+        step_s = self._tick_s if scenario.mode == "dynamic" else np.inf
         self.cables = [
             CableDrive(cable, winches.get(name), tension, step_s) for cable, name, tension in triples
         ]
@@ -251,7 +241,7 @@ class Actuation:
         self._setpoints: dict[str, float | None] = {}
         self._modelled, self._held = device_names(scenario) is not None, False
         self._looks_through = {entry.name: entry.sensors for entry in scenario.controllers}
-        self.sensors: Sensors | None = None
+        self.sensors: sensor.Sensors | None = None
         """What controllers look through; whoever plans the run makes it."""
         self.live: LiveOrders | None = None
         """What is commanded from outside, in place of phases and controllers; whoever does sets it again."""
@@ -342,7 +332,7 @@ class Actuation:
         if not self.active:
             return None
         x = soft.state.positions
-        angle = bending_angle(soft.body.tip_direction(x), flange)
+        angle = command_source.bending_angle(soft.body.tip_direction(x), flange)
         height = float(soft.body.tip_position(x)[2])
         values = {"bending_angle_rad": angle, "tip_height_m": height}
         drives = self.cables
@@ -424,7 +414,9 @@ class Actuation:
         self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], name: str, wanted: Array | None
     ) -> Measurement:
         cables, setpoint = self.measured_cables(soft), self._setpoints[name]
-        truth = replace(measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted)
+        truth = replace(
+            command_source.measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted
+        )
         if not self.sensors:
             return truth
         through = self.sensors.through(truth, self._looks_through[name])
@@ -458,11 +450,11 @@ class PlannedCommandsState:
     gas: ChamberGasState
     devices: ActuationState
     offset: Array
-    sensors: SensorsState
+    sensors: sensor.SensorsState
 
 
 @final
-class PlannedCommands(CommandSource):
+class PlannedCommands(command_source.CommandSource):
     """Asks for what a scenario plans, and what its devices and controllers make of it.
 
     Args:
@@ -482,7 +474,7 @@ class PlannedCommands(CommandSource):
         self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
         self.gas = ChamberGas(scenario.gas)
         self._offset = FlangeOffset(len(plan.joints))
-        self.sensors = actuation.sensors = Sensors(scenario, len(plan.joints))
+        self.sensors = actuation.sensors = sensor.Sensors(scenario, len(plan.joints))
         self._references: TickReferences | IncrementReferences | None = None
 
     def begin_phase(self, phase: int) -> None:

@@ -18,8 +18,7 @@ import numpy as np
 from cosim.base.frames import Array, Wrench, read_only
 from cosim.config.schema.objects import SensorTable
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.controller import Measurement
-from cosim.devices.device_report import SensorNames
+from cosim.devices import controller, device_report
 from cosim.errors import InputError, ScenarioError
 
 _FIELDS: Final = {
@@ -38,11 +37,11 @@ _FIELDS: Final = {
 _ROUNDING: Final = 1e-6  # of a sample's instant, in samples
 
 
-def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[SensorNames, ...]:
+def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[device_report.SensorNames, ...]:
     """Return the sensors of a scenario, for whoever shows them; `joints` are the names of the arm's."""
     named = zip(scenario.sensors, _values(scenario), strict=True)
     return tuple(
-        SensorNames(entry.name, _FIELDS[entry.kind][1], joints if names is None else names)
+        device_report.SensorNames(entry.name, _FIELDS[entry.kind][1], joints if names is None else names)
         for entry, names in named
     )
 
@@ -118,11 +117,11 @@ class Sensor:
         self._named = zlib.crc32(table.name.encode())
         self._noise, self._bias, self._quantum = map(np.array, (table.noise, table.bias, table.quantum))
 
-    def truth(self, seen: Measurement) -> Array:
+    def truth(self, seen: controller.Measurement) -> Array:
         """Return the true values (n,)."""
         return self._all(seen)[self._places]
 
-    def through(self, seen: Measurement, reading: Array) -> Measurement:
+    def through(self, seen: controller.Measurement, reading: Array) -> controller.Measurement:
         """Return a measurement with a reading (n,) in place of the truth."""
         values, (field, _) = self._all(seen), _FIELDS[self.kind]
         values[self._places] = reading
@@ -182,7 +181,7 @@ class Sensor:
             found = np.where(self._quantum > 0.0, step * np.round(found / step), found)
         return np.asarray(found)
 
-    def _all(self, seen: Measurement) -> Array:
+    def _all(self, seen: controller.Measurement) -> Array:
         value: Any = getattr(seen, _FIELDS[self.kind][0])
         if isinstance(value, Wrench):
             value = getattr(value, self.kind.removeprefix("flange_"))
@@ -212,14 +211,14 @@ class Sensors:
         """Return whether there are any."""
         return bool(self._sensors)
 
-    def begin(self, seen: Measurement, seed: int) -> tuple[Array, Array]:
+    def begin(self, seen: controller.Measurement, seed: int) -> tuple[Array, Array]:
         """Begin with what is measured now, and return readings and truth; `seed` is of the run."""
         truths = [sensor.truth(seen) for sensor in self._sensors]
         begun = (sensor.begin(truth, seed) for sensor, truth in zip(self._sensors, truths, strict=True))
         self.state = SensorsState(seed, tuple(begun))
         return self._shown(truths)
 
-    def tick(self, seen: Measurement) -> tuple[Array, Array]:
+    def tick(self, seen: controller.Measurement) -> tuple[Array, Array]:
         """Read what is measured at the end of a tick.
 
         Returns:
@@ -242,7 +241,7 @@ class Sensors:
         pairs = zip(self._sensors, self.state.sensors, strict=False)
         return {sensor.name: read_only(state.reading) for sensor, state in pairs}
 
-    def through(self, seen: Measurement, names: Iterable[str]) -> Measurement:
+    def through(self, seen: controller.Measurement, names: Iterable[str]) -> controller.Measurement:
         """Return a measurement with readings in place of the truth.
 
         Args:

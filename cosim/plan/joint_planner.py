@@ -18,9 +18,8 @@ from cosim.config.toml.reading import Faults
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import follow, solve
-from cosim.plan.arm_limits import ArmLimits
+from cosim.plan import arm_limits, planning
 from cosim.plan.motion import FlangeWay, JointPath, progress
-from cosim.plan.planning import AnyWay
 from cosim.plan.tip_paths import PoseTrack
 
 _SAMPLE_s: Final = 0.005
@@ -60,11 +59,11 @@ def track_joints(arm: Arm, track: PoseTrack, q: Array, key: str, led: Array | No
                 error.closest,
             ) from error
     spline = CubicSpline(np.linspace(0.0, 1.0, count + 1), np.array(knots), bc_type="clamped")
-    _check_pace(ArmLimits.of(arm), track, spline, key)
+    _check_pace(arm_limits.ArmLimits.of(arm), track, spline, key)
     return JointPath(q, spline)
 
 
-def _check_pace(limits: ArmLimits, track: PoseTrack, spline: CubicSpline, key: str) -> None:
+def _check_pace(limits: arm_limits.ArmLimits, track: PoseTrack, spline: CubicSpline, key: str) -> None:
     """Raise UnreachableError where a joint would have to be faster, or to accelerate more, than it can."""
     course = track.course
     count = min(math.ceil(course.duration_s / _SAMPLE_s), _MOST_SAMPLES)
@@ -146,7 +145,7 @@ _ROLLS = (1.57, -1.57, 3.14, -3.14, 0.79, -0.79, 2.36, -2.36)  # tried, in the d
 def plan_joints(
     arm: Arm,
     start: Pose,
-    ways: list[AnyWay],
+    ways: list[planning.AnyWay],
     blame: Callable[[int], str],
     led: Sequence[Array] = (),
     clear: Callable[[tuple[JointPath, ...]], bool] | None = None,
@@ -214,7 +213,7 @@ def _rolled_otherwise(arm: Arm, start: Pose) -> str:
     return ""
 
 
-def _check_reach(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
+def _check_reach(arm: Arm, ways: list[planning.AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
     """Raise UnreachableError for the first phase that ends farther away than the arm is long.
 
     So that no way is followed that is cut into more pieces than the arm's reach has.
@@ -226,7 +225,7 @@ def _check_reach(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int
                 solve(arm, way.end, seed, candidates=1)
 
 
-def _check_ends(arm: Arm, ways: list[AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
+def _check_ends(arm: Arm, ways: list[planning.AnyWay], seed: Array, blame: Callable[[int], str]) -> None:
     """Raise UnreachableError for the first phase whose end no configuration reaches, on whatever branch."""
     for index, way in enumerate(ways):
         if way.pieces and not isinstance(way, PoseTrack):  # of which it is said where it breaks off
@@ -260,7 +259,7 @@ def _configurations(arm: Arm, start: Pose, nearest: Array, led: Array) -> Iterat
 
 
 def _follow_all(
-    arm: Arm, ways: list[AnyWay], q: Array, blame: Callable[[int], str], led: Sequence[Array]
+    arm: Arm, ways: list[planning.AnyWay], q: Array, blame: Callable[[int], str], led: Sequence[Array]
 ) -> tuple[JointPath, ...]:
     paths: list[JointPath] = []
     for index, (way, asked) in enumerate(zip(ways, led, strict=False)):

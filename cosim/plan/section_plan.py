@@ -19,10 +19,9 @@ from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import ConvergenceError, OutOfRangeError, ScenarioError
+from cosim.plan import motion, planning
 from cosim.plan.decision import SECTION_RANGE, Decision
-from cosim.plan.motion import Progress, progress
 from cosim.plan.plan import ChamberGas, PhasePlan, Plan, loads_of
-from cosim.plan.planning import start_equilibrium
 from cosim.soft.solve.state import Equilibrium
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ class FlangeAcceleration:
         count = max(_SAMPLES, 2 * len(path.spline.x))
         step_s = phase.duration_s / (count - 1)
         # a sample before and one after: a linear ramp leaps from rest to its speed
-        ways = [progress(phase.ramp, k * step_s, phase.duration_s) for k in range(-1, count + 1)]
+        ways = [motion.progress(phase.ramp, k * step_s, phase.duration_s) for k in range(-1, count + 1)]
         x = np.array([arm.forward(path.at(way).position).translation for way in ways])
         fractions = np.array([way.value for way in ways[1:-1]])
         return cls(fractions, np.diff(x, n=2, axis=0) / step_s**2, step_s)
@@ -161,7 +160,7 @@ class _Walk:
     def _start(self) -> Equilibrium:
         plan = self._plan
         try:
-            here = start_equilibrium(self._soft, plan.start, loads_of(plan.command, plan.gravity))
+            here = planning.start_equilibrium(self._soft, plan.start, loads_of(plan.command, plan.gravity))
         except OutOfRangeError as error:
             raise ScenarioError("start", _refusal(f"the arm is{_RANGE}{error.place}")) from error
         self._soft.settle(here)
@@ -183,7 +182,7 @@ class _Walk:
         """Return the equilibrium at a fraction of a phase, gravity less an acceleration (3,) [m/s^2]."""
         pose = here.world_from_flange
         if self._arm is not None and planned.joints.spline is not None:
-            pose = self._arm.forward(planned.joints.at(Progress(fraction, 0.0, 0.0)).position)
+            pose = self._arm.forward(planned.joints.at(motion.Progress(fraction, 0.0, 0.0)).position)
         command = self._gas.between(planned.begin, planned.end, fraction)
         gravity = np.array(self._plan.gravity)
         x, y, z = (gravity if less is None else gravity - less).tolist()

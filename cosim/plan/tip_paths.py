@@ -28,9 +28,9 @@ from cosim.errors import CosimError, InputError, SolverError, UnreachableError
 from cosim.plan.motion import FlangeWay, PlannedTipPath, TipErrors, tip_distances
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, center_line_length, center_rings
+from cosim.soft.solve import tip_target as search
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets import tip_target as search
-from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget, shortest_turn
+from cosim.soft.solve.tip_target import TargetOptions, TargetSolution, TipTarget, shortest_turn
 
 _KNOT_s: Final = 0.02  # of the joints' spline
 _PER_RAMP: Final = 10

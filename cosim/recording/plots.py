@@ -15,8 +15,7 @@ from cosim.base.frames import Array
 from cosim.base.names import LOST, PUT_IN, TERMS
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
-from cosim.telemetry.snapshot import RunInfo
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry import snapshot, tick_batch
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Plot:
     entity: str
     title: str
     series: tuple[str, ...]
-    values: Callable[[TickBatch], Array]
+    values: Callable[[tick_batch.TickBatch], Array]
     colours: Sequence[Colour] = ()
     legend: bool = True
     peaks: bool = False
@@ -54,7 +53,7 @@ _SHOWN: Final[dict[str, tuple[str, float]]] = {
 """What controllers measure: title and scale."""
 
 
-def device_plots(stage: RunInfo) -> list[Plot]:
+def device_plots(stage: snapshot.RunInfo) -> list[Plot]:
     """Return the plots of a scenario's devices; none where it has none."""
     names = stage.devices
     if names is None:
@@ -65,7 +64,7 @@ def device_plots(stage: RunInfo) -> list[Plot]:
 _PREFIXES: Final = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "rad": (math.degrees(1.0), "deg")}
 
 
-def sensor_plots(stage: RunInfo) -> list[Plot]:
+def sensor_plots(stage: snapshot.RunInfo) -> list[Plot]:
     """Return a plot for each sensor: readings and truth."""
     plots, begin = [], 0
     for sensor in stage.sensors:
@@ -80,7 +79,7 @@ def sensor_plots(stage: RunInfo) -> list[Plot]:
     return plots
 
 
-def _sensed(array: str, columns: slice, scale: float, batch: TickBatch) -> Array:
+def _sensed(array: str, columns: slice, scale: float, batch: tick_batch.TickBatch) -> Array:
     return np.asarray(scale * getattr(batch, array)[:, columns])
 
 
@@ -94,7 +93,7 @@ def _plot(
     return Plot(entity, title, series, lambda batch: np.array(list(map(values, _reports(batch)))), colours)
 
 
-def _reports(batch: TickBatch) -> list[ActuationReport]:
+def _reports(batch: tick_batch.TickBatch) -> list[ActuationReport]:
     """Return what each tick of a scenario with devices says on them."""
     return [report for report in batch.devices if report is not None]
 
@@ -110,12 +109,12 @@ def _control_plots(names: DeviceNames) -> list[Plot]:
 
 
 def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tuple[Plot, Plot]:
-    def measured(batch: TickBatch) -> Array:
+    def measured(batch: tick_batch.TickBatch) -> Array:
         if quantity == "tip_height_m":
             return scale * batch.tip_position[:, 2]
         return np.array([scale * report.bending_angle_rad for report in _reports(batch)])
 
-    def setpoint(batch: TickBatch) -> Array:
+    def setpoint(batch: tick_batch.TickBatch) -> Array:
         return np.array([scale * _setpoint(report, own) for report in _reports(batch)])
 
     entity = f"control/{quantity}"
@@ -131,7 +130,7 @@ def _setpoint(devices: ActuationReport, own: set[str]) -> float:
     return given[0] if given else math.nan
 
 
-def _cable_plots(stage: RunInfo, names: DeviceNames) -> list[Plot]:
+def _cable_plots(stage: snapshot.RunInfo, names: DeviceNames) -> list[Plot]:
     if not names.lengths:
         return []
     cables = stage.cable_names
@@ -182,7 +181,7 @@ SMALLEST_RESIDUAL_N = 1e-16
 _OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
 
 
-def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
+def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:
     """Return the plots of a run, in the order in which they are shown.
 
     Args:
@@ -205,7 +204,7 @@ def plots_of(stage: RunInfo, joints: int) -> tuple[Plot, ...]:
     )
 
 
-def _robot_plots(stage: RunInfo) -> list[Plot]:
+def _robot_plots(stage: snapshot.RunInfo) -> list[Plot]:
     chambers, cables = stage.chamber_names, range(1, len(stage.cables) + 1)
     names = stage.cable_names or tuple(f"cable {k}" for k in cables)
     many = len(chambers) > 1
@@ -254,11 +253,11 @@ def _called(term: str) -> str:
     return term.removesuffix("_J").replace("_", " ")
 
 
-def _energies(terms: tuple[str, ...], batch: TickBatch) -> Array:
+def _energies(terms: tuple[str, ...], batch: tick_batch.TickBatch) -> Array:
     return batch.energy_J[:, [TERMS.index(term) for term in terms]]
 
 
-def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:
+def _run_plots(stage: snapshot.RunInfo, joints: int) -> list[Plot]:
     tick_s = stage.tick_s if stage.mode == "dynamic" else None
     wall = ("wall time",) if tick_s is None else ("wall time", "tick length")
     names = tuple(f"joint {k + 1}" for k in range(joints))
@@ -271,21 +270,21 @@ def _run_plots(stage: RunInfo, joints: int) -> list[Plot]:
     ]
 
 
-def _log_residual(batch: TickBatch) -> Array:
+def _log_residual(batch: tick_batch.TickBatch) -> Array:
     return np.log10(np.maximum(batch.residual_N, SMALLEST_RESIDUAL_N))
 
 
-def _iterations(batch: TickBatch) -> Array:
+def _iterations(batch: tick_batch.TickBatch) -> Array:
     return batch.newton_iterations.astype(np.float64)
 
 
-def _cost_ms(tick_s: float | None, batch: TickBatch) -> Array:
+def _cost_ms(tick_s: float | None, batch: tick_batch.TickBatch) -> Array:
     """Return the wall time of ticks [ms]; (k, 2) with the length of a tick if that is given, else (k,)."""
     wall = 1e3 * batch.tick_wall_s
     return wall if tick_s is None else np.stack([wall, np.full(len(batch), 1e3 * tick_s)], axis=1)
 
 
-def target_distance(batch: TickBatch) -> Array:
+def target_distance(batch: tick_batch.TickBatch) -> Array:
     """Return the distance of the tip from its target (k,) [m]; not a number while there is none.
 
     A component of the target that is not a number is free and does not count.

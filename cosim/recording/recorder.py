@@ -6,8 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, final
 
-from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry import snapshot, tick_batch
 
 
 @final
@@ -21,21 +20,21 @@ class RecordingPart:
     """
 
     run_id: str
-    before: tuple[Snapshot, Snapshot] | None = None
+    before: tuple[snapshot.Snapshot, snapshot.Snapshot] | None = None
 
 
 class Recorder(ABC):
     """Receives the stage once, then the ticks of a run in order, then the outcome."""
 
     @abstractmethod
-    def open(self, stage: RunInfo) -> None:
+    def open(self, stage: snapshot.RunInfo) -> None:
         """Begin a recording.
 
         Args:
             stage: what does not change during the run.
         """
 
-    def lay_out(self, first: Snapshot) -> None:  # noqa: B027
+    def lay_out(self, first: snapshot.Snapshot) -> None:  # noqa: B027
         """Prepare for a first snapshot that is known before it is recorded; not needed.
 
         Args:
@@ -43,7 +42,7 @@ class Recorder(ABC):
         """
 
     @abstractmethod
-    def record(self, batch: TickBatch) -> None:
+    def record(self, batch: tick_batch.TickBatch) -> None:
         """Take in some ticks of one phase; they must rise.
 
         Args:
@@ -86,17 +85,17 @@ class Recorders(Recorder):
     def __init__(self, recorders: Sequence[Recorder]) -> None:
         self._recorders = recorders
 
-    def open(self, stage: RunInfo) -> None:
+    def open(self, stage: snapshot.RunInfo) -> None:
         """Open all."""
         for recorder in self._recorders:
             recorder.open(stage)
 
-    def lay_out(self, first: Snapshot) -> None:
+    def lay_out(self, first: snapshot.Snapshot) -> None:
         """Prepare all."""
         for recorder in self._recorders:
             recorder.lay_out(first)
 
-    def record(self, batch: TickBatch) -> None:
+    def record(self, batch: tick_batch.TickBatch) -> None:
         """Let all record."""
         for recorder in self._recorders:
             recorder.record(batch)

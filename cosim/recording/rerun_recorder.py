@@ -33,9 +33,8 @@ from cosim.recording.colours import series_colours
 from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.scene import PlotBuffer, Scene, log_rigid_meshes, time_columns
-from cosim.telemetry.cameras import segment_names
+from cosim.telemetry import cameras, tick_batch
 from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
 
 _JPEG: Final = 90
 _DRAWN_AT_M: Final = 0.15
@@ -60,7 +59,7 @@ class CameraViews:
 
     def __init__(self, stream: rr.RecordingStream, stage: RunInfo, tick_ns: int) -> None:
         self._stream, self._tick_ns = stream, tick_ns
-        names = list(segment_names(stage.body_names).items())
+        names = list(cameras.segment_names(stage.body_names).items())
         for camera in stage.cameras:
             rgb, _, segments = camera_paths(camera.name)
             width, height = camera.size
@@ -255,7 +254,7 @@ class RerunRecorder(Recorder):
         if self._run is not None:
             self._run.lay_out(first)
 
-    def record(self, batch: TickBatch) -> None:
+    def record(self, batch: tick_batch.TickBatch) -> None:
         """Take in some ticks; see `Recorder.record`.
 
         Raises:
@@ -324,7 +323,7 @@ class _Run:
         self._curves: PlotBuffer | None = None
         self._scene: Scene | None = None
         self._cameras = CameraViews(self._stream, stage, self._tick_ns)
-        self._frames: list[TickBatch] = []
+        self._frames: list[tick_batch.TickBatch] = []
         self._drawn = 0
         self._frame = -1
         self._drawn_tick = -1
@@ -334,10 +333,10 @@ class _Run:
         self._written_tick = 0
         self._phase = -1
         self._phase_ends: dict[int, int] = {}
-        self._last: TickBatch | None = None
+        self._last: tick_batch.TickBatch | None = None
         self._log_static()
 
-    def record(self, batch: TickBatch) -> None:
+    def record(self, batch: tick_batch.TickBatch) -> None:
         curves = self._curves or self.lay_out(batch.snapshot(0))
         if batch.phase[0] != self._phase:
             self._begin_phase(batch)
@@ -447,13 +446,13 @@ class _Run:
         self._scene.go_on(last)
         self._frame = int(last.tick * self._tick_ns / self._frame_ns)
 
-    def _begin_phase(self, batch: TickBatch) -> None:
+    def _begin_phase(self, batch: tick_batch.TickBatch) -> None:
         self._phase = int(batch.phase[0])
         name = self._stage.phase_names[self._phase]
         times = time_columns(batch.tick[:1], self._tick_ns)
         self._stream.send_columns(_PHASE, times, rr.StateChange.columns(state=[name]))
 
-    def _show_models(self, batch: TickBatch) -> None:
+    def _show_models(self, batch: tick_batch.TickBatch) -> None:
         """Show which model represents the soft robot, from the first tick on and where that changes."""
         known = [(0, "section")] if self._last is None and batch.tick[0] == 0 else []
         for row, passed in batch.handovers.items():
@@ -466,7 +465,7 @@ class _Run:
         if self._curves is not None:
             self._curves.flush()
         if self._scene is not None and self._frames:
-            frames = TickBatch.joined(self._frames)
+            frames = tick_batch.TickBatch.joined(self._frames)
             self._scene.send(frames, time_columns(frames.tick, self._tick_ns))
             self._frames, self._drawn = [], 0
         self._flush_stream()

@@ -5,8 +5,6 @@ The deformed film as VTK files (PolyData in XML): triangles of the film, cables 
 A `.pvd` file lists them with their times; ParaView and PyVista open it as a film in time.
 """
 
-from __future__ import annotations
-
 import base64
 import csv
 import io
@@ -23,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cosim.base.files import whole_file, write_whole
+from cosim.base import files, resources
 from cosim.base.frames import Array, IntArray
-from cosim.base.resources import extra_module, writing
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
 from cosim.results.result import COLUMNS, RunResult, array_texts
@@ -53,7 +50,7 @@ def write_csv(result: RunResult, path: Path) -> None:
             heads = [f"{name}{unit}"]
         values = np.ascontiguousarray(array.reshape(len(array), len(heads)).T)
         columns.update(zip(heads, map(pa.array, values), strict=True))
-    with writing(path), whole_file(path) as file:
+    with resources.writing(path), files.whole_file(path) as file:
         csv.write_csv(pa.table(columns), file, csv.WriteOptions(quoting_style="none"))
 
 
@@ -91,8 +88,8 @@ def write_film(
     listed = f"{head}  <Collection>\n{''.join(rows)}  </Collection>\n</VTKFile>\n"
     for name, text in zip((*names, COLLECTION), (*texts, listed), strict=True):
         claim(name)
-        with writing(folder / name):
-            write_whole(folder / name, text)
+        with resources.writing(folder / name):
+            files.write_whole(folder / name, text)
     return [folder / COLLECTION, *(folder / name for name in names)]
 
 
@@ -162,7 +159,7 @@ def check_usd() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    return extra_module("pxr.Usd", "usd")
+    return resources.extra_module("pxr.Usd", "usd")
 
 
 def write_usd(result: RunResult, shapes: Sequence[BodyShape], path: Path) -> int:
@@ -205,7 +202,7 @@ def write_usd(result: RunResult, shapes: Sequence[BodyShape], path: Path) -> int
         cable.CreateWidthsAttr([_CABLE_M])
         cable.SetWidthsInterpolation(UsdGeom.Tokens.constant)
         _set_points(cable, result.node_position[:, nodes], codes)
-    with writing(path):
+    with resources.writing(path):
         path.touch()  # the library's own error names no reason
         stage.GetRootLayer().Export(str(path))
     return len(codes)
@@ -418,8 +415,8 @@ class JointTable:
         check_name(path)
         made = {CSV: self.csv_text, URSCRIPT: self.urscript_text, TRAJECTORY: self.trajectory_text}
         text = made[path.suffix]()
-        with writing(path):
-            write_whole(path, text)
+        with resources.writing(path):
+            files.write_whole(path, text)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

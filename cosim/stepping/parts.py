@@ -16,23 +16,19 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import BodyPoses, RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
-from cosim.plan.motion import TipPathInfo
+from cosim.plan import motion, planning
 from cosim.plan.plan import PhasePlan, Plan, RobotCommand, SoftCommand, loads_of
-from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of
-from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.self_contact_faces import FilmFaces
-from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.solve.branching import Branching, FilmOverlap
-from cosim.soft.solve.self_contact import FilmContactLaw
+from cosim.soft.contact import contact_law, self_contact_faces, self_contact_pairs
+from cosim.soft.solve import branching, self_contact
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
 from cosim.telemetry.snapshot import Snapshot, UnreadFilmShape
 
 
-def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, TipPathInfo]:
+def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, motion.TipPathInfo]:
     """Return when a run passes the paths of its phases, by their index.
 
     Args:
@@ -51,19 +47,19 @@ def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int,
 
     ends = list(accumulate(map(length, phases), initial=0.0))
     return {
-        index: TipPathInfo(planned.tip_path, ends[index], path_s(planned))
+        index: motion.TipPathInfo(planned.tip_path, ends[index], path_s(planned))
         for index, planned in enumerate(phases)
         if planned.tip_path is not None
     }
 
 
-def film_law(scenario: Scenario) -> FilmContactLaw | None:
+def film_law(scenario: Scenario) -> self_contact.FilmContactLaw | None:
     """Return the law of contact between films; None where it is not modelled."""
     given = scenario.contact
     if not scenario.touches_itself:
         return None
-    law = ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
-    return FilmContactLaw(law, given.self_friction, throughout=given.self_contact is True)
+    law = contact_law.ContactLaw(given.stiffness_N_m3, given.smoothing_m, given.stick_m)
+    return self_contact.FilmContactLaw(law, given.self_friction, throughout=given.self_contact is True)
 
 
 def film_report(scenario: Scenario, body: SoftBody) -> str:
@@ -73,7 +69,7 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
         return "none: the shape is frozen"
     if not scenario.touches_itself:
         return f"not modelled: {'as in the paper' if given.self_contact else 'switched off'}"
-    faces = FilmFaces.of(body)
+    faces = self_contact_faces.FilmFaces.of(body)
     if not faces.can_meet:
         return "none: the film is one unit, which does not touch itself"
     if scenario.fidelity == "section":
@@ -85,7 +81,7 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
     return f"between {faces.units} units, outside of the film, {friction}{since}"
 
 
-def with_film_contacts(ledger: LedgerEntry, films: FilmMemory | None) -> LedgerEntry:
+def with_film_contacts(ledger: LedgerEntry, films: self_contact_pairs.FilmMemory | None) -> LedgerEntry:
     """Return the ledger with what the soft robot's films press on one another."""
     if films is None:
         return ledger
@@ -126,7 +122,7 @@ def brought_to_rest(
         begin, state = kept.made("hung up", name_of(model_name, flange, loads.gravity), hung, _MOST)
         if state is not None:
             soft.restore_state(state)
-        found = start_equilibrium(soft, flange, loads, begin)
+        found = planning.start_equilibrium(soft, flange, loads, begin)
         soft.settle(found)
         return found, soft.save_state()
 
@@ -170,8 +166,8 @@ class TickState:
     joint_velocity: Array
     joint_torque: Array
     touched: ContactReport = NOTHING_TOUCHED
-    branchings: tuple[Branching, ...] = ()
-    overlaps: tuple[FilmOverlap, ...] = ()
+    branchings: tuple[branching.Branching, ...] = ()
+    overlaps: tuple[branching.FilmOverlap, ...] = ()
     ends_phase: bool = False
 
 
@@ -217,7 +213,7 @@ class Parts:
         """Return after how many ticks (increments) of `count` from the first one on links are looked at."""
         return range(-first % self._looked_every, count, self._looked_every)
 
-    def overlaps(self, shape: Any, joints: Array) -> tuple[FilmOverlap, ...]:
+    def overlaps(self, shape: Any, joints: Array) -> tuple[branching.FilmOverlap, ...]:
         """Return where films are in one another, or in links of the arm.
 
         Args:
@@ -227,7 +223,7 @@ class Parts:
         positions = self.shape_reader.positions(shape)
         own, inside = self.soft.overlap(positions), self.carrier.film_in_links(positions, joints)
         place = partial(place_of, self.soft.body, positions)
-        links = (FilmOverlap(each.depth_m, place(each.node), each.link) for each in inside)
+        links = (branching.FilmOverlap(each.depth_m, place(each.node), each.link) for each in inside)
         return (*links, *(() if own is None else (own,)))
 
     def command(self, step: StepToTake) -> RobotCommand:

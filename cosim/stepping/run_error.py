@@ -48,10 +48,8 @@ from cosim.plan.tip_paths import wanted_tip
 from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import WHOLE, Branching
-from cosim.soft.solve.stability import material_losses
+from cosim.soft.solve import branching, stability, tip_target
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
-from cosim.soft.targets.tip_target import TipTarget
 from cosim.stepping.parts import Parts
 from cosim.telemetry.snapshot import RunErrors
 from cosim.telemetry.tick_batch import TickBatch
@@ -109,7 +107,7 @@ class Modes:
         values, parts = np.linalg.eigh((flexibility + flexibility.T) / 2.0)
         shapes = (parts.T @ basis).reshape(-1, body.nodes, 3)
         shapes = shapes[values > 0.0]
-        losses = np.array(material_losses(solver.system, state.positions, shapes))
+        losses = np.array(stability.material_losses(solver.system, state.positions, shapes))
         return cls(state.positions, 1.0 / np.sqrt(values[values > 0.0]), shapes, losses)
 
 
@@ -490,13 +488,13 @@ class ErrorFinder:
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
 
-    def _wanted(self, end: PhaseEnd) -> TipTarget | None:
+    def _wanted(self, end: PhaseEnd) -> tip_target.TipTarget | None:
         """Return the target that cables bring the tip to in a phase, if there is one."""
         target = self._parts.plan.phases[end.phase].phase.tip_target
         return wanted_tip(target) if target is not None and target.reach_with == "cables" else None
 
     def _of_tension(
-        self, wanted: TipTarget | None, pair: Pair, mesh: FinerMesh, tip_m: float
+        self, wanted: tip_target.TipTarget | None, pair: Pair, mesh: FinerMesh, tip_m: float
     ) -> dict[str, float]:
         """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
         if wanted is None:
@@ -510,7 +508,7 @@ class ErrorFinder:
         return {}
 
     def _of_section(
-        self, state: SectionArmState, here: dict[str, Any], wanted: TipTarget | None, pair: Pair
+        self, state: SectionArmState, here: dict[str, Any], wanted: tip_target.TipTarget | None, pair: Pair
     ) -> dict[str, float]:
         """Return how far the chain of a section model is off its film, where both are at rest."""
         source = self.source
@@ -546,11 +544,11 @@ class ErrorFinder:
         return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
 
 
-def _leaps(passed: Branching, length_m: float) -> bool:
+def _leaps(passed: branching.Branching, length_m: float) -> bool:
     """Return whether more than a wrinkle moves: the body branches, or snaps farther than a bar could tell."""
     before, after = passed.other_tip_m, passed.tip_m
-    if passed.extent < WHOLE or not passed.snap or before is None or after is None:
-        return passed.extent >= WHOLE
+    if passed.extent < branching.WHOLE or not passed.snap or before is None or after is None:
+        return passed.extent >= branching.WHOLE
     return math.dist(before, after) >= _LEAP * length_m
 
 

@@ -13,19 +13,15 @@ from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.interface import Coupling, Interface
-from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions
-from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.linear_rigid import rigid_slopes
+from cosim.coupling.schemes import iterated, ledger
+from cosim.coupling.schemes.interface import Coupling, Interface, rigid_slopes
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload, inertial_parameters
 from cosim.plan.motion import CellMotion, JointReference
-from cosim.rigid.scene.arms import SharedScene
-from cosim.rigid.scene.coupled_scene import CoupledScene
-from cosim.rigid.scene.host_scene import HostScene, HostState
+from cosim.rigid.scene import arms, coupled_scene, host_scene
 from cosim.rigid.scene.scene import RigidScene, RigidState
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
@@ -42,7 +38,7 @@ class SceneCarrier(Carrier):
         contact: law of the soft robot's contact with the scene; None for no contact.
     """
 
-    def __init__(self, scene: CoupledScene, soft: SoftSide, contact: ContactLaw | None) -> None:
+    def __init__(self, scene: coupled_scene.CoupledScene, soft: SoftSide, contact: ContactLaw | None) -> None:
         self._coupled, self._soft, self._contact_law = scene, soft, contact
         self._coupling: Coupling | None = None
         self._known = KnownStates()
@@ -321,8 +317,8 @@ class SharedArm(ArmCarrier):
     """An arm among others: `begin`, the step of the scene, `advance`; see `ArmCarrier`."""
 
     @property
-    def _shared(self) -> SharedScene:
-        assert isinstance(self._coupled, SharedScene), "several arms are in the scene"
+    def _shared(self) -> arms.SharedScene:
+        assert isinstance(self._coupled, arms.SharedScene), "several arms are in the scene"
         return self._coupled
 
     def set_configuration(self, joints: Array) -> None:
@@ -350,9 +346,9 @@ class SharedArm(ArmCarrier):
 
 def make_coupling(settings: CouplingTable, interface: Interface) -> Coupling:
     """Return the scheme that a scenario asks for."""
-    options = IterationOptions(settings.tolerance, settings.iterations_max)
+    options = iterated.IterationOptions(settings.tolerance, settings.iterations_max)
     if settings.scheme == "iterated":
-        return IteratedCoupling(interface, options)
+        return iterated.IteratedCoupling(interface, options)
     if settings.scheme == "auto":
         return AutomaticCoupling(interface, options)
     return StaggeredCoupling(interface)
@@ -379,7 +375,7 @@ class HostCarrierState:
         glued: (k, 3) [m], where glued nodes are tied, in their body's frame.
     """
 
-    scene: HostState
+    scene: host_scene.HostState
     coupling: Any
     glued: Annotated[Array, ("k", 3)]
 
@@ -397,7 +393,7 @@ class HostCarrier(SceneCarrier):
         contact: law of the soft robot's contact with the scene; None for no contact.
     """
 
-    def __init__(self, scene: HostScene, soft: SoftSide, contact: ContactLaw | None) -> None:
+    def __init__(self, scene: host_scene.HostScene, soft: SoftSide, contact: ContactLaw | None) -> None:
         super().__init__(scene, soft, contact)
         self._scene = scene
         self._last: TicksTaken | None = None
@@ -483,7 +479,7 @@ class HostCarrier(SceneCarrier):
             with self._scene.lent():
                 self._staggered.follow()
 
-    def last_entry(self) -> LedgerEntry:
+    def last_entry(self) -> ledger.LedgerEntry:
         """Return what was exchanged in the last tick."""
         assert self._last is not None, "end() comes before"
         self.follow()

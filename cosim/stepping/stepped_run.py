@@ -16,9 +16,8 @@ from cosim.plan.decision import CONTACT, Choices
 from cosim.plan.plan import Plan
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.parts import Parts
-from cosim.telemetry.cameras import Cameras
+from cosim.telemetry import cameras, tick_batch
 from cosim.telemetry.snapshot import CameraImage, RunErrors, RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
 
 _LOOKS: Final = 8
 """Looks in a phase, at most, at whether films overlap; the last one at its end."""
@@ -87,7 +86,7 @@ class RunState:
 class FindsErrors(Protocol):
     """What works out how far the figures of a run may be off; see `cosim.stepping.run_error`."""
 
-    def observe(self, batch: TickBatch) -> None:
+    def observe(self, batch: tick_batch.TickBatch) -> None:
         """Take in ticks; they come in order, and the run is where the last of them has led."""
 
     def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
@@ -114,7 +113,7 @@ class SteppedRun(ABC):
         self._fitting = TOGETHER  # steps that take no longer than is to pass until they are shown
         self._failed = False  # in a step after the last one shown
         self._known = KnownStates()
-        self._cameras = Cameras(parts.scenario.cameras, stage)
+        self._cameras = cameras.Cameras(parts.scenario.cameras, stage)
 
     @property
     def plan(self) -> Plan:
@@ -160,7 +159,7 @@ class SteppedRun(ABC):
             wanted -= 1
             yield from taken
 
-    def batches(self, together: int = TOGETHER, most: int | None = None) -> Iterator[TickBatch]:
+    def batches(self, together: int = TOGETHER, most: int | None = None) -> Iterator[tick_batch.TickBatch]:
         """Yield the same many steps at a time, all of one phase: this costs less.
 
         Args:
@@ -170,7 +169,7 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved; the steps before it have been yielded.
         """
-        gathered: list[TickBatch] = []
+        gathered: list[tick_batch.TickBatch] = []
         count, spent_s, wanted = 0, 0.0, sys.maxsize if most is None else most
         try:
             while wanted:
@@ -183,14 +182,14 @@ class SteppedRun(ABC):
                 spent_s += float(taken.tick_wall_s.sum())
                 if count >= min(_SHOWN, together) or spent_s >= _SHOWN_S or self.at_edge:
                     shown, gathered, count, spent_s = gathered, [], 0, 0.0
-                    yield TickBatch.joined(shown)
+                    yield tick_batch.TickBatch.joined(shown)
         except (Exception, KeyboardInterrupt):
             if gathered:
                 self._failed = True
-                yield TickBatch.joined(gathered)
+                yield tick_batch.TickBatch.joined(gathered)
             raise
         if gathered:
-            yield TickBatch.joined(gathered)
+            yield tick_batch.TickBatch.joined(gathered)
 
     def advance(self, steps: int) -> Snapshot:
         """Take some steps, at least one, and return what is there then; the first finds the state at rest.
@@ -224,7 +223,7 @@ class SteppedRun(ABC):
         """Let the sensors begin with a seed after the last step, and return its snapshot with them."""
         return self._parts.seeded(last, seed)
 
-    def _some(self, most: int) -> TickBatch | None:
+    def _some(self, most: int) -> tick_batch.TickBatch | None:
         """Find the state at rest, or take up to so many steps, at least one; None at the end of the plan."""
         if self._cursor is None:
             began = time.perf_counter()
@@ -233,7 +232,7 @@ class SteppedRun(ABC):
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
             self._cursor, self._fitting = Cursor(), 1  # until it is known how long steps take
-            return self._cameras.filmed(TickBatch.of([first]))
+            return self._cameras.filmed(tick_batch.TickBatch.of([first]))
         to = self._cursor.following(self._counts)
         if to is None:
             return None
@@ -257,7 +256,7 @@ class SteppedRun(ABC):
         cursor = self._cursor
         return cursor is None or cursor.done in (0, self._counts[cursor.phase])
 
-    def _located(self, to: Cursor, most: int) -> TickBatch:
+    def _located(self, to: Cursor, most: int) -> tick_batch.TickBatch:
         """Take steps as `_take` does; an error says in which of them it was raised."""
         parts, planned = self._parts, self._parts.plan.phases[to.phase]
         try:
@@ -337,7 +336,7 @@ class SteppedRun(ABC):
         """Bring everything to rest where the plan starts; `began` is when the work on it did."""
 
     @abstractmethod
-    def _take(self, to: Cursor, most: int) -> TickBatch:
+    def _take(self, to: Cursor, most: int) -> tick_batch.TickBatch:
         """Take steps of a phase, the first of which ends at `to`: at least that, and up to so many."""
 
     @abstractmethod

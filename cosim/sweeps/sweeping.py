@@ -28,16 +28,13 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final, TextIO, final
 
-from cosim.app.driver import Observer, Options, build_simulation, execute, prepared
-from cosim.app.run_files import OutputDirectory
+from cosim.app import driver, run_files
+from cosim.base import resources, state_check
 from cosim.base.files import changed_file, files_read
 from cosim.base.kept_parts import KeptParts, code_identity, content_name
-from cosim.base.resources import is_file, writing
-from cosim.base.state_check import check_state
 from cosim.build.kernel_modules import compile_kernels, kernel_modules
-from cosim.config.loading import load_scenario, register_installed, register_module, scenario_text
+from cosim.config import loading, studies
 from cosim.config.schema.scenario import Scenario
-from cosim.config.studies import StudyTable, designs_of, load_study, varied_keys
 from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
 from cosim.sweeps import table as tables
@@ -75,7 +72,7 @@ def run_task(task: Task) -> Row:
             try:
                 scenario = _unpacked(task)
                 wall, cpu = time.perf_counter(), time.thread_time()
-                row = _run(prepared(scenario, _tell_nobody, recording=False), task)
+                row = _run(driver.prepared(scenario, _tell_nobody, recording=False), task)
             except InputError as error:
                 row = Row("refused", reason_of(error))
             except Exception as error:  # a design must not end the sweep, whatever it raises
@@ -97,10 +94,10 @@ def _run(scenario: Scenario, task: Task) -> Row:
     started = time.perf_counter()
     measure = tables.measure_named(task.measure) if isinstance(task.measure, str) else task.measure
     arrays = ResultBuilder(scenario.recording.frames_per_s)
-    watchers: Sequence[Observer] = () if measure is None else (arrays,)
+    watchers: Sequence[driver.Observer] = () if measure is None else (arrays,)
     directory = None if task.directory is None else Path(task.directory)
-    build = partial(build_simulation, kept=_kept_here())
-    outcome = execute(scenario, build, Options(directory, None, watchers, error=False), started)
+    build = partial(driver.build_simulation, kept=_kept_here())
+    outcome = driver.execute(scenario, build, driver.Options(directory, None, watchers, error=False), started)
     error, summary = outcome.error, outcome.summary
     if isinstance(error, InputError):
         return Row("refused", reason_of(error))
@@ -118,9 +115,9 @@ def _kept_here() -> KeptParts:
 
 @cache
 def _make_known(modules: tuple[str, ...]) -> None:
-    register_installed()
+    loading.register_installed()
     for name in modules:
-        register_module(name)
+        loading.register_module(name)
 
 
 @final
@@ -163,7 +160,7 @@ class Journal:
         """
         assert self._file is not None, "a journal is opened first"
         self.rows[name] = row
-        with writing(self._path):
+        with resources.writing(self._path):
             table = {"design": name, **asdict(row)}
             self._file.write(json.dumps({**table, "digest": _digest(table)}) + "\n")
             self._file.flush()
@@ -180,7 +177,7 @@ def _read(path: Path) -> list[tuple[str, Row]]:
     Raises:
         InputError: it cannot be read.
     """
-    if not is_file(path):
+    if not resources.is_file(path):
         return []
     try:
         lines = path.read_bytes().split(b"\n")
@@ -193,7 +190,7 @@ def _read(path: Path) -> list[tuple[str, Row]]:
             if table.pop("digest") != _digest(table):
                 continue
             name, row = table.pop("design"), Row(**table)
-            check_state((name, row), None, tuple[str, Row], finite=False)
+            state_check.check_state((name, row), None, tuple[str, Row], finite=False)
             found.append((name, row))
     return found
 
@@ -265,7 +262,7 @@ class _Sweep:
         tell: told of the progress.
     """
 
-    study: StudyTable
+    study: studies.StudyTable
     where: Path
     journal: Journal
     measure: Measure | None
@@ -279,7 +276,7 @@ class _Sweep:
     statuses: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
-        self.varied = designs_of(self.study)
+        self.varied = studies.designs_of(self.study)
         self._code = content_name(code_identity(), self.measure and tables.measure_identity(self.measure))
         self._seen: dict[str, str] = {}  # digests of files, each taken once
         self._first_s: float | None = None
@@ -312,8 +309,8 @@ class _Sweep:
         """Yield what is to be computed; note what is known, and what is refused."""
         for place, varied in enumerate(self.varied):
             try:
-                scenario = load_scenario(self.study.scenario, {**self.study.set, **varied})
-                name = content_name(scenario_text(scenario), self._code)
+                scenario = loading.load_scenario(self.study.scenario, {**self.study.set, **varied})
+                name = content_name(loading.scenario_text(scenario), self._code)
             except InputError as error:
                 self.identities.append("")
                 self.refused[place] = Row("refused", reason_of(error))
@@ -380,7 +377,7 @@ def sweep(
         InputError: study, directory or engine is wrong; nothing was run.
         OutputError: the results cannot be written.
     """
-    table = load_study(study)
+    table = studies.load_study(study)
     if measure is not None and table.measure is not None:
         raise InputError("measure: is given in the study as well; leave it out in one of them")
     if measure is not None and isinstance(engine, str):
@@ -389,12 +386,12 @@ def sweep(
     function = tables.measure_named(table.measure) if table.measure is not None else measure
     name = f"sweep_{Path(table.scenario).stem}" if isinstance(study, Mapping) else Path(study).stem
     where = Path(out) if out is not None else Path("runs", name)
-    with OutputDirectory(where) as directory:
+    with run_files.OutputDirectory(where) as directory:
         directory.make()
         directory.claim(JOURNAL, TABLE)
         with Journal(where / JOURNAL).open() as journal:
             under_way = _Sweep(table, where, journal, function, tuple(modules), tell or _tell_nobody)
             under_way.fan_out(chosen)
         outcome = under_way.outcome()
-        tables.write_table(where / TABLE, varied_keys(table), under_way.designs(), table.figures)
+        tables.write_table(where / TABLE, studies.varied_keys(table), under_way.designs(), table.figures)
     return outcome

@@ -10,14 +10,12 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
-from cosim.plan.arm_limits import UNITS, ArmLimits, Extreme, Touch, with_touches
-from cosim.plan.motion import TipErrors, TipPathInfo, tip_distances
+from cosim.plan import arm_limits, motion
 from cosim.soft.solve.branching import IN_TIME, LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
-from cosim.telemetry.snapshot import Decay, RunInfo
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry import snapshot, tick_batch
 
 
-def elastic_figures(run: RunInfo, positions: Array) -> dict[str, Any]:
+def elastic_figures(run: snapshot.RunInfo, positions: Array) -> dict[str, Any]:
     """Return the figures of a phase that ends with the film's nodes at positions (n, 3) [m]."""
     figures: dict[str, Any] = {}
     if run.hinge_energy_share is not None:
@@ -81,13 +79,13 @@ class TipPathFigures:
     at_m: float = 0.0
     largest_rad: float = 0.0
 
-    def after(self, batch: TickBatch, path: TipPathInfo) -> "TipPathFigures":
+    def after(self, batch: tick_batch.TickBatch, path: motion.TipPathInfo) -> "TipPathFigures":
         """Return the figures with some ticks more, all of the path's phase."""
         rows = np.flatnonzero(path.passes(batch.time_s))
         if not len(rows):
             return self
         wanted = path.at(batch.time_s[rows])
-        away, turned = tip_distances(wanted, batch.tip_position[rows], batch.tip_direction[rows])
+        away, turned = motion.tip_distances(wanted, batch.tip_position[rows], batch.tip_direction[rows])
         place = int(np.argmax(away))
         farther = not away[place] <= self.largest_m  # what is not a number is told as well
         return TipPathFigures(
@@ -98,11 +96,11 @@ class TipPathFigures:
             max(self.largest_rad, float(turned.max())),
         )
 
-    def figures(self, path: TipPathInfo) -> dict[str, Any]:
+    def figures(self, path: motion.TipPathInfo) -> dict[str, Any]:
         """Return them for the summary, beside what was planned."""
         planned = path.planned
         mean_m = self.sum_m / self.ticks if self.ticks else 0.0
-        found = TipErrors(self.largest_m, mean_m, self.at_m, self.largest_rad)
+        found = motion.TipErrors(self.largest_m, mean_m, self.at_m, self.largest_rad)
         return {
             "length_m": planned.course.length_m,
             "speed_m_s": planned.course.speed_m_s,
@@ -176,12 +174,14 @@ class ArmFigures:
         last: row seen.
     """
 
-    extremes: dict[str, Extreme] = field(default_factory=dict)
+    extremes: dict[str, arm_limits.Extreme] = field(default_factory=dict)
     saturated_s: Annotated[Array, ("*",)] = field(default_factory=lambda: np.zeros(0))
-    touches: tuple[Touch, ...] = ()
+    touches: tuple[arm_limits.Touch, ...] = ()
     last: LastRow | None = None
 
-    def after(self, batch: TickBatch, limits: ArmLimits, *, dynamic: bool) -> "ArmFigures":
+    def after(
+        self, batch: tick_batch.TickBatch, limits: arm_limits.ArmLimits, *, dynamic: bool
+    ) -> "ArmFigures":
         """Return the figures with some ticks more.
 
         The servos act on the error at the start of a tick: there the reference is compared with the joints.
@@ -210,22 +210,22 @@ class ArmFigures:
             saturated_s = span_s @ (np.abs(torque) >= _SATURATED * limits.torque)
         touches = self.touches
         for row, contacts in batch.link_contacts.items():
-            touches = with_touches(touches, contacts, float(time_s[row]), int(batch.phase[row]))
+            touches = arm_limits.with_touches(touches, contacts, float(time_s[row]), int(batch.phase[row]))
         return ArmFigures(
             extremes, saturated_s + (self.saturated_s if len(self.saturated_s) else 0.0), touches,
             LastRow(float(time_s[-1]), q[-1].copy(), v[-1].copy()),
         )  # fmt: skip
 
-    def figures(self, limits: ArmLimits, phase_names: tuple[str, ...]) -> dict[str, Any]:
+    def figures(self, limits: arm_limits.ArmLimits, phase_names: tuple[str, ...]) -> dict[str, Any]:
         """Return them for the summary."""
         found = {name: extreme.figures(phase_names) for name, extreme in self.extremes.items()}
         return {
-            **{name: found.get(name) for name in UNITS},
+            **{name: found.get(name) for name in arm_limits.UNITS},
             "saturated_s": dict(zip(limits.joint_names, self.saturated_s.tolist(), strict=False)),
             "contacts": [touch.figures(phase_names) for touch in self.touches],
         }
 
-    def warnings(self, limits: ArmLimits, phase_names: tuple[str, ...]) -> list[str]:
+    def warnings(self, limits: arm_limits.ArmLimits, phase_names: tuple[str, ...]) -> list[str]:
         """Return one line for whatever went beyond its bound, and for each contact; what is worst first."""
         error = self.extremes.get("tracking_error")
         beyond = [extreme for extreme in self.extremes.values() if extreme.beyond and extreme is not error]
@@ -251,7 +251,7 @@ def arm_table(arm: dict[str, Any] | None) -> list[str]:
         return []
     lines = ["", "| arm | of | joint | value | bound | at [s] | phase |", "|---|---|---|---|---|---|---|"]
     for of, found in arm.items():
-        for name in UNITS:
+        for name in arm_limits.UNITS:
             extreme = found.get(name)
             if extreme is None:
                 continue
@@ -285,7 +285,7 @@ class DeviceFigures:
     measured: dict[str, tuple[float, ...]] = field(default_factory=dict)
     setpoint: dict[str, float] = field(default_factory=dict)
 
-    def after(self, batch: TickBatch) -> "DeviceFigures":
+    def after(self, batch: tick_batch.TickBatch) -> "DeviceFigures":
         """Return the same with further ticks, which come in order."""
         measured = {name: list(values) for name, values in self.measured.items()}
         setpoint = dict(self.setpoint)
@@ -430,7 +430,7 @@ _OF_FOOTING: Final = (
 
 
 def footing_figures(
-    footing: Footing | None, branchings: list[dict[str, Any]], decay: Decay | None = None
+    footing: Footing | None, branchings: list[dict[str, Any]], decay: snapshot.Decay | None = None
 ) -> dict[str, Any]:
     """Return how firmly the soft robot stands at the end of a phase; nothing is known where it is None.
 
@@ -451,7 +451,7 @@ def footing_figures(
     }
 
 
-def _mode(frequency_Hz: float, decay: Decay | None, own_per_s: float) -> dict[str, Any]:
+def _mode(frequency_Hz: float, decay: snapshot.Decay | None, own_per_s: float) -> dict[str, Any]:
     declared, numerical = (None, None) if decay is None else decay(frequency_Hz, own_per_s)
     return {
         "frequency_Hz": frequency_Hz, "declared_decay_per_s": declared, "numerical_decay_per_s": numerical,

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
 from cosim.base.solid import BodyShape
-from cosim.coupling.schemes.ledger import LedgerEntry, TickPieces
+from cosim.coupling.schemes.ledger import LedgerEntry, ShapeFigures, TickPieces
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 

@@ -14,10 +14,9 @@ from cosim.base.state_check import check_state
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
-from cosim.telemetry import figures
+from cosim.telemetry import figures, tick_batch
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
 
 
 def with_handovers(
@@ -409,7 +408,7 @@ class SummaryBuilder:
         self._devices = figures.DeviceFigures()
         self._shortest_m = math.inf
 
-    def observe(self, batch: TickBatch) -> TickBatch:
+    def observe(self, batch: tick_batch.TickBatch) -> tick_batch.TickBatch:
         """Take in ticks of one phase, in order, tick 0 first; return them with their energy balance."""
         if self._last is None:
             self._shortest_m = batch.snapshot(0).film.center_line_m

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, TypeAlias, final, get_args
 
-from cosim.config.loading import load_scenario
-from cosim.config.rules import file_of
+from cosim.config import loading, rules
 from cosim.config.schema.scenario import NO_ARM, Fidelity, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.errors import InputError, ScenarioError
@@ -104,7 +103,7 @@ def _truths(scenario: Scenario) -> dict[str, dict[str, Any]]:
     That is the wrinkling film on the finest mesh that can be afforded. On the mesh before that one it tells
     how far from converged it is. The scenario's own film stands in where neither has an equilibrium.
     """
-    robot, times = file_of(scenario, "a trade"), 1
+    robot, times = rules.file_of(scenario, "a trade"), 1
     if robot.stack is None:  # a film with a source of its own is not divided
         laws = {f"{path}.film.law": "wrinkling" for path in _parts(robot, "soft_robot")}
         return {"wrinkling film": {**_AS_IN_FILE, **laws}}
@@ -135,7 +134,7 @@ def _films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     """Return other films and hinges, by name; of the paper's model, the robot as in its file."""
     if scenario.model.published:
         return {"robot as in its file": _AS_IN_FILE}
-    robot = file_of(scenario, "a trade")
+    robot = rules.file_of(scenario, "a trade")
     found: dict[str, dict[str, Any]] = {f"film law {law}": {_LAW: law} for law in robot.film.other_laws()}
     other = "shell" if robot.hinge.rule == "uniform" else "uniform"
     found[f"hinge rule {other}"] = {"soft_robot.hinge.rule": other}
@@ -303,7 +302,7 @@ def _time_candidates(
 def _can_be(scenario: Scenario, fidelity: str) -> bool:
     """Whether a scenario can be run at a fidelity; where not, one candidate says why."""
     try:
-        load_scenario(scenario, rung_changes(fidelity))
+        loading.load_scenario(scenario, rung_changes(fidelity))
     except ScenarioError:
         return False
     return True

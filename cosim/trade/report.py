@@ -19,24 +19,15 @@ from textwrap import shorten
 from typing import Any, final
 
 from cosim._version import __version__
-from cosim.base.files import keep, kept
+from cosim.base import files, state_archive
 from cosim.base.kept_parts import code_identity
-from cosim.base.state_archive import packed, unpacking
 from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, ScenarioError
 from cosim.results.result import figure_kind
+from cosim.trade import measuring
 from cosim.trade.candidates import Candidate, short_candidates
-from cosim.trade.measuring import (
-    FORCE_MEAN,
-    Build,
-    Follow,
-    Measured,
-    Telling,
-    compile_for_trade,
-    measure,
-    unfollowed,
-)
+from cosim.trade.measuring import FORCE_MEAN, Build, Follow, Measured, Telling, measure, unfollowed
 
 RESERVE = 0.15
 """Share of a budget by which a candidate is to be faster, as the speed of a machine varies."""
@@ -422,14 +413,14 @@ def figures(
     """Return the measured candidates of a scenario, and where their figures come from."""
     candidates = short_candidates(scenario)
     path = cache / f"trade_{content_hash(scenario, candidates)}.kept"
-    found = kept(path, unpacking(list))
+    found = files.kept(path, state_archive.unpacking(list))
     if found is not None:
         return found, f"measured before: {path}"
     tell(f"auto: measuring {len(candidates)} ways to run '{scenario.name}', once")
-    compile_for_trade(scenario, tell)
+    measuring.compile_for_trade(scenario, tell)
     telling = Telling(done=lambda result: tell(f"auto: {result_line(result)}"))
     results = measure(scenario, candidates, build, telling, follow=follow)
-    keep(path, packed(results))
+    files.keep(path, state_archive.packed(results))
     return results, f"measured now, kept in {path}"
 
 

@@ -17,8 +17,7 @@ from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve import assembly, newton_options
 from cosim.verification.case import UNLOADED, Figure, Specimen, case
 from cosim.verification.strips import Strip
 
@@ -43,7 +42,7 @@ def hanging(panels: int, span: float) -> tuple[float, float]:
     clamped[strip.tip] = True
     weight = strip.density * strip.width_m * _GRAVITY  # per length
     specimen = Specimen(
-        strip.body(), clamped, NewtonOptions(1e-7 * weight, iterations_max=400, step_max_m=0.2)
+        strip.body(), clamped, newton_options.NewtonOptions(1e-7 * weight, iterations_max=400, step_max_m=0.2)
     )
     start = strip.body().positions
     fraction = np.maximum(start[:, 0], 0.0)
@@ -95,7 +94,7 @@ def capstan() -> tuple[Figure, ...]:
     cable = Cable(np.arange(len(path)), friction_coefficient=FRICTION)
     film = Film(1e6, 0.3, 1e-3)
     body = SoftBody.from_arrays(path, np.array([[0, 1, 2]]), film, cables=(cable,))
-    system = SoftSystem(body)
+    system = assembly.SoftSystem(body)
     loads = replace(UNLOADED, cable_tension_N=(TENSION_N,))
     system.evaluate(path, loads, system.segment_share(path, loads), system.memory, hessian=False)
     force = -system.gradient
@@ -183,7 +182,7 @@ def bowed_strip() -> tuple[Figure, ...]:
     specimen = Specimen(
         body,
         np.isin(np.arange(body.nodes), (0, 1, 2, 3)),
-        NewtonOptions(1e-6, iterations_max=400, step_max_m=0.3),
+        newton_options.NewtonOptions(1e-6, iterations_max=400, step_max_m=0.3),
     )
     here = specimen.solve(specimen.drawn(), replace(UNLOADED, cable_tension_N=(0.0,)))
     figures = []

@@ -16,10 +16,9 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve import assembly, newton_options
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, Equilibrium, Integrator, SoftState, StepOptions
 
 
@@ -265,7 +264,7 @@ NO_CLAMP = Clamp(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype
 
 def exact_steps(integrator: Integrator, tolerance_N: float) -> StepOptions:
     """Return options under which every time step is solved to a tolerance [N]."""
-    newton = NewtonOptions(tolerance_N=tolerance_N)
+    newton = newton_options.NewtonOptions(tolerance_N=tolerance_N)
     return StepOptions(
         integrator, tolerance_N=tolerance_N, iterations=20, residual_bound_N=tolerance_N, newton=newton
     )
@@ -281,9 +280,9 @@ class Specimen:
         options: bounds of Newton's method; steps may be as long as the body.
     """
 
-    def __init__(self, body: SoftBody, clamped: Mask, options: NewtonOptions) -> None:
+    def __init__(self, body: SoftBody, clamped: Mask, options: newton_options.NewtonOptions) -> None:
         self.body = body
-        self.system = SoftSystem(body)
+        self.system = assembly.SoftSystem(body)
         self.newton = NewtonSolver(self.system, clamped)
         self.equilibria = EquilibriumSolver(self.newton, NO_CLAMP, options)
 

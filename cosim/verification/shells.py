@@ -27,10 +27,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.material import Film, FilmLaw
-from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.geometry import polygonal_stack, surface
+from cosim.soft.solve import assembly, newton_options
 from cosim.verification.case import (
     UNLOADED,
     Figure,
@@ -53,7 +51,7 @@ def inflated_sphere(rings: int) -> tuple[float, float]:
     """Return (dR / R from the enclosed volume, mean principal stress [Pa]) of an octant."""
     shape = octant_sphere(RADIUS_M, rings)
     body = SoftBody.from_arrays(shape.positions, shape.triangles, FILM)
-    specimen = Specimen(body, shape.symmetry, NewtonOptions(tolerance_N=1e-9))
+    specimen = Specimen(body, shape.symmetry, newton_options.NewtonOptions(tolerance_N=1e-9))
     found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=(SPHERE_PA,)))
     volume = specimen.system.volume
     specimen.system.evaluate(body.positions, UNLOADED, np.zeros(0), specimen.system.memory, hessian=False)
@@ -79,7 +77,7 @@ def inflated_cylinder(sides: int) -> tuple[float, float, float, float]:
     last = rows * sides + np.arange(sides)
     caps = (np.arange(sides)[::-1].copy(), last)
     body = SoftBody.from_arrays(positions, triangles, FILM, caps=caps)
-    specimen = Specimen(body, held_on_axis(sides, body.nodes), NewtonOptions(tolerance_N=1e-9))
+    specimen = Specimen(body, held_on_axis(sides, body.nodes), newton_options.NewtonOptions(tolerance_N=1e-9))
     found = specimen.solve(specimen.drawn(), replace(UNLOADED, pressure_Pa=(CYLINDER_PA,)))
     x = found.state.positions
     radius = float(np.hypot(x[:, 0], x[:, 1]).mean())
@@ -142,7 +140,7 @@ def inflated(rings: int) -> tuple[float, float, float]:
     body = SoftBody.from_arrays(shape.positions, shape.triangles, FILM)
     radius = np.linalg.norm(shape.positions, axis=1)
     clamped = shape.symmetry | (radius > HENCKY_RADIUS_M * (1.0 - 1e-9))[:, None]
-    specimen = Specimen(body, clamped, NewtonOptions(tolerance_N=1e-9))
+    specimen = Specimen(body, clamped, newton_options.NewtonOptions(tolerance_N=1e-9))
     bulge = shape.positions.copy()
     bulge[:, 2] = 0.03 * HENCKY_RADIUS_M * (1.0 - (radius / HENCKY_RADIUS_M) ** 2)
     found = specimen.solve(specimen.drawn(bulge), replace(UNLOADED, pressure_Pa=(PRESSURE_PA,)))
@@ -182,7 +180,7 @@ def limit_pressure(rings: int) -> float:
     """
     shape, found = octant_sphere(RADIUS_M, rings), []
     body = SoftBody.from_arrays(shape.positions, shape.triangles, RUBBER)
-    specimen = Specimen(body, shape.symmetry, NewtonOptions(tolerance_N=1e-9))
+    specimen = Specimen(body, shape.symmetry, newton_options.NewtonOptions(tolerance_N=1e-9))
     specimen.gradient(specimen.solve(specimen.drawn(), UNLOADED))
     drawn_volume = specimen.system.volume
     for stretch in STRETCHES:
@@ -261,7 +259,7 @@ def sealed_gas() -> tuple[Figure, ...]:
     """
     shape = octant_sphere(GAS_RADIUS_M, GAS_RINGS)
     body = SoftBody.from_arrays(shape.positions, shape.triangles, GAS_FILM)
-    specimen = Specimen(body, shape.symmetry, NewtonOptions(tolerance_N=1e-9))
+    specimen = Specimen(body, shape.symmetry, newton_options.NewtonOptions(tolerance_N=1e-9))
     specimen.gradient(specimen.solve(specimen.drawn(), UNLOADED))
     drawn_volume = specimen.system.volume
     rest = SealedGas(STANDARD_ATMOSPHERE_Pa, drawn_volume, EXPONENT)
@@ -301,7 +299,7 @@ def cylinder() -> tuple[Specimen, float]:
     held = np.ones(positions.shape, dtype=bool)
     held[top, 2] = False
     section = 0.5 * PISTON_SIDES * _RADIUS_M**2 * math.sin(2.0 * math.pi / PISTON_SIDES)
-    return Specimen(body, held, NewtonOptions(tolerance_N=1e-6, iterations_max=200)), section
+    return Specimen(body, held, newton_options.NewtonOptions(tolerance_N=1e-6, iterations_max=200)), section
 
 
 def on_top(body: SoftBody, weight_N: float) -> Array:
@@ -350,11 +348,11 @@ def chamber(law: FilmLaw = "plain") -> tuple[SoftBody, Array]:
 
     The shape is the drawn one, drawn out five times and scattered by 1 mm.
     """
-    mesh = PolygonalStack(6, 2, 0.05, 0.01, 0.002, 0.95).mesh()
+    mesh = polygonal_stack.PolygonalStack(6, 2, 0.05, 0.01, 0.002, 0.95).mesh()
     body = SoftBody.from_arrays(
         mesh.positions, mesh.triangles, Film(1.3e9, 0.5 if law == "neo_hookean" else 0.2, 1.1e-4, law),
         wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
-        hinge_nodes=interior_hinges(mesh.triangles, mesh.seam), hinge_stiffness=1.4e-3,
+        hinge_nodes=surface.interior_hinges(mesh.triangles, mesh.seam), hinge_stiffness=1.4e-3,
         fold_barrier_rad=0.02 * math.pi, caps=mesh.caps,
         cables=tuple(Cable(mesh.line(f"corner_{k}"), 0.8) for k in (0, 1)), node_mass=2e-3,
     )  # fmt: skip
@@ -362,12 +360,12 @@ def chamber(law: FilmLaw = "plain") -> tuple[SoftBody, Array]:
     return body, np.ascontiguousarray(mesh.positions * (1.0, 1.0, 5.0) + scatter)
 
 
-def potential(system: SoftSystem, x: Array, angles: Array, *, hessian: bool = False) -> float:
+def potential(system: assembly.SoftSystem, x: Array, angles: Array, *, hessian: bool = False) -> float:
     """Return the potential [J] at positions (n, 3) [m]; gradient and Hessian stay in the system."""
     return system.evaluate(x, MOVED_LOADS, system.segment_share(x, MOVED_LOADS), angles, hessian=hessian)
 
 
-def taylor_remainder(system: SoftSystem, x: Array, angles: Array, step: float) -> float:
+def taylor_remainder(system: assembly.SoftSystem, x: Array, angles: Array, step: float) -> float:
     """Return |F(x + d) - F(x - d) - 2 g . d| [J] for |d| = step along a random direction; it is O(step^3)."""
     direction = np.random.default_rng(1).normal(size=x.shape)
     d = step * direction / np.abs(direction).max()
@@ -376,7 +374,7 @@ def taylor_remainder(system: SoftSystem, x: Array, angles: Array, step: float) -
     return abs(ahead - behind - 2.0 * float((system.gradient * d).sum()))
 
 
-def hessian_remainder(system: SoftSystem, x: Array, angles: Array, step: float) -> float:
+def hessian_remainder(system: assembly.SoftSystem, x: Array, angles: Array, step: float) -> float:
     """Return max |g(x + d) - g(x - d) - 2 H d| [N]; it is O(step^3)."""
     direction = np.random.default_rng(2).normal(size=x.shape)
     d = step * direction / np.abs(direction).max()
@@ -396,7 +394,7 @@ def hessian_remainder(system: SoftSystem, x: Array, angles: Array, step: float) 
 def change_by_rigid_motion(law: FilmLaw) -> float:
     """Return the relative change of the potential when the chamber is turned and shifted."""
     body, x = chamber(law)
-    system, angles = SoftSystem(body), dihedral_angle(x, body.hinges.nodes)
+    system, angles = assembly.SoftSystem(body), surface.dihedral_angle(x, body.hinges.nodes)
     rotation = rotation_from_vector(np.array([0.7, -1.1, 0.4]))
     moved = np.ascontiguousarray(x @ rotation.T + np.array([0.3, -0.2, 0.5]))
     return abs(potential(system, moved, angles) / potential(system, x, angles) - 1.0)
@@ -416,7 +414,7 @@ def rigid_motion() -> tuple[Figure, ...]:
     """
     change = max(change_by_rigid_motion(law) for law in get_args(FilmLaw))
     body, x = chamber()
-    system, angles = SoftSystem(body), dihedral_angle(x, body.hinges.nodes)
+    system, angles = assembly.SoftSystem(body), surface.dihedral_angle(x, body.hinges.nodes)
     potential(system, x, angles)
     force = system.gradient
     scale = float(np.abs(force).sum())

@@ -36,13 +36,9 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.hinge import shell_stiffness
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import add_cap_force
-from cosim.soft.geometry.named_mesh import refine
+from cosim.soft.geometry import named_mesh, surface
 from cosim.soft.geometry.polygonal_stack import PolygonalStack, with_finer_holes
-from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve import assembly, equilibrium, newton, newton_options
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.verification.case import Figure, case
 
@@ -63,8 +59,8 @@ def film_stack(
         rigid_seam: whether the films of a unit turn as one at their seam; they turn freely otherwise.
     """
     drawn = stack.mesh()
-    mesh = refine(with_finer_holes(drawn, (*drawn.center_rings, drawn.tip_ring), holes), level)
-    hinges = interior_hinges(mesh.triangles, () if rigid_seam else mesh.seam)
+    mesh = named_mesh.refine(with_finer_holes(drawn, (*drawn.center_rings, drawn.tip_ring), holes), level)
+    hinges = surface.interior_hinges(mesh.triangles, () if rigid_seam else mesh.seam)
     return SoftBody.from_arrays(
         mesh.positions, mesh.triangles, film, wrinkle_panel_m=mesh.face_values["wrinkle_panel_m"],
         hinge_nodes=hinges,
@@ -85,9 +81,9 @@ class OpenSpecimen:
     def __init__(self, body: SoftBody) -> None:
         self.body = body
         clamp = guided(body)
-        self.newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
-        options = NewtonOptions(tolerance_N=1e-5, iterations_max=600, step_max_m=0.01)
-        self.solver = EquilibriumSolver(self.newton, clamp, options)
+        self.newton = newton.NewtonSolver(assembly.SoftSystem(body), clamp.mask(body.nodes))
+        options = newton_options.NewtonOptions(tolerance_N=1e-5, iterations_max=600, step_max_m=0.01)
+        self.solver = equilibrium.EquilibriumSolver(self.newton, clamp, options)
         self.here: Equilibrium | None = None
         self.iterations = 0
 
@@ -225,8 +221,8 @@ def tilt_stiffness(sample: OpenSpecimen) -> float:
     assert here is not None
     x = here.state.positions
     clamp = Clamp.of_base(body).extended(body.tip, x, Pose())
-    solver = EquilibriumSolver(
-        NewtonSolver(SoftSystem(body), clamp.mask(body.nodes)), clamp, sample.solver.options
+    solver = equilibrium.EquilibriumSolver(
+        newton.NewtonSolver(assembly.SoftSystem(body), clamp.mask(body.nodes)), clamp, sample.solver.options
     )
     centre, state = x[body.tip].mean(axis=0), here.state
     loads = sample.loads(here.loads.pressures(1)[0], x)
@@ -241,7 +237,7 @@ def tilt_stiffness(sample: OpenSpecimen) -> float:
     return float(moments[-1] - moments[0]) / ANGLE_RAD
 
 
-def _moment(system: SoftSystem, body: SoftBody, positions: Array, centre: Array) -> float:
+def _moment(system: assembly.SoftSystem, body: SoftBody, positions: Array, centre: Array) -> float:
     """Return the moment [N m] about x that holds the upper ring, the caps' pressure taken off."""
     arm = positions[body.tip] - centre
     return float(cross(arm, system.gradient[body.tip])[:, 0].sum())

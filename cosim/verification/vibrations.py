@@ -29,20 +29,17 @@ from scipy.special import ellipk, jn_zeros
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, Mask, Pose, rotation_from_vector
+from cosim.coupling.schemes import iterated, staggered
 from cosim.coupling.schemes.interface import Coupling, Interface
-from cosim.coupling.schemes.iterated import IteratedCoupling
-from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.ticks import Servos
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.material import Film
+from cosim.soft.elements import cable, material
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve import assembly, newton
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Integrator, SoftState
 from cosim.soft.solve.time_step import ImplicitStepper
@@ -364,7 +361,7 @@ def swinging_sheet() -> tuple[SoftBody, Mask]:
     """
     positions, triangles = panel(0.1, 0.1, 2, 2)
     body = SoftBody.from_arrays(
-        positions, triangles, Film(1e5, 0.3, 2e-4), hinge_nodes=interior_hinges(triangles),
+        positions, triangles, material.Film(1e5, 0.3, 2e-4), hinge_nodes=interior_hinges(triangles),
         hinge_stiffness=1e-4, node_mass=1e-3,
     )  # fmt: skip
     return body, np.abs(positions[:, 0]) < 1e-9
@@ -372,7 +369,7 @@ def swinging_sheet() -> tuple[SoftBody, Mask]:
 
 def exact_end(body: SoftBody, clamped: Mask) -> Array:
     """Return positions (n, 3) [m] at SPAN_S by an explicit Runge-Kutta method of order 8."""
-    system = SoftSystem(body)
+    system = assembly.SoftSystem(body)
     n = body.nodes
 
     def rates(_t: float, y: Array) -> Array:
@@ -392,7 +389,7 @@ def stepped_end(body: SoftBody, clamped: Mask, integrator: Integrator, steps: in
     options = exact_steps(integrator, 1e-10)
     # a start that is nearly right is not taken as it is either
     options = replace(options, newton=replace(options.newton, start_tolerance_N=1e-10))
-    stepper = ImplicitStepper(NewtonSolver(SoftSystem(body), clamped), NO_CLAMP, options)
+    stepper = ImplicitStepper(newton.NewtonSolver(assembly.SoftSystem(body), clamped), NO_CLAMP, options)
     state = SoftState.drawn(body, Pose())
     for _ in range(steps):
         state, _ = stepper.step(state, Pose(), _LOADS, SPAN_S / steps)
@@ -424,10 +421,10 @@ def time_order() -> tuple[Figure, ...]:
 TICK_SPAN_S, PUSH_N = 0.1, 1.0
 TICKS = (400, 800)
 EXCHANGES: tuple[tuple[str, float, Callable[[Interface], Coupling]], ...] = (
-    ("staggered, ratio 0.4", 0.4, StaggeredCoupling),
-    ("staggered, ratio 2", 2.0, StaggeredCoupling),
-    ("iterated, ratio 0.4", 0.4, IteratedCoupling),
-    ("iterated, ratio 2", 2.0, IteratedCoupling),
+    ("staggered, ratio 0.4", 0.4, staggered.StaggeredCoupling),
+    ("staggered, ratio 2", 2.0, staggered.StaggeredCoupling),
+    ("iterated, ratio 0.4", 0.4, iterated.IteratedCoupling),
+    ("iterated, ratio 2", 2.0, iterated.IteratedCoupling),
 )
 """Name, mass of the strip over that of the carriage, scheme; above 0.5 the staggered one carries a mass."""
 
@@ -449,7 +446,7 @@ def strip() -> SoftBody:
     for (a, b), (c, d) in pairwise(pairs):
         triangles += [(a, c, b), (b, c, d)]
     return SoftBody.from_arrays(
-        np.array([(0.0, 0.0, 0.0), *rows]), np.array(triangles), Film(1e7, 0.0, 1e-4),
+        np.array([(0.0, 0.0, 0.0), *rows]), np.array(triangles), material.Film(1e7, 0.0, 1e-4),
         node_mass=_STRIP_kg / (1 + len(rows)), base=np.array([0]), tip=np.array(pairs[-1]),
     )  # fmt: skip
 
@@ -457,7 +454,7 @@ def strip() -> SoftBody:
 def exact_rise(ratio: float) -> float:
     """Return how far [m] carriage and strip have risen after SPAN_S, as one system by an explicit method."""
     body = strip()
-    system, n = SoftSystem(body), body.nodes
+    system, n = assembly.SoftSystem(body), body.nodes
     mass = body.node_mass.copy()
     mass[0] += _STRIP_kg / ratio
     push = np.zeros(n)
@@ -535,13 +532,13 @@ def octahedron() -> SoftBody:
         [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [1, 0, 5], [2, 1, 5], [3, 2, 5], [0, 3, 5]]
     )
     return SoftBody.from_arrays(
-        positions, triangles, Film(1e5, 0.3, 2e-4), hinge_nodes=interior_hinges(triangles),
-        hinge_stiffness=1e-4, cables=(Cable(np.array([0, 2, 4])),),
+        positions, triangles, material.Film(1e5, 0.3, 2e-4), hinge_nodes=interior_hinges(triangles),
+        hinge_stiffness=1e-4, cables=(cable.Cable(np.array([0, 2, 4])),),
         node_mass=1e-3 * np.array([1.0, 2.0, 1.5, 1.0, 3.0, 2.0]),
     )  # fmt: skip
 
 
-def motion(body: SoftBody, state: SoftState, system: SoftSystem) -> tuple[Array, Array, float]:
+def motion(body: SoftBody, state: SoftState, system: assembly.SoftSystem) -> tuple[Array, Array, float]:
     """Return momentum (3,) [kg m/s], moment of momentum about the origin (3,) [kg m^2/s], energy [J]."""
     mass, x, v = body.node_mass[:, None], state.positions, state.velocities
     tension = system.segment_share(x, _FLIGHT_LOADS)
@@ -555,8 +552,8 @@ def drifts(steps: int) -> tuple[float, float, float]:
     Energy is compared with the kinetic energy at the start.
     """
     body = octahedron()
-    system, probe = SoftSystem(body), SoftSystem(body)
-    solver = NewtonSolver(system, NO_CLAMP.mask(body.nodes))
+    system, probe = assembly.SoftSystem(body), assembly.SoftSystem(body)
+    solver = newton.NewtonSolver(system, NO_CLAMP.mask(body.nodes))
     stepper = ImplicitStepper(solver, NO_CLAMP, exact_steps("bdf2", 1e-11))
     state = SoftState.drawn(body, Pose())
     spin, flight = np.array([20.0, 5.0, 30.0]), np.array([0.5, -0.2, 0.3])

@@ -31,11 +31,29 @@ def times(x):
 """
 
 
-def write(folder: Path, name: str, factor: float = 2.0, constant: float = 1.0) -> None:
-    """Write a package of a kernel, a helper that is inlined from another file, and a number of a third."""
+def of_modules(source: str) -> str:
+    """Return code that imports the modules of a helper and of a number, and names both through these."""
+    source = source.replace("from {package}.factor import times", "from {package} import factor")
+    source = source.replace("from {package}.constants import FACTOR", "from {package} import constants")
+    return source.replace("return times", "return factor.times").replace(" FACTOR", " constants.FACTOR")
+
+
+def write(
+    folder: Path, name: str, factor: float = 2.0, constant: float = 1.0, *, qualified: bool = False
+) -> None:
+    """Write a package of a kernel, a helper that is inlined from another file, and a number of a third.
+
+    Args:
+        folder: of the package.
+        name: of the package.
+        factor: in the helper.
+        constant: the number.
+        qualified: whether files import one another as modules, not names from these.
+    """
+    kernel, helper = map(of_modules, (KERNEL, HELPER)) if qualified else (KERNEL, HELPER)
     (folder / "constants.py").write_text(f"FACTOR = {constant}\n", encoding="utf-8")
-    (folder / "factor.py").write_text(HELPER.format(package=name, factor=factor), encoding="utf-8")
-    (folder / "scaled.py").write_text(KERNEL.format(package=name), encoding="utf-8")
+    (folder / "factor.py").write_text(helper.format(package=name, factor=factor), encoding="utf-8")
+    (folder / "scaled.py").write_text(kernel.format(package=name), encoding="utf-8")
 
 
 @pytest.fixture
@@ -85,6 +103,18 @@ def test_what_is_inlined_from_another_file_is_compiled_anew_when_that_changes(
     assert run(package, name, before)[:2] == (30.0, 1)
     write(folder, name)
     assert run(package, name, before) == (2.0, 0, "")  # kept beside the others
+
+
+def test_what_is_called_through_its_module_is_compiled_anew_when_that_changes(package: Path) -> None:
+    write(package, "cosim", qualified=True)
+    assert "factor.times" in (package / "scaled.py").read_text(encoding="utf-8")
+    assert "constants.FACTOR" in (package / "factor.py").read_text(encoding="utf-8")
+    assert run(package)[:2] == (2.0, 1)
+    assert run(package)[:2] == (2.0, 0)
+    write(package, "cosim", factor=3.0, qualified=True)
+    assert run(package)[:2] == (3.0, 1)
+    write(package, "cosim", factor=3.0, constant=10.0, qualified=True)
+    assert run(package)[:2] == (30.0, 1)
 
 
 def test_damaged_machine_code_is_compiled_anew_with_a_warning(package: Path) -> None:

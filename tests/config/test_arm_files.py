@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cosim.base.files import changed_file, files_read
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.config.arms.arm_table import origin_of
+from cosim.config.arm_table import origin_of
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError, ScenarioError
 from tests.config.arm_texts import TWO_JOINTS, scenario_with

@@ -15,7 +15,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
-from cosim.soft.targets.tip_target import TipTarget
+from cosim.soft.solve.tip_target import TipTarget
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
 STEP_S = 1e-3

@@ -12,8 +12,8 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
+from cosim.soft.elements.open_caps import OpenCapSolver
 from cosim.soft.linear.cholesky import EnvelopeCholesky
-from cosim.soft.published.open_caps import OpenCapSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Integrator, StepOptions
 from tests.coupling.pads import Grasp

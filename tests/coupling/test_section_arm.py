@@ -16,7 +16,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Integrator, StepOptions
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 from tests.small_section import body, section
 
 STATICS = NewtonOptions()

@@ -14,7 +14,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arm_parts import check_engines_agree
 from cosim.build.arms import find_arm, placed_arm
 from cosim.build.simulation import build
-from cosim.config.arms.arm_table import BaseTable, RailTable, TurntableTable
+from cosim.config.arm_table import BaseTable, RailTable, TurntableTable
 from cosim.errors import InputError, ScenarioError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import follow, solve

@@ -12,8 +12,8 @@ from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import UnreachableError
 from cosim.plan.tip_paths import reach
+from cosim.soft.solve import tip_target as search
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets import tip_target as search
 
 SMALL = Design(6, 5, 0.95, 0.05, 0.11e-3, 30e3, 0.3 * np.pi)
 

@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Mask, Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
-from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.fitting import Effort, build_model
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.loads import Loads

@@ -12,7 +12,7 @@ from cosim.base.frames import Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
-from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.fitting import Effort, build_model
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody

@@ -13,7 +13,7 @@ import pytest
 from cosim.base.files import files_read
 from cosim.base.frames import Array, Pose
 from cosim.build.arms import find_arm, placed_arm
-from cosim.config.arms.arm_table import BaseTable, RailTable
+from cosim.config.arm_table import BaseTable, RailTable
 from cosim.errors import ScenarioError
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription

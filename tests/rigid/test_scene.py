@@ -7,8 +7,8 @@ import pytest
 
 from cosim.base.frames import Pose, Wrench, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.config.arms.arm_files import ArmSource, read_urdf
-from cosim.config.arms.arm_table import ArmTable
+from cosim.config.arm_files import ArmSource, read_urdf
+from cosim.config.arm_table import ArmTable
 from cosim.errors import InstabilityError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.rigid.build.description import SceneDescription, SceneObject

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.point_kernels import feet
+from cosim.soft.contact.contact_law import ContactLaw, feet
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import BlockPattern

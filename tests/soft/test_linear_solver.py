@@ -7,10 +7,10 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.errors import InputError, SolverError
+from cosim.soft.elements.open_caps import OpenCapSolver
 from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky
 from cosim.soft.linear.linear_solver import FactorState, GeneralLU, LinearSolver, negative_pivots
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening
-from cosim.soft.published.open_caps import OpenCapSolver
 from tests.derivatives import dense
 
 NODES = 14

@@ -16,7 +16,7 @@ from cosim.build import soft_model
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.reduced.fit.fitting import Effort, build_model
+from cosim.reduced.fitting import Effort, build_model
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.section_energy import BENT
 from cosim.stepping.parts import film_law

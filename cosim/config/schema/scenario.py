@@ -17,13 +17,12 @@ from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, final
 
 from annotated_types import Interval, Len
 
-from cosim.config.arms.arm_table import BaseTable
+from cosim.config.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.schema.objects import CameraTable, ObjectTable, SceneTable, SensorTable, WireTable
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml import keys
-from cosim.config.toml.keys import listing, unknown_name_message
 from cosim.config.toml.reading import Told, rule
 
 
@@ -159,7 +158,7 @@ class FrictionPairTable:
         around = [each.name for each in scenario.objects] + [wire.name for wire in scenario.wires]
         names = ("film", "floor", *palm, *around)
         for name in [name for name in self.between if name not in names][:1]:
-            yield "between", unknown_name_message("body", name, names)
+            yield "between", keys.unknown_name_message("body", name, names)
         if self.between == ("film", "film"):
             yield "between", "of film on film, set contact.self_friction"
 
@@ -236,7 +235,7 @@ class OrificeTable:
     def _joins_two_chambers(self, scenario: Scenario) -> Told:
         names = scenario.soft_robot.chamber_names()
         for name in [name for name in self.chambers if name not in names][:1]:
-            yield "chambers", unknown_name_message("chamber", name, names)
+            yield "chambers", keys.unknown_name_message("chamber", name, names)
         if self.chambers[0] == self.chambers[1]:
             yield "chambers", f"joins '{self.chambers[0]}' to itself; name two chambers"
 
@@ -281,7 +280,7 @@ def unknown_cables(named: Iterable[str], scenario: Scenario, key: str) -> Told:
     """Yield what is wrong with a key that names cables: the first that does not exist."""
     known = scenario.soft_robot.cable_names()
     for name in [name for name in named if name not in known][:1]:
-        yield key, unknown_name_message("cable", name, known)
+        yield key, keys.unknown_name_message("cable", name, known)
 
 
 @final
@@ -318,9 +317,9 @@ class PumpTable:
     def _is_on_a_chamber(self, scenario: Scenario) -> Told:
         names = scenario.soft_robot.chamber_names()
         if self.chamber is None and len(names) > 1:
-            yield "chamber", f"is missing; there are: {listing(names)}"
+            yield "chamber", f"is missing; there are: {keys.listing(names)}"
         if self.chamber is not None and self.chamber not in names:
-            yield "chamber", unknown_name_message("chamber", self.chamber, names)
+            yield "chamber", keys.unknown_name_message("chamber", self.chamber, names)
 
 
 @final
@@ -391,7 +390,7 @@ class WinchTable:
                 yield (
                     "one_motor",
                     f"is true, and phase '{phase.name}' commands its cables differently; give all of "
-                    f"{listing(self.cables)} the same cable_shortening_m",
+                    f"{keys.listing(self.cables)} the same cable_shortening_m",
                 )
         for entry in scenario.controllers:
             if entry.commands == "cable_shortening_m" and 0 < len({*self.cables} & {*entry.cables}) < len(
@@ -400,7 +399,7 @@ class WinchTable:
                 yield (
                     "one_motor",
                     f"is true, and controller '{entry.name}' moves only some of its cables; give it all of "
-                    f"{listing(self.cables)}",
+                    f"{keys.listing(self.cables)}",
                 )
 
 
@@ -468,7 +467,7 @@ class ControllerTable:
     def _moves_cables(self, scenario: Scenario) -> Told:
         yield from unknown_cables(self.cables, scenario, "cables")
         if not self.cables and self.kind != "python" and not self.follows_tip:
-            yield "cables", f"is missing; there are: {listing(scenario.soft_robot.cable_names())}"
+            yield "cables", f"is missing; there are: {keys.listing(scenario.soft_robot.cable_names())}"
 
     @rule
     def _has_what_its_kind_needs(self) -> Told:

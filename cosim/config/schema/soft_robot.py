@@ -20,14 +20,12 @@ from annotated_types import Interval, Len
 from cosim.base.names import ONLY_CHAMBER
 from cosim.base.resources import is_file, quoted_name
 from cosim.config.schema.film import FIRST_RING, FilmTable, StackTable
-from cosim.config.toml import keys
-from cosim.config.toml.keys import key_of, matching, unknown_name_message
-from cosim.config.toml.parsing import KindTable
+from cosim.config.toml import keys, parsing
 from cosim.config.toml.reading import Fault, Told, rule
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodySourceTable(KindTable):
+class BodySourceTable(parsing.KindTable):
     """What draws the film of a soft robot.
 
     Args:
@@ -111,7 +109,7 @@ class MeshTable(BodySourceTable):
     @rule
     def _has_its_tip(self) -> Told:
         if self.tip not in self.set_names():
-            yield "tip", unknown_name_message("set", self.tip, self.set_names())
+            yield "tip", keys.unknown_name_message("set", self.tip, self.set_names())
 
     def set_names(self) -> tuple[str, ...]:
         """Return the names of the node sets."""
@@ -122,7 +120,7 @@ BodySourceTable.kinds["mesh"] = MeshTable
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElementTable(KindTable):
+class ElementTable(parsing.KindTable):
     """Further elements of a soft robot.
 
     Args:
@@ -279,7 +277,7 @@ class CableTable:
         if self.line is None or self.corner is not None or self.units is not None or self.corners_per_unit:
             yield "", "runs along no stack of units: give line, without corner, corners_per_unit and units"
         elif self.line not in names:
-            yield "line", unknown_name_message("set", self.line, names)
+            yield "line", keys.unknown_name_message("set", self.line, names)
 
     @rule
     def _has_one_law_of_losses(self) -> Told:
@@ -446,7 +444,7 @@ def _has_key(table: Any, parts: list[str]) -> bool:
         table = table[0] if table else None
     if table is None or not parts:
         return True
-    names = {key_of(entry): entry.name for entry in fields(table)} if is_dataclass(table) else {}
+    names = {keys.key_of(entry): entry.name for entry in fields(table)} if is_dataclass(table) else {}
     return parts[0] in names and _has_key(getattr(table, names[parts[0]]), parts[1:])
 
 
@@ -595,8 +593,8 @@ class SoftRobotTable:
     @rule
     def _has_its_base(self) -> Told:
         known = self.ring_names()
-        for ring in [ring for ring in self.base if not matching(ring, known)][:1]:
-            yield "base", unknown_name_message("ring", ring, known)
+        for ring in [ring for ring in self.base if not keys.matching(ring, known)][:1]:
+            yield "base", keys.unknown_name_message("ring", ring, known)
 
     @property
     def all_stacks(self) -> bool:

@@ -18,40 +18,11 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
 from cosim.base.state_check import check_indices
-from cosim.coupling.contact.contact_arrays import (
-    AGE,
-    AHEAD_TICKS,
-    ASKS,
-    LEFT,
-    MET,
-    REMEMBERED,
-    TOUCHES,
-    UNKNOWN,
-    BodyLoads,
-    ContactArrays,
-    ContactNumbers,
-    EndRows,
-    Glue,
-    ListRows,
-    MemoryRows,
-    NearPoints,
-    Search,
-    ShapeRows,
-    SurfaceRows,
-    Ties,
-    leads_of,
-)
-from cosim.coupling.contact.contact_kernels import (
-    contact_calls,
-    fastest_touched,
-    find_touched,
-    settle_touched,
-)
+from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
+from cosim.coupling.contact.contact_arrays import AGE, REMEMBERED, TOUCHES, ContactArrays, MemoryRows, Search
+from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
-from cosim.coupling.contact.foresight_kernels import foresee
-from cosim.coupling.contact.search_kernels import search_calls
-from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.distance.film_distance import TriangleLists
+from cosim.rigid.distance import film_distance, signed_distance
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
@@ -108,7 +79,7 @@ class ContactExchange:
 
     def __init__(
         self,
-        query: ContactQuery,
+        query: signed_distance.ContactQuery,
         bodies: Bodies,
         surface: ContactSurface,
         law: ContactLaw | None = None,
@@ -119,11 +90,11 @@ class ContactExchange:
         nodes, body = glued or (np.zeros(0, np.int64), 0)
         # the surface's first points are its nodes, ascending
         points = np.searchsorted(surface.nodes[surface.weights[:, 0] == 1.0, 0], nodes)
-        self._glue = Glue(
+        self._glue = contact_arrays.Glue(
             points, np.zeros((len(nodes), 3)), np.array([body]), GLUE_N_m, bodies.positions, bodies.axes
         )
         self._places = np.zeros((len(surface), 3))
-        nothing: ListRows = nothing_of(ListRows)
+        nothing: contact_arrays.ListRows = nothing_of(contact_arrays.ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
         self._store = RecordStore(ContactArrays)
         self.arrays = self._first_arrays(self._searching(nowhere))
@@ -147,7 +118,9 @@ class ContactExchange:
             state: of the soft body before the step.
             tick_s: length of the step [s].
         """
-        return self._found(state.positions, state.velocities, self.rest_reach_m, AHEAD_TICKS * tick_s)
+        return self._found(
+            state.positions, state.velocities, self.rest_reach_m, contact_arrays.AHEAD_TICKS * tick_s
+        )
 
     def still(self, positions: Array) -> ContactPlanes | None:
         """Return what the film may touch near an equilibrium, without friction; None for nothing.
@@ -198,7 +171,7 @@ class ContactExchange:
         leads, applied = self.arrays.bodies.leads, self.bodies.applied
         before = applied[bodies]
         applied[bodies] = loads.reshape(-1, 6)
-        foresee(leads, tick_s)
+        contact_arrays.foresee(leads, tick_s)
         applied[bodies] = before
         return leads.lead[bodies]
 
@@ -213,7 +186,7 @@ class ContactExchange:
 
     def fastest_m_s(self, state: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
-        return float(fastest_touched(self.at, state.positions, state.velocities))
+        return float(contact_kernels.fastest_touched(self.at, state.positions, state.velocities))
 
     def free_way(self, bodies: IntArray, tick_s: float) -> Array:
         """Return how bodies (b,) give way in a tick (6 b, 6 b) where nothing else holds them."""
@@ -227,12 +200,14 @@ class ContactExchange:
     @property
     def asks_for_weighing(self) -> bool:
         """Whether `LightBodies` has to weigh bodies after the last step."""
-        return self.asks_for_heavy or bool(self.arrays.counts[MET] >= self.arrays.numbers.renewed_after)
+        return self.asks_for_heavy or bool(
+            self.arrays.counts[contact_arrays.MET] >= self.arrays.numbers.renewed_after
+        )
 
     @property
     def asks_for_heavy(self) -> bool:
         """Whether these are heavy ones."""
-        return bool(self.arrays.counts[ASKS])
+        return bool(self.arrays.counts[contact_arrays.ASKS])
 
     def ask_for_weighing_after(self, ticks: int) -> None:
         """Let heavy bodies be weighed after so many ticks of contact, where nothing else asks for it."""
@@ -300,7 +275,7 @@ class ContactExchange:
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
-        counts[REMEMBERED], counts[AGE], counts[LEFT] = count, state.age, 1
+        counts[REMEMBERED], counts[AGE], counts[contact_arrays.LEFT] = count, state.age, 1
 
     def check_state(self, state: ContactState) -> None:
         """Check what a saved state names: `restore_state` takes it for granted.
@@ -346,23 +321,25 @@ class ContactExchange:
         places = query.feature_positions(features)
         near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
         features, places = features[near], places[near]
-        found = TriangleLists.around(places, positions, self.surface.triangles, room)
-        lists = ListRows(
+        found = film_distance.TriangleLists.around(places, positions, self.surface.triangles, room)
+        lists = contact_arrays.ListRows(
             row, np.array(local), reach_m, behind_m, points.spans, points.listed, features, found.first,
             found.listed,
         )  # fmt: skip
         return self._searching(lists)
 
-    def _searching(self, lists: ListRows) -> Search:
+    def _searching(self, lists: contact_arrays.ListRows) -> Search:
         query, surface = self.query, self.surface
-        rows = SurfaceRows(*(getattr(surface, name) for name in SurfaceRows._fields))
+        rows = contact_arrays.SurfaceRows(
+            *(getattr(surface, name) for name in contact_arrays.SurfaceRows._fields)
+        )
         features = query.features.shape, query.features.position
-        near = NearPoints.room(len(lists.listed), len(lists.features))
+        near = contact_arrays.NearPoints.room(len(lists.listed), len(lists.features))
         scratch = np.empty((max(len(lists.listed), len(lists.features)), 4)), np.empty((2, 3))
         return Search(
             query.bounds, *features, rows, lists, near, np.empty_like(lists.features), self._places,
             np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
-            *scratch, search_calls(),
+            *scratch, search_kernels.search_calls(),
         )  # fmt: skip
 
     def _first_arrays(self, search: Search) -> ContactArrays:
@@ -371,20 +348,24 @@ class ContactExchange:
         touchable = np.union1d(query.body, self._glue.body[:room])
         nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         movable = touchable[bodies.movable(touchable)]
-        numbers = ContactNumbers(BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0)
+        numbers = contact_arrays.ContactNumbers(
+            BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0
+        )
         touched = TouchedPlanes(
             address_of(add_contacts), PlaneRows.room(room), np.array([law.smoothing_m, law.stick_m]),
             np.empty((room, 3)), np.empty(room),
         )  # fmt: skip
         return ContactArrays(
-            search, ShapeRows(*(getattr(query, name) for name in ShapeRows._fields)), numbers,
-            MemoryRows.room(room), MemoryRows.room(room), touched, Ties.room(room), self._glue,
-            EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
-            BodyLoads(
-                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7), leads_of(bodies)
+            search,
+            contact_arrays.ShapeRows(*(getattr(query, name) for name in contact_arrays.ShapeRows._fields)),
+            numbers, MemoryRows.room(room), MemoryRows.room(room), touched, contact_arrays.Ties.room(room),
+            self._glue, contact_arrays.EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
+            contact_arrays.BodyLoads(
+                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7),
+                contact_arrays.leads_of(bodies),
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 6, 6)),
+            np.full((bodies.count, 2), contact_arrays.UNKNOWN), np.zeros((bodies.count, 6, 6)),
             np.zeros((bodies.count, 18)), np.zeros(1), np.zeros(7, np.int64),
             contact_calls(),
         )  # fmt: skip
@@ -400,6 +381,7 @@ class ContactExchange:
             planes=PlaneRows.room(room), own=np.empty((room, 3)), pressing=np.empty(room)
         )
         return before._replace(
-            search=search, memory=memory, kept=MemoryRows.room(room), touched=touched, ties=Ties.room(room),
-            end=EndRows.room(room, self.bodies.count, before.end.force),
+            search=search, memory=memory, kept=MemoryRows.room(room),
+            touched=touched, ties=contact_arrays.Ties.room(room),
+            end=contact_arrays.EndRows.room(room, self.bodies.count, before.end.force),
         )  # fmt: skip

@@ -20,14 +20,11 @@ from cosim.base.kernels import (
     small_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.coupling.contact import contact_arrays
-from cosim.coupling.contact.contact_arrays import ContactArrays, fill_speed, led
-from cosim.coupling.contact.foresight_kernels import fill_leads, foresee
-from cosim.coupling.contact.search_kernels import find_near
+from cosim.coupling.contact import contact_arrays, search_kernels
+from cosim.coupling.contact.contact_arrays import ContactArrays, fill_leads, fill_speed, foresee, led
 from cosim.rigid.distance.shapes import ShapePoses, fill_near_box
-from cosim.soft.contact.contact_law import GLUED, shorten, touch
+from cosim.soft.contact.contact_law import GLUED, shorten, span, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
-from cosim.soft.contact.point_kernels import span
 
 
 @kernel
@@ -66,7 +63,7 @@ def fastest_touched(at: int, x: Matrix, velocity: Matrix) -> float:
 
 EXACTLY: Final = 0.25
 """Share of what bodies may be off that the film's own residual may make."""
-_CALLED = (find_near, span, fill_near_box, foresee)
+_CALLED = (search_kernels.find_near, span, fill_near_box, foresee)
 _FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTEST, FOLLOW_TOUCHED = range(
     len(_CALLED) + 5
 )

@@ -18,7 +18,7 @@ from cosim.coupling.contact.contact_arrays import Search
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
 from cosim.rigid.distance.shapes import ShapePoses, carry
 from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
-from cosim.soft.contact.point_kernels import combine
+from cosim.soft.contact.contact_law import combine
 
 _SEARCHED = (combine, points_near, carry, film_near)
 _COMBINE, _POINTS, _CARRY, _FILM = range(len(_SEARCHED))

@@ -21,10 +21,9 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, SixNumbers, Wrench
-from cosim.coupling.half_ticks import LEVER_M, take_rigid_half
+from cosim.coupling import half_ticks, ticks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState, six_numbers
 from cosim.coupling.soft_sides.soft_side import SoftReply
-from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, SolverError
 from cosim.reduced.sections.assembly import CENTER, WRENCH
 from cosim.soft.body.loads import Loads
@@ -72,7 +71,7 @@ class QuasiNewton:
         return np.asarray(self._inverse + (moved - self._inverse @ changed) @ solved)
 
 
-_UNIT = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
+_UNIT = np.array([1.0, 1.0, 1.0, half_ticks.LEVER_M, half_ticks.LEVER_M, half_ticks.LEVER_M])
 
 
 @final
@@ -97,12 +96,12 @@ class FlangeLoad:
 
     def wrench(self, vector: Array) -> Wrench:
         """Return what of a vector (6,) acts on the flange, at its present origin, world axes."""
-        wrench = Wrench(vector[:3], LEVER_M * vector[3:])
+        wrench = Wrench(vector[:3], half_ticks.LEVER_M * vector[3:])
         return wrench.moved(self._interface.scene.flange_pose.translation - self.point)
 
     def about_world(self, vector: Array) -> Array:
         """Return a vector (6,) as force, and torque about the world's origin."""
-        wrench = Wrench(vector[:3], LEVER_M * vector[3:]).moved(-self.point)
+        wrench = Wrench(vector[:3], half_ticks.LEVER_M * vector[3:]).moved(-self.point)
         return np.concatenate([wrench.force, wrench.torque])
 
     def from_world(self, load: Array) -> Array:
@@ -233,7 +232,7 @@ class InterfaceSearch:
         if self.trials:
             self._go_back()
         self.trials += 1
-        scene.apply_flange_wrench(Wrench(load[:3], LEVER_M * load[3:]))
+        scene.apply_flange_wrench(Wrench(load[:3], half_ticks.LEVER_M * load[3:]))
         received = scene.received_wrench()
         on_bodies = self._rigid_half(_UNIT * load)
         aim = StepAim(_SOFT_SHARE * self._options.tolerance * self._scale, self._reached)
@@ -310,17 +309,17 @@ class IteratedCoupling(Coupling):
         """Forget what the last ticks were like; another scheme has advanced both sides since."""
         self._history, self._left_over = (), np.zeros_like(self._left_over)
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ticks.Servos, loads: Sequence[Loads]) -> ticks.TicksTaken:
         interface, vector = self.interface, FlangeLoad(self.interface)
         interface.begin_ticks()
         if interface.to_be_weighed:
             interface.update_stability_ratio()
         taken, joints = interface.begin(1), len(servos.position[0])
-        carried = CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, joints)))
+        carried = ticks.CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, joints)))
 
         def rigid_half(wrench: Array) -> float:
             taken.ticks.figures[0, WRENCH:CENTER] = wrench
-            if not take_rigid_half(interface.rigid(carried), servos, taken.ticks, 0):
+            if not half_ticks.take_rigid_half(interface.rigid(carried), servos, taken.ticks, 0):
                 interface.scene.check()
             interface.scene.stepped(taken.ticks.flange(0))
             return interface.error_on_bodies()

@@ -14,43 +14,23 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Wrench
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
+from cosim.coupling import half_ticks, open_ticks, section_ticks
 from cosim.coupling.contact.contact_arrays import AHEAD_TICKS, ContactArrays, no_contact
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film, film_calls
-from cosim.coupling.half_ticks import (
-    ALL_DONE,
-    LISTS_LEFT,
-    RIGID_SIDE_WARNS,
-    SOFT_HALF_LEFT,
-    SOFT_STEP_BEGUN,
-    SOFT_STEP_SOLVED,
-    RigidSide,
-    hand_over,
-    keep_rigid_half,
-    read_rigid_half,
-)
-from cosim.coupling.open_ticks import OpenTicks, end_open_tick, load_open_tick
+from cosim.coupling.half_ticks import ALL_DONE, LISTS_LEFT, SOFT_HALF_LEFT, SOFT_STEP_SOLVED, RigidSide
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.section_ticks import (
-    ChainCommands,
-    ChainFilm,
-    ChainMotion,
-    ChainSteps,
-    ChainTables,
-    advance_chain,
-)
+from cosim.coupling.section_ticks import ChainCommands, ChainFilm, ChainMotion, ChainSteps, ChainTables
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import ChainShapes, SectionArm
 from cosim.coupling.ticks import Servos, Ticks, TicksTaken
-from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.reduced.sections.section_energy import TERMS
+from cosim.reduced.sections import assembly, section_energy
 from cosim.reduced.sections.section_strains import COLUMNS
 from cosim.reduced.solve.chain_step import ChainState, ChainStep, solve_chain
 from cosim.reduced.solve.newton import nothing_touched
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.film_step import FilmSide
+from cosim.soft.solve import film_step, self_contact
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.self_contact import REMEMBERED, FilmContacts
 from cosim.soft.solve.state import BegunStep, SoftState, StepScheme
 from cosim.soft.solve.time_step import LARGE_TURN_RAD
 
@@ -88,7 +68,7 @@ class SoftHalves:
         ticks = taken.ticks.from_on(first)
         if self._plain is None or not self._ready:
             taken_well = self.interface.rigid_half(rigid, servos, ticks, 0)
-            return 0, SOFT_HALF_LEFT if taken_well else RIGID_SIDE_WARNS
+            return 0, SOFT_HALF_LEFT if taken_well else half_ticks.RIGID_SIDE_WARNS
         if self._motion is None:
             self._motion, self._first = self._room(len(taken.trials) - first), first
         commands = self._plain.some(first, first + len(loads))
@@ -213,7 +193,7 @@ class SectionHalves(SoftHalves):
         known = {key: section.pressure(load) for key, load in distinct.items()}
         pressure = np.array([known[id(load)] for load in loads])
         tension = np.array([load.cable_tension_N for load in loads]).reshape(len(loads), -1)
-        first, weights = np.empty(len(loads), np.int64), np.empty((len(loads), TERMS))
+        first, weights = np.empty(len(loads), np.int64), np.empty((len(loads), section_energy.TERMS))
         spline, terms = section.model.spline, None
         for k, value in enumerate(pressure.tolist()):
             if terms is None or value != pressure[k - 1]:
@@ -272,10 +252,10 @@ class SectionHalves(SoftHalves):
             servos = servos.some(0, max(1, round(_FAR_S / tick_s)))
         steps = ChainSteps(
             stepper.side(soft.clamp, loads[0], begin.frames), ChainTables(*stepper.tables),
-            address_of(solve_chain), address_of(hand_over), scheme, film,
+            address_of(solve_chain), address_of(half_ticks.hand_over), scheme, film,
             two_steps, earlier, stepper.tangent.serves(soft.clamp, tick_s, two_steps and earlier), begun,
         )  # fmt: skip
-        done, ending, kept = advance_chain(rigid, servos, commands, steps, ticks, way)
+        done, ending, kept = section_ticks.advance_chain(rigid, servos, commands, steps, ticks, way)
         last = done if ending in (SOFT_HALF_LEFT, LISTS_LEFT) else done - 1  # of which a soft step was tried
         stepper.tangent.keep(kept, soft.clamp, tick_s, two_steps and (earlier or last > 0))
         if done:
@@ -333,15 +313,15 @@ class FilmHalves(SoftHalves):
     @cached_property
     def _soft_calls(self) -> IntArray:
         """The same for a tick whose rigid half has been taken."""
-        return film_calls(keep_rigid_half)
+        return film_calls(half_ticks.keep_rigid_half)
 
     @cached_property
     def _nothing(self) -> ContactArrays:
         return no_contact()
 
     @cached_property
-    def _no_films(self) -> FilmContacts:
-        nothing: FilmContacts = nothing_of(FilmContacts)
+    def _no_films(self) -> self_contact.FilmContacts:
+        nothing: self_contact.FilmContacts = nothing_of(self_contact.FilmContacts)
         return nothing
 
     @cached_property
@@ -350,7 +330,7 @@ class FilmHalves(SoftHalves):
 
     @cached_property
     def _films_store(self) -> RecordStore:
-        return RecordStore(FilmContacts)
+        return RecordStore(self_contact.FilmContacts)
 
     def _room(self, count: int) -> FilmMotion:
         return self.room(count)
@@ -387,7 +367,7 @@ class FilmHalves(SoftHalves):
             done, ending = done + more, SOFT_HALF_LEFT if ending == LISTS_LEFT else ending
         return self.end_row(begun, way, ticks, loads[done - 1] if done else None, (done, ending))
 
-    def begin_row(self) -> tuple[tuple[FilmSide, StepScheme], FilmSteps]:
+    def begin_row(self) -> tuple[tuple[film_step.FilmSide, StepScheme], FilmSteps]:
         """Return what ticks in a row step, by which scheme, and what they have in common."""
         soft, sides, tick_s = self.soft, self.soft.stepper.quick.sides, self.interface.scene.tick_s
         scheme, pressed = soft.stepper.scheme_of(soft.state, tick_s), soft.state.touching is not None
@@ -399,7 +379,7 @@ class FilmHalves(SoftHalves):
 
     def end_row(
         self,
-        begun: tuple[FilmSide, StepScheme],
+        begun: tuple[film_step.FilmSide, StepScheme],
         way: FilmMotion,
         ticks: Ticks,
         loads: Loads | None,
@@ -412,7 +392,7 @@ class FilmHalves(SoftHalves):
             self._went(way, ticks, done, loads)
         if soft.films is not None:
             soft.films.overlook(soft.state)
-        if ending in (SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
+        if ending in (half_ticks.SOFT_STEP_BEGUN, SOFT_STEP_SOLVED):
             end = way.x[done + 2].copy(), way.velocity[done + 2].copy(), way.memory[done + 1].copy()
             spent = int(ticks.iterations[done]), float(ticks.residual[done])
             quick.begun = BegunStep(soft.state, *end, *spent, ending == SOFT_STEP_SOLVED)
@@ -421,10 +401,10 @@ class FilmHalves(SoftHalves):
     def ends_row(self, steps: FilmSteps) -> bool:
         """Return whether a row with such steps ends after a tick: something is weighed, or films let go."""
         contact, films = self.interface.contact, self.soft.films
-        released = steps.whole and films is not None and not films.contacts.counts[REMEMBERED]
+        released = steps.whole and films is not None and not films.contacts.counts[self_contact.REMEMBERED]
         return released or (contact is not None and contact.asks_for_weighing)
 
-    def _steps(self, side: FilmSide, pressed: bool) -> FilmSteps:
+    def _steps(self, side: film_step.FilmSide, pressed: bool) -> FilmSteps:
         """Return what the steps of a row have in common; `pressed`: films press on one another before it."""
         soft, contact, films = self.soft, self.interface.contact, self.soft.films
         quick, tick_s = soft.stepper.quick, self.interface.scene.tick_s
@@ -492,7 +472,7 @@ class OpenRow:
         self._begun, steps = halves.begin_row()
         self._loads: Loads | None = None
         rows = halves.commands_room(most), steps, taken.ticks, halves.room(most)
-        ticks = OpenTicks(rigid, _NO_SERVOS, *rows)
+        ticks = open_ticks.OpenTicks(rigid, _NO_SERVOS, *rows)
         self._ticks, self._at, self._call = ticks, store.address(ticks), address_of(advance_film)
 
     @property
@@ -503,7 +483,7 @@ class OpenRow:
     @property
     def wrench(self) -> Wrench:
         """What the soft side exerts on the flange at present, at its origin, world axes."""
-        return supplied_wrench(self.taken.ticks.figures[self.done].copy())
+        return assembly.supplied_wrench(self.taken.ticks.figures[self.done].copy())
 
     @property
     def positions(self) -> Array:
@@ -512,7 +492,7 @@ class OpenRow:
 
     def load(self) -> None:
         """Begin a tick."""
-        load_open_tick(self._at, self.done)
+        open_ticks.load_open_tick(self._at, self.done)
         self.in_tick = True
 
     def end(self, loads: Loads) -> bool:
@@ -523,17 +503,17 @@ class OpenRow:
         k, row = self.done, self._ticks
         self.in_tick = False
         if not loads.plain:
-            read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
+            half_ticks.read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
             self._ending = SOFT_HALF_LEFT
             return False
         if loads is not self._loads:
             commands, chambers = row.commands, row.commands.pressure.shape[1]
             commands.pressure[k:] = loads.pressures(chambers)
             commands.tension[k:], commands.gravity[k:] = loads.cable_tension_N, loads.gravity
-        self._ending = end_open_tick(self._at, self._call, k)
+        self._ending = open_ticks.end_open_tick(self._at, self._call, k)
         if self._ending == LISTS_LEFT:
             self._with(self._halves.with_new_lists(row.steps, row.way.x[k + 1], row.way.velocity[k + 1]))
-            self._ending = end_open_tick(self._at, self._call, k)
+            self._ending = open_ticks.end_open_tick(self._at, self._call, k)
             self._most = k + 1
         if self._ending != ALL_DONE:
             return False

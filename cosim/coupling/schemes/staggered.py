@@ -60,16 +60,13 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.kernels import RecordStore
-from cosim.coupling import half_ticks
+from cosim.coupling import half_ticks, open_ticks
 from cosim.coupling.contact.levers import rigid_motions
-from cosim.coupling.half_ticks import RigidSide, load_rigid_side, take_rigid_half
-from cosim.coupling.open_ticks import OpenTicks
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.schemes.soft_halves import FilmHalves, OpenRow, soft_halves
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.soft_side import IMPLICIT_EULER, SoftSide
+from cosim.coupling.soft_sides import lumped_arm, soft_side
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -99,7 +96,7 @@ class FineTicks:
     def fast_m_s(self) -> float:
         """Speed from which on ticks are fine ones; endless where no film is stepped."""
         soft = self._interface.soft.rowing
-        return self._fast_m_s if isinstance(soft, SoftArm) and soft.steps_alone else np.inf
+        return self._fast_m_s if isinstance(soft, lumped_arm.SoftArm) and soft.steps_alone else np.inf
 
     def look(self) -> None:
         """Decide on the next tick, after one."""
@@ -117,7 +114,7 @@ class FineTicks:
         if interface.light is not None:
             interface.light.begin_ticks_of(scene.tick_s)
 
-    def take(self, rigid: RigidSide, servos: Servos, loads: Loads, taken: TicksTaken) -> None:
+    def take(self, rigid: half_ticks.RigidSide, servos: Servos, loads: Loads, taken: TicksTaken) -> None:
         """Take one tick of the clock.
 
         Args:
@@ -128,13 +125,13 @@ class FineTicks:
         """
         interface = self._interface
         scene, soft = interface.scene, interface.soft.rowing
-        assert isinstance(soft, SoftArm), "no other soft side takes fine ticks"
+        assert isinstance(soft, lumped_arm.SoftArm), "no other soft side takes fine ticks"
         count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
         fine, shapes = interface.begin(count), []
         for k in range(count):
             scene.go_finely(count - k)
             asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
-            if not take_rigid_half(rigid, asked, fine.ticks.from_on(k), 0):
+            if not half_ticks.take_rigid_half(rigid, asked, fine.ticks.from_on(k), 0):
                 scene.check()
             scene.stepped(fine.ticks.flange(k))
             reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
@@ -192,14 +189,14 @@ def riding_along(weights: tuple[float, ...], ratio: float) -> tuple[float, Array
         weights: s, of `answer_weights`.
         ratio: r, stability ratio of the flange.
     """
-    if weights == IMPLICIT_EULER:
+    if weights == soft_side.IMPLICIT_EULER:
         return 1.0, np.array([1.0, 0.0])
     change = 1.2 / max(ratio, 1.2)
     return min(1.0, 0.5 * ratio), np.array([1.0 + change, -change])
 
 
 def algorithmic_mass(
-    soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
+    soft: soft_side.SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
 ) -> Array:
     """Return M_a (6, 6), linear then angular, about a point, world axes.
 
@@ -262,7 +259,7 @@ class StaggeredCoupling(Coupling):
         self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
         self._fine = FineTicks(interface)
         self._halves.fast_m_s = self._fine.fast_m_s
-        self._begun: tuple[TicksTaken, RigidSide] | None = None
+        self._begun: tuple[TicksTaken, half_ticks.RigidSide] | None = None
         self._open: OpenRow | None = None
 
     def begin(self, *, opening: bool = True) -> None:
@@ -282,14 +279,14 @@ class StaggeredCoupling(Coupling):
                 most = min(len(taken.trials), most)
                 row = self._open = OpenRow(halves, taken, rigid, most, self._open_store)
             else:
-                load_rigid_side(rigid, taken.ticks, 0)
+                half_ticks.load_rigid_side(rigid, taken.ticks, 0)
                 self._begun = taken, rigid
         if row is not None:
             row.load()
 
     @cached_property
     def _open_store(self) -> RecordStore:
-        return RecordStore(OpenTicks)
+        return RecordStore(open_ticks.OpenTicks)
 
     @property
     def open_row(self) -> OpenRow | None:
@@ -350,7 +347,7 @@ class StaggeredCoupling(Coupling):
             self._halves.fast_m_s = self._fine.fast_m_s
         return interface.begin(min(count, self._halves.most, most))
 
-    def _weighed(self, taken: TicksTaken) -> RigidSide:
+    def _weighed(self, taken: TicksTaken) -> half_ticks.RigidSide:
         """Weigh the flange where that is due; return the rigid side until it is due again."""
         interface = self.interface
         if interface.to_be_weighed:

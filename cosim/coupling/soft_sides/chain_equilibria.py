@@ -10,11 +10,8 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.reduced.solve.chain_step import ChainScheme, ChainState, ChainStep
+from cosim.reduced.solve import chain_step, newton, stability, time_step
 from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range, rates_from_nodes, upright
-from cosim.reduced.solve.newton import ChainSolver, ChainTask
-from cosim.reduced.solve.stability import ChainStiffness
-from cosim.reduced.solve.time_step import solve_loaded
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -38,9 +35,9 @@ class ChainFilms:
 
     def __init__(self, section: SectionBody) -> None:
         self._section = section
-        self._known: deque[tuple[SoftState, ChainState, float]] = deque(maxlen=_REMEMBERED)
+        self._known: deque[tuple[SoftState, chain_step.ChainState, float]] = deque(maxlen=_REMEMBERED)
 
-    def film(self, chain: ChainState, pressure_Pa: float) -> SoftState:
+    def film(self, chain: chain_step.ChainState, pressure_Pa: float) -> SoftState:
         """Return the film's nodes on a chain."""
         section = self._section
         film = SoftState(
@@ -51,7 +48,7 @@ class ChainFilms:
         self._known.append((film, chain, pressure_Pa))
         return film
 
-    def chain(self, film: SoftState, flange: Pose, pressure_Pa: float) -> tuple[ChainState, float]:
+    def chain(self, film: SoftState, flange: Pose, pressure_Pa: float) -> tuple[chain_step.ChainState, float]:
         """Return the chain of a film, and the gas pressure it was made with.
 
         Args:
@@ -65,7 +62,7 @@ class ChainFilms:
         layout = self._section.frames
         frames = layout.fit(film.positions, flange)
         rates = rates_from_nodes(layout, frames, film.velocities)
-        return ChainState(np.array((frames, rates))), pressure_Pa
+        return chain_step.ChainState(np.array((frames, rates))), pressure_Pa
 
 
 @final
@@ -82,7 +79,7 @@ class ChainEquilibria:
     """
 
     def __init__(
-        self, section: SectionBody, solver: ChainSolver, films: ChainFilms, options: NewtonOptions
+        self, section: SectionBody, solver: newton.ChainSolver, films: ChainFilms, options: NewtonOptions
     ) -> None:
         self._section, self._solver, self._films, self._options = section, solver, films, options
         self.obstacles: Obstacles | None = None
@@ -141,7 +138,7 @@ class ChainEquilibria:
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
         film = self._films.film(found.chain, found.pressure_Pa)
-        tangent = ChainStiffness(self._solver, found.frames, clamp.free, loads, found.pressure_Pa)
+        tangent = stability.ChainStiffness(self._solver, found.frames, clamp.free, loads, found.pressure_Pa)
         return Equilibrium(
             film,
             flange,
@@ -156,7 +153,7 @@ class ChainEquilibria:
 
     def _settle_contacts(
         self, start: Array, clamp: FrameClamp, loads: Loads, begin_Pa: float
-    ) -> tuple[ChainStep, Loads]:
+    ) -> tuple[chain_step.ChainStep, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
@@ -164,16 +161,16 @@ class ChainEquilibria:
         """
         trail = list[Array]()
         options, lever = self._options, self._solver.lever_m
-        task = ChainTask(
-            clamp, ChainScheme(0.0, 0.0, 0.0, options.tolerance_N, lever, options.iterations_max)
+        task = newton.ChainTask(
+            clamp, chain_step.ChainScheme(0.0, 0.0, 0.0, options.tolerance_N, lever, options.iterations_max)
         )
         if self.obstacles is None:
-            return solve_loaded(self._solver, task, loads, start, begin_Pa), loads
+            return time_step.solve_loaded(self._solver, task, loads, start, begin_Pa), loads
         pressure = begin_Pa if self._section.gas(loads) is not None else self._section.pressure(loads)
         spent = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
-            found = solve_loaded(self._solver, task, loads, start, pressure)
+            found = time_step.solve_loaded(self._solver, task, loads, start, pressure)
             settled = round_ > 0 and found.iterations == 0
             spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
             if settled or found.outcome is not Outcome.CONVERGED:

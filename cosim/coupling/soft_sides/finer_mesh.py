@@ -14,13 +14,11 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
-from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
-from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
+from cosim.coupling.soft_sides import lumped_arm, section_arm
 from cosim.errors import ConvergenceError
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp
-from cosim.soft.body.body import SoftBody
+from cosim.soft.body import body, places
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import parents
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 ITERATIONS_MAX = 600
@@ -42,8 +40,8 @@ class FinerMesh:
         MeshError: it is not the same body.
     """
 
-    def __init__(self, coarse: SoftBody, side: SoftArm) -> None:
-        self.side, self._parents, self.iterations = side, parents(coarse, side.body), 0
+    def __init__(self, coarse: body.SoftBody, side: lumped_arm.SoftArm) -> None:
+        self.side, self._parents, self.iterations = side, places.parents(coarse, side.body), 0
 
     def hold(self, clamp: Clamp) -> None:
         """Let the refined mesh be held as a clamp has it, see `clamp`."""
@@ -148,11 +146,11 @@ class SourceFilm:
         film: new, on the mesh that its sections were condensed from.
     """
 
-    def __init__(self, chain: SectionArm, film: SoftArm) -> None:
+    def __init__(self, chain: section_arm.SectionArm, film: lumped_arm.SoftArm) -> None:
         self.chain, self.film = chain, film
         self._clamps: list[tuple[FrameClamp, Clamp]] = []
 
-    def state(self, saved: SectionArmState) -> SoftArmState:
+    def state(self, saved: section_arm.SectionArmState) -> lumped_arm.SoftArmState:
         """Return the film in the shape of a chain: rings that are held there are held as they are."""
         chain, film = self.chain, self.film
         chain.restore_state(saved)
@@ -170,7 +168,7 @@ class SourceFilm:
         self._clamps.append((frames, clamp))
         return clamp
 
-    def chain_at_rest(self, saved: SectionArmState) -> Equilibrium:
+    def chain_at_rest(self, saved: section_arm.SectionArmState) -> Equilibrium:
         """Return where the chain comes to rest, with the loads of a state; it is there then.
 
         Raises:

@@ -13,7 +13,7 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
 from cosim.soft.solve.state import Equilibrium, SoftState, inertia_weight
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 
 @final

@@ -14,28 +14,23 @@ from typing import Annotated, Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
-from cosim.coupling.soft_sides import handover, taking_over
-from cosim.coupling.soft_sides.handover import BridgeEnd, Handover, Inside, Model, TakenOver, look_every
+from cosim.coupling.schemes.ledger import ShapeFigures
+from cosim.coupling.soft_sides import handover, lumped_arm, soft_side, taking_over
 from cosim.coupling.soft_sides.held_rings import Bridge
-from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import ChainShape, ChainShapes, SectionArm, SectionArmState
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
-from cosim.coupling.soft_sides.soft_side import MassProperties, ShapeReader, SoftReply, SoftSide
 from cosim.coupling.soft_sides.taking_over import Jumps, LoadsLeft, TakingOver, together, with_force, without
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact import contact_points, self_contact_pairs
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.self_contact_memory import FilmMemory
-from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
-from cosim.soft.solve.newton_options import SearchEffort
+from cosim.soft.solve import branching, newton_options
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 
 @final
-class HandoverReader(ShapeReader):
+class HandoverReader(soft_side.ShapeReader):
     """Reads shapes of chain and film.
 
     Args:
@@ -43,7 +38,7 @@ class HandoverReader(ShapeReader):
         film: reads those of the film.
     """
 
-    def __init__(self, chain: ShapeReader, film: ShapeReader) -> None:
+    def __init__(self, chain: soft_side.ShapeReader, film: soft_side.ShapeReader) -> None:
         self._chain, self._film = chain, film
 
     def positions(self, shape: ChainShape | Array) -> Array:
@@ -59,7 +54,7 @@ class HandoverReader(ShapeReader):
         parts = [vars(reader.figures(some)).values() for reader, some in self._runs(shapes)]
         return ShapeFigures(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def _runs(self, shapes: Sequence[Any]) -> list[tuple[ShapeReader, Sequence[Any]]]:
+    def _runs(self, shapes: Sequence[Any]) -> list[tuple[soft_side.ShapeReader, Sequence[Any]]]:
         """Return the shapes in runs of one kind, with their readers."""
         if isinstance(shapes, ChainShapes):
             return [(self._chain, shapes)]
@@ -85,12 +80,12 @@ class HandoverState:
         why: the film has taken over.
     """
 
-    model: Model
+    model: handover.Model
     chain: SectionArmState
-    film: SoftArmState
+    film: lumped_arm.SoftArmState
     bridge: Bridge | None
     given: Annotated[Array, ("nodes", 3)] | None
-    inside: Inside
+    inside: handover.Inside
     ticks: int
     why: str
 
@@ -114,7 +109,7 @@ class _Pending:
 
 
 @final
-class HandoverArm(SoftSide):
+class HandoverArm(soft_side.SoftSide):
     """A chain of frames and its film, one of which represents the soft robot.
 
     Args:
@@ -123,27 +118,27 @@ class HandoverArm(SoftSide):
         bridged: whether forces bridge what the models differ by; a plan has no use for them.
     """
 
-    def __init__(self, chain: SectionArm, film: SoftArm, *, bridged: bool = True) -> None:
+    def __init__(self, chain: SectionArm, film: lumped_arm.SoftArm, *, bridged: bool = True) -> None:
         self.chain, self.film, self.body = chain, film, film.body
-        self.effort: SearchEffort = film.effort
+        self.effort: newton_options.SearchEffort = film.effort
         chain.final = OutOfRangeError  # halves near the end of its range only put the change off
         self._bridged, self._over = bridged, TakingOver(chain, film)
         self._film_acts, self._why = False, ""
         self._bridge: Bridge | None = None
         self._given: Array | None = None
-        self._inside, self._ticks, self._step_s, self._begun = Inside(), 0, 0.0, False
+        self._inside, self._ticks, self._step_s, self._begun = handover.Inside(), 0, 0.0, False
         self._before: tuple[SoftState, Pose] | None = None  # before the step in progress, while forces fade
         self._due = ""  # why the film takes over in the next tick
         self._pending: _Pending | None = None
-        self._events: list[Handover | BridgeEnd] = []
+        self._events: list[handover.Handover | handover.BridgeEnd] = []
 
     @property
-    def acting(self) -> SectionArm | SoftArm:
+    def acting(self) -> SectionArm | lumped_arm.SoftArm:
         """The model that represents the soft robot."""
         return self.film if self._film_acts else self.chain
 
     @property
-    def rowing(self) -> SoftSide:
+    def rowing(self) -> soft_side.SoftSide:
         """What kernels may step: itself, which they do not know, while forces fade or the film is due."""
         return self.acting if self._bridge is None and not self._due else self
 
@@ -156,11 +151,11 @@ class HandoverArm(SoftSide):
     def state(self, film: SoftState) -> None:
         self._of(film).state = film
 
-    def _of(self, state: SoftState) -> SectionArm | SoftArm:
+    def _of(self, state: SoftState) -> SectionArm | lumped_arm.SoftArm:
         """Return the model that a state is of."""
         return self.film if len(state.memory) else self.chain
 
-    def _in_shape(self, shape: Any) -> SectionArm | SoftArm:
+    def _in_shape(self, shape: Any) -> SectionArm | lumped_arm.SoftArm:
         return self.chain if isinstance(shape, ChainShape) else self.film
 
     # ticks
@@ -175,26 +170,26 @@ class HandoverArm(SoftSide):
         if self._film_acts and self._inside.due and self._bridge is None and not (touching and copies):
             self._take_back(wrench, step_s)
         if self._film_acts or not copies:
-            every = look_every(step_s)
+            every = handover.look_every(step_s)
             return every - self._inside.since % every if self._film_acts else sys.maxsize
-        every = look_every(step_s, handover.HOLDING_LOOK_S)
+        every = handover.look_every(step_s, handover.HOLDING_LOOK_S)
         if touching and self._ticks % every == 0:
             last = self.chain.last
             place = place_in_range(self.chain.section, last.frames, last.pressure_Pa, bends_only=True)
             self._due = place.text if place.fraction > handover.HOLDING else ""
         return every - self._ticks % every
 
-    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
         """Advance by one step, with the flange at its new pose."""
         return self._advance(world_from_flange, loads, step_s, None)
 
     def advance_closely(
         self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
-    ) -> SoftReply:
+    ) -> soft_side.SoftReply:
         """Advance by one step, as closely as asked for."""
         return self._advance(world_from_flange, loads, step_s, aim)
 
-    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> SoftReply:
+    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
         self._step_s, due, self._due = step_s, self._due, ""
         if due:
             with suppress(ConvergenceError):  # the chain can continue
@@ -210,7 +205,7 @@ class HandoverArm(SoftSide):
                 raise error.at(f"the film did not take over ({failed})") from failed
         return self._step(flange, loads, None if aim is None else replace(aim, start=None))
 
-    def _step(self, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
+    def _step(self, flange: Pose, loads: Loads, aim: StepAim | None) -> soft_side.SoftReply:
         side, bridge, force = self.acting, self._bridge, None
         if bridge is not None:
             force = bridge.at(flange, bridge.done + 1)
@@ -248,15 +243,15 @@ class HandoverArm(SoftSide):
             self._before = here
             self._bridge = None if bridge.over else bridge
             if bridge.over:
-                self._events.append(BridgeEnd(self._ticks, bridge.work_J))
-        if self._film_acts and self._inside.since % look_every(self._step_s) == 0:
+                self._events.append(handover.BridgeEnd(self._ticks, bridge.work_J))
+        if self._film_acts and self._inside.since % handover.look_every(self._step_s) == 0:
             self._inside = self._inside.looked(self._is_inside())
 
-    def handovers(self) -> tuple[Handover | BridgeEnd, ...]:
+    def handovers(self) -> tuple[handover.Handover | handover.BridgeEnd, ...]:
         """Return the changes since this was asked last."""
         told, self._events = self._events, []
         if not self._begun and self._film_acts:
-            told = [Handover(0, "film", self._why)]
+            told = [handover.Handover(0, "film", self._why)]
         return tuple(told)
 
     def _is_inside(self) -> bool:
@@ -298,7 +293,7 @@ class HandoverArm(SoftSide):
         self._inside = self._inside.left(self._step_s)
         self._change("film", why, bridge, jumps)
         if planes is not None and chain.section.copies > 1:
-            raise TakenOver(off)
+            raise handover.TakenOver(off)
 
     def _take_back(self, wrench: Wrench, step_s: float) -> None:
         """Let the chain take over, if it can."""
@@ -314,12 +309,12 @@ class HandoverArm(SoftSide):
         self._inside = self._inside.taken_back()
         self._change("section", "well within its range again", bridge, jumps)
 
-    def _change(self, to: Model, why: str, bridge: Bridge | None, jumps: Jumps) -> None:
+    def _change(self, to: handover.Model, why: str, bridge: Bridge | None, jumps: Jumps) -> None:
         self._film_acts, self._why = to == "film", why
         self._bridge = bridge if self._bridged else None
         self._before = self._here()
         self._events.append(
-            Handover(
+            handover.Handover(
                 self._ticks + 1, to, why, jumps.tip_m, jumps.force_N, jumps.wrench, jumps.kinetic_J,
                 jumps.pressure_Pa, jumps.touched_N,
             )
@@ -391,11 +386,11 @@ class HandoverArm(SoftSide):
         except ConvergenceError as failed:
             raise error.at(f"the film did not take over ({failed})") from failed
 
-    def _bridge_of(self, side: SoftSide) -> Bridge | None:
+    def _bridge_of(self, side: soft_side.SoftSide) -> Bridge | None:
         """Return what bridges the last change on a model."""
         return self._bridge if side is self.acting else None
 
-    def _force(self, side: SoftSide, flange: Pose) -> Array | None:
+    def _force(self, side: soft_side.SoftSide, flange: Pose) -> Array | None:
         """Return the bridging forces (n, 3) [N] on a model at the end of the increment in progress."""
         bridge = self._bridge_of(side)
         return None if bridge is None else bridge.at(flange, bridge.done + 1)
@@ -431,7 +426,7 @@ class HandoverArm(SoftSide):
         return self._by_either(begin, lambda side, here: side.find_flange_pose(here, target, options))
 
     def _by_either(
-        self, begin: Equilibrium, find: Callable[[SectionArm | SoftArm, Equilibrium], Equilibrium]
+        self, begin: Equilibrium, find: Callable[[SectionArm | lumped_arm.SoftArm, Equilibrium], Equilibrium]
     ) -> Equilibrium:
         """Return what is found from an equilibrium, on the film where the chain ends before."""
         side = self._of(begin.state)
@@ -458,7 +453,7 @@ class HandoverArm(SoftSide):
         side.settle(replace(found, loads=with_force(found.loads, force)))
         if side is self.film:
             self._inside = self._inside.left(0.0)
-        to: Model = "film" if side is self.film else "section"
+        to: handover.Model = "film" if side is self.film else "section"
         why, jumps = ("", taking_over.NO_JUMPS) if known is None else (known.why, known.jumps)
         self._change(to, why, bridge, jumps)
         if not self._begun:
@@ -488,7 +483,7 @@ class HandoverArm(SoftSide):
         if np.isin(self.film.clamp.nodes, nodes).any():
             self.film.let_go(nodes)
 
-    def contact_surface(self) -> ContactSurface:
+    def contact_surface(self) -> contact_points.ContactSurface:
         """Return where the body can be touched."""
         return self.film.contact_surface()
 
@@ -506,15 +501,15 @@ class HandoverArm(SoftSide):
 
     # what is seen
 
-    def overlap(self, shape: Array) -> FilmOverlap | None:
+    def overlap(self, shape: Array) -> branching.FilmOverlap | None:
         """Return where films that are not modelled to touch have passed through one another."""
         return self.acting.overlap(shape)
 
-    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Branching | None:
+    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> branching.Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
         return self._in_shape(shape).undecided(shape, world_from_flange, loads)
 
-    def footing(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Footing | None:
+    def footing(self, shape: Any, world_from_flange: Pose, loads: Loads) -> branching.Footing | None:
         """Return how firmly a shape stands, as if it was at rest."""
         return self._in_shape(shape).footing(shape, world_from_flange, loads)
 
@@ -533,7 +528,7 @@ class HandoverArm(SoftSide):
         return HandoverReader(self.chain.shape_reader(), self.film.shape_reader())
 
     @property
-    def touching(self) -> FilmMemory | None:
+    def touching(self) -> self_contact_pairs.FilmMemory | None:
         """What the films press on one another at present; None of a chain."""
         return self.acting.touching
 
@@ -557,13 +552,13 @@ class HandoverArm(SoftSide):
         """Of all that hangs on the flange by it."""
         return self.acting.mass_kg
 
-    def mass_properties(self) -> MassProperties:
+    def mass_properties(self) -> soft_side.MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return self.acting.mass_properties()
 
     def save_state(self) -> HandoverState:
         """Return what the next step depends on."""
-        model: Model = "film" if self._film_acts else "section"
+        model: handover.Model = "film" if self._film_acts else "section"
         return HandoverState(
             model, self.chain.save_state(), self.film.save_state(), self._bridge, self._given, self._inside,
             self._ticks, self._why,

@@ -22,16 +22,13 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose, Wrench, cross, vector_from_rotation
 from cosim.errors import ConvergenceError
-from cosim.reduced.fit.sampling import RingGroup, RingGuides
-from cosim.reduced.section_model import RingFrames, SectionBody, carried
+from cosim.reduced import sampling, section_model
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve import assembly, equilibrium, self_contact
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
 
 _STIFFNESS = np.array([3e5, 3e5, 3e5, 300.0, 300.0, 300.0])  # far above a section's own
@@ -68,9 +65,9 @@ class HeldRings:
     def __init__(
         self,
         body: SoftBody,
-        films: SelfContact | None,
+        films: self_contact.SelfContact | None,
         in_shape: Callable[[Array, Pose], SoftState],
-        section: SectionBody,
+        section: section_model.SectionBody,
     ) -> None:
         frames = section.frames
         if body.frames is None:
@@ -78,11 +75,11 @@ class HeldRings:
             rings = np.array([r for f, r in enumerate(frames.rings, 1) if len(r) and f not in ends])
             body = body.with_elements(FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
         self._in_shape, self._section, self._frames = in_shape, section, frames
-        system = SoftSystem(body)
-        self._groups = RingGroup.all_of(system.pattern, frames)
+        system = assembly.SoftSystem(body)
+        self._groups = sampling.RingGroup.all_of(system.pattern, frames)
         clamp = Clamp.of_base(body)
         newton = NewtonSolver(system, clamp.mask(body.nodes))
-        self._solver = EquilibriumSolver(newton, clamp, _OPTIONS, films, slides_max=0)
+        self._solver = equilibrium.EquilibriumSolver(newton, clamp, _OPTIONS, films, slides_max=0)
 
     def at_rest(self, frames: Array, start: SoftState | None, loads: Loads, pressure_Pa: float) -> HeldFilm:
         """Return the film at rest with its rings held.
@@ -106,7 +103,7 @@ class HeldRings:
             return self._held(frames, near.state, loads)
 
     def _held(self, frames: Array, start: SoftState, loads: Loads) -> HeldFilm:
-        guides = RingGuides(self._frames, self._groups, frames, _STIFFNESS)
+        guides = sampling.RingGuides(self._frames, self._groups, frames, _STIFFNESS)
         held = replace(loads, extra=guides, self_contact=None)
         found = self._solver.solve(start, flange_of(frames), held)
         return HeldFilm(found.state, guides.force(found.state.positions))
@@ -119,7 +116,7 @@ class HeldRings:
         Raises:
             ConvergenceError: it does not get there.
         """
-        first = carried(self._section.straight(pressure_Pa), flange_of(frames))
+        first = section_model.carried(self._section.straight(pressure_Pa), flange_of(frames))
         begin, wanted = self._frames.strains(first), self._frames.strains(frames)
         straight = self._section.positions(first, pressure_Pa)
         found = self._held(first, self._in_shape(straight, flange_of(frames)), loads)
@@ -144,7 +141,7 @@ def flange_of(frames: Array) -> Pose:
     return Pose.owning(np.ascontiguousarray(frames[0, 1:].T), frames[0, 0].copy())
 
 
-def on_rings(layout: RingFrames, frames: Array, loads: Array, free: Mask, nodes: int) -> Array:
+def on_rings(layout: section_model.RingFrames, frames: Array, loads: Array, free: Mask, nodes: int) -> Array:
     """Return nodal forces (n, 3) [N] with the resultants of loads on frames, spread over their rings.
 
     Args:

@@ -22,17 +22,13 @@ from cosim.coupling.soft_sides import soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact import contact_points, self_contact_search
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.self_contact_search import FilmLook
 from cosim.soft.linear.kept_factor import NewtonState
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
+from cosim.soft.solve import assembly, branching, newton_options, resting_film, time_step, tip_search
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
-from cosim.soft.solve.resting_film import RestingFilm
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.stability import footing, undecided
 from cosim.soft.solve.state import (
@@ -45,9 +41,7 @@ from cosim.soft.solve.state import (
     StepOptions,
     inertia_weight,
 )
-from cosim.soft.solve.time_step import ImplicitStepper
-from cosim.soft.targets import tip_search
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 Found = TypeVar("Found")
 
@@ -173,13 +167,13 @@ class SoftArm(soft_side.SoftSide):
         self,
         body: SoftBody,
         world_from_flange: Pose,
-        statics: NewtonOptions,
+        statics: newton_options.NewtonOptions,
         dynamics: StepOptions,
         self_contact: FilmContactLaw | None = None,
     ) -> None:
         self.body, self.state = body, SoftState.drawn(body, world_from_flange)
-        self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
-        self._system = SoftSystem(body)
+        self.effort: newton_options.SearchEffort = newton_options.SearchEffort(statics.search_iterations_max)
+        self._system = assembly.SoftSystem(body)
         self._statics, self.dynamics = statics, dynamics
         films = None if self_contact is None else SelfContact(body, self_contact)
         self.films = films if films is not None and films.faces.can_meet else None
@@ -199,7 +193,7 @@ class SoftArm(soft_side.SoftSide):
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
-        self._stepper = ImplicitStepper(newton, clamp, self.dynamics, self.films)
+        self._stepper = time_step.ImplicitStepper(newton, clamp, self.dynamics, self.films)
         self._tester: NewtonSolver | None = None
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
@@ -244,7 +238,7 @@ class SoftArm(soft_side.SoftSide):
         return soft_side.SoftReply(wrench, self._residual, iterations, *self._work)
 
     @property
-    def stepper(self) -> ImplicitStepper:
+    def stepper(self) -> time_step.ImplicitStepper:
         """Takes its steps."""
         return self._stepper
 
@@ -284,9 +278,9 @@ class SoftArm(soft_side.SoftSide):
         span = self.dynamics.bed(step_s, first=self.state.earlier is None).span
         return inertia_weight(span, self.dynamics.air_drag_per_s)
 
-    def contact_surface(self) -> ContactSurface:
+    def contact_surface(self) -> contact_points.ContactSurface:
         """Return where the body can be touched."""
-        return ContactSurface.of(self.body, self._system.pattern)
+        return contact_points.ContactSurface.of(self.body, self._system.pattern)
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step.
@@ -405,11 +399,11 @@ class SoftArm(soft_side.SoftSide):
         """Return a stable equilibrium beside one that is not; one that is stable as it is."""
         return self.equilibrium_solver.leave(begin, found)
 
-    def undecided(self, shape: Array, world_from_flange: Pose, loads: Loads) -> Branching | None:
+    def undecided(self, shape: Array, world_from_flange: Pose, loads: Loads) -> branching.Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
         return self._looked(undecided, shape, world_from_flange, loads)
 
-    def footing(self, shape: Array, world_from_flange: Pose, loads: Loads) -> Footing | None:
+    def footing(self, shape: Array, world_from_flange: Pose, loads: Loads) -> branching.Footing | None:
         """Return how firmly a shape stands, as if it was at rest; None: not known."""
         return self._looked(footing, shape, world_from_flange, loads)
 
@@ -452,12 +446,12 @@ class SoftArm(soft_side.SoftSide):
         system.serving, system.memory[:] = serving, memory
         return found
 
-    def overlap(self, shape: Array) -> FilmOverlap | None:
+    def overlap(self, shape: Array) -> branching.FilmOverlap | None:
         return None if self.films is not None else self._look.overlap(shape)
 
     @cached_property
-    def _look(self) -> FilmLook:
-        return FilmLook(self.body)
+    def _look(self) -> self_contact_search.FilmLook:
+        return self_contact_search.FilmLook(self.body)
 
     def linear_step(self, step_s: float, motions: int) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest.
@@ -473,7 +467,7 @@ class SoftArm(soft_side.SoftSide):
             raise InputError("a linear model has no contact; films press on one another here")
 
         def seen(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> LinearStep:
-            resting = RestingFilm(newton, self.clamp, self._flange, state, loads)
+            resting = resting_film.RestingFilm(newton, self.clamp, self._flange, state, loads)
             return resting.linear_step(self.dynamics.bed(step_s), motions)
 
         return self._looked(seen, self.state.positions, self._flange, self._loads)

@@ -9,29 +9,25 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
-from cosim.coupling.soft_sides import soft_side
-from cosim.coupling.soft_sides.chain_equilibria import ChainEquilibria, ChainFilms
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
+from cosim.coupling.schemes.ledger import ShapeFigures
+from cosim.coupling.soft_sides import chain_equilibria, soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.solve import newton, stability, time_step
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, rigid_motion, twists
-from cosim.reduced.solve.newton import ChainSensitivity, ChainSolver, ChainTangent, KeptTangentState
-from cosim.reduced.solve.stability import ChainStiffness, RestingChain
-from cosim.reduced.solve.time_step import ChainStepper, given_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve import assembly, tip_search
 from cosim.soft.solve.branching import Branching, Footing
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
 from cosim.soft.solve.stability import Softest, leave
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions, inertia_weight
-from cosim.soft.targets import tip_search
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 _LEAVES_MAX = 50  # a stack that leans is nearly neutral about its axis: it may give way again and again
 
@@ -53,7 +49,7 @@ class SectionArmState:
     clamp: FrameClamp
     flange: Pose
     loads: Loads
-    tangent: KeptTangentState | None
+    tangent: newton.KeptTangentState | None
 
     def check(self, frames: int) -> None:
         """Check that it is of an arm with so many frames.
@@ -159,15 +155,15 @@ class SectionArm(soft_side.SoftSide):
         self, section: SectionBody, world_from_flange: Pose, statics: NewtonOptions, dynamics: StepOptions
     ) -> None:
         self.section, self.body = section, section.body
-        self._solver = ChainSolver(section)
-        self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
+        self._solver = newton.ChainSolver(section)
+        self._dynamics, self._stepper = dynamics, time_step.ChainStepper(self._solver, dynamics)
         self.options = statics
         self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
         self.final: type[ConvergenceError] | None = None
         self._leaves = 0  # of unstable equilibria, one on the way on from another
         self._film: SoftState | None = None
-        self._films = ChainFilms(section)
-        self._equilibria = ChainEquilibria(section, self._solver, self._films, statics)
+        self._films = chain_equilibria.ChainFilms(section)
+        self._equilibria = chain_equilibria.ChainEquilibria(section, self._solver, self._films, statics)
         self.clamp = FrameClamp.of_base(section)
         self._flange = world_from_flange
         self._loads = Loads((), (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
@@ -220,7 +216,7 @@ class SectionArm(soft_side.SoftSide):
         (self._last, self._flange, self._loads), self._film = self._begin, before
 
     @property
-    def stepper(self) -> ChainStepper:
+    def stepper(self) -> time_step.ChainStepper:
         """Takes its steps."""
         return self._stepper
 
@@ -304,7 +300,7 @@ class SectionArm(soft_side.SoftSide):
         """Return what is known of an equilibrium that gives way along a mode by itself."""
         return self._stiffness_at(here).named(lowest, max(1, here.negative_pivots or 0))
 
-    def _stiffness_at(self, here: Equilibrium) -> ChainStiffness:
+    def _stiffness_at(self, here: Equilibrium) -> stability.ChainStiffness:
         chain, pressure = self.chain_of(here.state, here.world_from_flange)
         return self._stiffness(ChainShape(chain.frames, pressure), here.loads)
 
@@ -318,17 +314,17 @@ class SectionArm(soft_side.SoftSide):
         return self._stiffness(shape, loads).footing(self._system)
 
     @cached_property
-    def _system(self) -> SoftSystem:
-        return SoftSystem(self.body)
+    def _system(self) -> assembly.SoftSystem:
+        return assembly.SoftSystem(self.body)
 
-    def _stiffness(self, shape: ChainShape, loads: Loads) -> ChainStiffness:
-        return ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)
+    def _stiffness(self, shape: ChainShape, loads: Loads) -> stability.ChainStiffness:
+        return stability.ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)
 
-    def sensitivity(self, here: Equilibrium) -> ChainSensitivity:
+    def sensitivity(self, here: Equilibrium) -> newton.ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
         chain, pressure = self.chain_of(here.state, here.world_from_flange)
-        acting = given_tensions(self._solver, chain.frames, here.loads, pressure)
-        return ChainSensitivity(self._solver, chain.frames, self.clamp.free, acting, pressure)
+        acting = time_step.given_tensions(self._solver, chain.frames, here.loads, pressure)
+        return newton.ChainSensitivity(self._solver, chain.frames, self.clamp.free, acting, pressure)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -343,7 +339,7 @@ class SectionArm(soft_side.SoftSide):
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         chain, pressure = self.chain_of(found.state, found.world_from_flange)
-        given, _ = given_tensions(self._solver, chain.frames, found.loads, pressure)
+        given, _ = time_step.given_tensions(self._solver, chain.frames, found.loads, pressure)
         gradient = self._solver.evaluate(chain.frames, given, pressure)
         self._last, self._film = self._standing(chain, pressure, gradient), found.state
         # what touches is found anew in every step
@@ -361,7 +357,7 @@ class SectionArm(soft_side.SoftSide):
             loads: that act.
             pressure_Pa: of the gas.
         """
-        given, _ = given_tensions(self._solver, frames, loads, pressure_Pa)
+        given, _ = time_step.given_tensions(self._solver, frames, loads, pressure_Pa)
         return self._solver.evaluate(frames, given, pressure_Pa)
 
     def standing(self, chain: ChainState, pressure_Pa: float) -> ChainStep:
@@ -384,7 +380,7 @@ class SectionArm(soft_side.SoftSide):
     def linear_step(self, step_s: float) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest."""
         last = self._last
-        resting = RestingChain(self._solver, self.clamp, last.frames, self._loads, last.pressure_Pa)
+        resting = stability.RestingChain(self._solver, self.clamp, last.frames, self._loads, last.pressure_Pa)
         return resting.linear_step(self._dynamics.bed(step_s))
 
     def save_state(self) -> SectionArmState:
@@ -416,9 +412,9 @@ class SectionArm(soft_side.SoftSide):
         """Return how far small forces would have moved the nodes within the last step."""
         bed = self._stepper.task(self._last.chain, self.clamp, step_s).bed
         frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver
-        acting = given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
+        acting = time_step.given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
         try:
-            tangent = ChainTangent(solver, frames, self.clamp.free, acting, pressure, bed)
+            tangent = newton.ChainTangent(solver, frames, self.clamp.free, acting, pressure, bed)
         except LinAlgError:
             return None
         weights, before = self.section.node_weights(pressure), self.section.frames.before

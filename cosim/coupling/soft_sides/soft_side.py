@@ -29,20 +29,18 @@ import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
+from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.coupling.soft_sides.shape_figures import ShapeFigures
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings, ring_figures
-from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact import contact_points, self_contact_pairs
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.self_contact_memory import FilmMemory
 from cosim.soft.elements.mass_terms import mass_moments
-from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
-from cosim.soft.solve.newton_options import SearchEffort
+from cosim.soft.solve import branching, newton_options
 from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
-from cosim.soft.targets.tip_target import TargetOptions, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
 _BDF2: Final = (9.0 / 4.0, -6.0 / 4.0, 1.0 / 4.0)
@@ -258,7 +256,7 @@ class SoftSide(ABC):
     body: SoftBody
     state: SoftState
     obstacles: Obstacles | None = None
-    effort: SearchEffort | None = None
+    effort: newton_options.SearchEffort | None = None
 
     @abstractmethod
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -382,7 +380,7 @@ class SoftSide(ABC):
             ConvergenceError: none was found.
         """
 
-    def overlap(self, shape: Array) -> FilmOverlap | None:
+    def overlap(self, shape: Array) -> branching.FilmOverlap | None:
         """Return where films whose contact is not modelled have passed through one another; None if nowhere.
 
         Args:
@@ -402,7 +400,7 @@ class SoftSide(ABC):
         """
         return found
 
-    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Branching | None:
+    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> branching.Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none, or unknown.
 
         What the body touches is left out.
@@ -414,7 +412,7 @@ class SoftSide(ABC):
         """
         return None
 
-    def footing(self, shape: Any, world_from_flange: Pose, loads: Loads) -> Footing | None:
+    def footing(self, shape: Any, world_from_flange: Pose, loads: Loads) -> branching.Footing | None:
         """Return how firmly a shape stands, as if it was at rest; None where that is not known.
 
         Args:
@@ -487,7 +485,7 @@ class SoftSide(ABC):
         """Hold the given nodes (m,) no longer."""
 
     @abstractmethod
-    def contact_surface(self) -> ContactSurface:
+    def contact_surface(self) -> contact_points.ContactSurface:
         """Return where the body can be touched."""
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
@@ -545,7 +543,7 @@ class SoftSide(ABC):
         """Return what reads the shapes that `shape_now` returns."""
 
     @property
-    def touching(self) -> FilmMemory | None:
+    def touching(self) -> self_contact_pairs.FilmMemory | None:
         """What the films press on one another at present; None where that is not modelled."""
         return self.state.touching
 

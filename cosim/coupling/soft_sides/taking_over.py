@@ -7,17 +7,15 @@ from its formula: with s = 2 h / 3 and base a_n = x_n - s v_n = (4 x_n-1 - x_n-2
     x_n-2 = 4 x_n-1 - 3 a_n,    v_n-2 = 2 (x_n-1 - x_n-2) / h - v_n-1.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Wrench
+from cosim.coupling.soft_sides import lumped_arm, section_arm
 from cosim.coupling.soft_sides.handover import MOST_BRIDGED, fade_steps
 from cosim.coupling.soft_sides.held_rings import Bridge, HeldRings, borne, flange_of, on_rings
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.errors import ConvergenceError
 from cosim.reduced.section_model import carried
@@ -133,7 +131,7 @@ class TakingOver:
         film: the other, of the same body.
     """
 
-    def __init__(self, chain: SectionArm, film: SoftArm) -> None:
+    def __init__(self, chain: section_arm.SectionArm, film: lumped_arm.SoftArm) -> None:
         self._chain, self._film = chain, film
         self._layout, self._section = chain.section.frames, chain.section
         self._rings = HeldRings(film.body, film.films, film.in_shape, self._section)
@@ -429,7 +427,7 @@ class TakingOver:
         (tips, before), (new_tips, wrench) = left, new
         if wrench is None:
             tip_m = float(np.linalg.norm(new_tips - tips, axis=1).max())
-            return bridge, Jumps(tip_m, math.nan, math.nan)
+            return bridge, Jumps(tip_m, np.nan, np.nan)
         jumps = self._apart(tips, before, new_tips, wrench, flange)
         if jumps.wrench > MOST_BRIDGED:  # a hit: what no film would pass on is not to last
             return bridge, jumps
@@ -460,7 +458,7 @@ def _between(found: Wrench, wanted: Wrench, flange: Pose) -> Array:
     return np.concatenate([force @ flange.rotation, torque @ flange.rotation])
 
 
-def _of_film(film: SoftArm) -> float:
+def _of_film(film: lumped_arm.SoftArm) -> float:
     """Return the kinetic energy [J] of a film."""
     velocity = film.state.velocities
     return 0.5 * float(np.einsum("n,nr,nr->", film.body.node_mass, velocity, velocity))

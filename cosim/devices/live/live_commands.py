@@ -18,21 +18,11 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.command_source import (
-    CommandsAhead,
-    CommandSource,
-    RobotState,
-    SteeredCommands,
-    StepToTake,
-    joint_rate,
-    measured,
-)
+from cosim.devices import command_source, device_loop, device_report
+from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake, measured
 from cosim.devices.controller import Command, Measurement, over
-from cosim.devices.device_loop import PlannedCommands
-from cosim.devices.device_report import ActuationReport
-from cosim.devices.live.live_values import WHO, GasOrders, LiveBounds, LiveValues
-from cosim.plan.motion import JointReference
-from cosim.plan.plan import RobotCommand, SoftCommand
+from cosim.devices.live import live_values
+from cosim.plan import motion, plan
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -65,7 +55,7 @@ class JointMotion:
     limits: tuple[str, ...] = ()
     speed: Annotated[Array, (2, "joints")] | None = None
 
-    def through(self, first: int, count: int, tick_s: float) -> JointReference:
+    def through(self, first: int, count: int, tick_s: float) -> motion.JointReference:
         """Return what is asked at the starts of some ticks.
 
         Args:
@@ -83,9 +73,9 @@ class JointMotion:
         speed = step * (pieces / (self.ticks * tick_s))
         if done + count > self.ticks:
             speed[way >= pieces] = 0.0
-        return JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
+        return motion.JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
 
-    def _along_cubic(self, done: IntArray, tick_s: float) -> JointReference:
+    def _along_cubic(self, done: IntArray, tick_s: float) -> motion.JointReference:
         """Return the reference after some ticks (n,), by the cubic of Hermite; it rests after its end."""
         assert self.speed is not None, "asked of cubics"
         lasts_s = self.ticks * tick_s
@@ -95,7 +85,7 @@ class JointMotion:
         square, cube = 3.0 * way - 2.0 * leaving - arriving, leaving + arriving - 2.0 * way
         place = here + u * (leaving + u * (square + u * cube))
         speed = moves * (leaving + u * (2.0 * square + 3.0 * u * cube)) / lasts_s
-        return JointReference(place, speed, moves * (2.0 * square + 6.0 * u * cube) / lasts_s**2)
+        return motion.JointReference(place, speed, moves * (2.0 * square + 6.0 * u * cube) / lasts_s**2)
 
     def speed_at(self, tick: int, tick_s: float) -> Array:
         """Return the speed (joints,) [rad/s] that the motion has after some ticks of the run."""
@@ -170,14 +160,14 @@ class Departure:
             InputError: no motion of the joints moves the flange like that.
         """
         limits, lasts_s = self.limits, self.ticks * self.tick_s
-        first = joint_rate(arm.jacobian(self.here), twist)
+        first = command_source.joint_rate(arm.jacobian(self.here), twist)
         pieces = min(max(math.ceil(float(np.abs(first).max()) * lasts_s / _PIECE_RAD), 1), _MOST_PIECES)
         knots, words = [self.here], dict[str, None]()
         for k in range(pieces):
             q = knots[-1]
-            at_first = joint_rate(arm.jacobian(q), twist) if k else first
+            at_first = command_source.joint_rate(arm.jacobian(q), twist) if k else first
             middle = q + 0.5 * lasts_s / pieces * at_first
-            rate = joint_rate(arm.jacobian(middle), twist)
+            rate = command_source.joint_rate(arm.jacobian(middle), twist)
             share = np.abs(rate) / limits.velocity
             largest = float(share.max())
             if largest > 1.0:
@@ -224,12 +214,12 @@ class LiveState:
 
     begin_tick: int
     ticks: int
-    begin: LiveValues
-    end: LiveValues
+    begin: live_values.LiveValues
+    end: live_values.LiveValues
     joints: JointMotion | None
     ended: tuple[str, ...] = ()
 
-    def values(self, tick: int) -> LiveValues:
+    def values(self, tick: int) -> live_values.LiveValues:
         """Return the values at the end of a tick, counted from the run's first, 1."""
         return self.begin.between(self.end, (tick - self.begin_tick) / self.ticks)
 
@@ -249,7 +239,7 @@ class LiveCommandsState:
 
 
 @final
-class LiveCommands(SteeredCommands):
+class LiveCommands(command_source.SteeredCommands):
     """Changes what is planned by what is commanded from outside.
 
     Args:
@@ -263,26 +253,26 @@ class LiveCommands(SteeredCommands):
     def __init__(
         self,
         given: CommandSource,
-        planned: PlannedCommands,
+        planned: device_loop.PlannedCommands,
         scenario: Scenario,
         soft: SoftSide,
-        bounds: LiveBounds,
+        bounds: live_values.LiveBounds,
     ) -> None:
         self._given, self._scenario, self._soft, self._bounds = given, scenario, soft, bounds
         self._gas, self._actuation, self._sensors = planned.gas, planned.actuation, planned.sensors
         self._tick_s = scenario.clock.tick_s
-        self._gas_orders = GasOrders.of(scenario)
+        self._gas_orders = live_values.GasOrders.of(scenario)
         self._before = self._gas_orders.before
         wound = {name for winch in scenario.winches for name in winch.cables}
         self._wound = [name in wound for name in scenario.soft_robot.cable_names()]
         self._state: LiveState | None = None
-        self._none = LiveValues.of(Command(), scenario, WHO)
+        self._none = live_values.LiveValues.of(Command(), scenario, live_values.WHO)
         # of a command: what waits for the first tick that it is for
-        self._new: tuple[LiveValues, int] | None = None
+        self._new: tuple[live_values.LiveValues, int] | None = None
         self._motion: tuple[Command, int] | None = None
 
     def command(self, command: Command, ticks: int) -> None:
-        values = LiveValues.of(command, self._scenario, WHO)
+        values = live_values.LiveValues.of(command, self._scenario, live_values.WHO)
         moves = self._bounds.check(command, values, self._scenario)
         self._new = (values, ticks)
         self._motion = (command, ticks) if moves else None
@@ -295,7 +285,7 @@ class LiveCommands(SteeredCommands):
             begin = state.begin.beginning(end, self._none)
             self._state = replace(state, begin=begin, end=end, ended=words or state.ended)
 
-    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> plan.RobotCommand:
         tick = self._before[step.phase] + step.done
         self._begin_values(step.phase, step.done)
         if self._state is None:
@@ -306,7 +296,7 @@ class LiveCommands(SteeredCommands):
         planned = self._given.next(step, see)
         joints = self._joints(tick, planned.joints.position)
         reference = planned.joints if joints is None else joints.through(tick - 1, 1, self._tick_s).row(0)
-        return RobotCommand(reference, self._changed(planned.soft, values))
+        return plan.RobotCommand(reference, self._changed(planned.soft, values))
 
     def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
         self._begin_values(phase, done)
@@ -330,7 +320,7 @@ class LiveCommands(SteeredCommands):
         live = self._state.values(self._before[phase] + done).cable_tension_N
         return tuple(over(live, planned))
 
-    def report(self, flange: Pose) -> ActuationReport | None:
+    def report(self, flange: Pose) -> device_report.ActuationReport | None:
         return self._given.report(flange)
 
     def measured(self, robot: RobotState, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
@@ -377,12 +367,12 @@ class LiveCommands(SteeredCommands):
             begin = now.beginning(end, self._present(self._given.cable_tension_N(phase, done)))
         self._state = LiveState(tick, ticks, begin, end, None if before is None else before.joints)
 
-    def _present(self, tension_N: tuple[float, ...]) -> LiveValues:
+    def _present(self, tension_N: tuple[float, ...]) -> live_values.LiveValues:
         """Return what there is at present of all that can be commanded."""
         soft = self._soft
         contents = [self._gas.content(k) for k in range(len(soft.pressures_Pa))]
         cables = self._actuation.measured_cables(soft, tension_N)
-        return LiveValues(
+        return live_values.LiveValues(
             tuple(soft.pressures_Pa),
             tuple(None if content is None else content.mass_kg for content in contents),
             tuple(cables["cable_tension_N"].values()),
@@ -415,17 +405,17 @@ class LiveCommands(SteeredCommands):
         self._state, self._motion = replace(state, joints=found), None
         return found
 
-    def _set_gas(self, values: LiveValues) -> None:
+    def _set_gas(self, values: live_values.LiveValues) -> None:
         for k, wanted in enumerate(values.gas_kg):
             content = self._gas.content(k)
             if wanted is not None and content is not None and wanted != content.mass_kg:
                 self._gas.set_gas(k, content.with_mass(wanted))
 
-    def _changed_all(self, planned: tuple[SoftCommand, ...], tick: int) -> tuple[SoftCommand, ...]:
+    def _changed_all(self, planned: tuple[plan.SoftCommand, ...], tick: int) -> tuple[plan.SoftCommand, ...]:
         """Return what is asked for in ticks from one on; the same object where nothing changes."""
         assert self._state is not None
-        found: list[SoftCommand] = []
-        last: tuple[SoftCommand, LiveValues] | None = None
+        found: list[plan.SoftCommand] = []
+        last: tuple[plan.SoftCommand, live_values.LiveValues] | None = None
         for k, asked in enumerate(planned):
             values = self._state.values(tick + k)
             same = last is not None and last[0] is asked and last[1] is values
@@ -433,11 +423,11 @@ class LiveCommands(SteeredCommands):
             last = asked, values
         return tuple(found)
 
-    def _changed(self, planned: SoftCommand, values: LiveValues) -> SoftCommand:
+    def _changed(self, planned: plan.SoftCommand, values: live_values.LiveValues) -> plan.SoftCommand:
         pressure, tension = tuple(over(values.pressure_Pa, planned.pressure_Pa)), planned.cable_tension_N
         if not self._actuation.active:
             tension = tuple(over(values.cable_tension_N, tension))
-        return SoftCommand(pressure, planned.gas, tension, planned.cable_length_m, planned.nodal_force)
+        return plan.SoftCommand(pressure, planned.gas, tension, planned.cable_length_m, planned.nodal_force)
 
     def _limits(self, torque: Array) -> tuple[str, ...]:
         """Return at what the arm is held, in words, with torques (joints,) [N m]."""

@@ -15,7 +15,6 @@ from cosim.base.frames import Array
 from cosim.base.kernel_types import Blocks, Cubes, Flags, Matrix, Vector
 from cosim.base.kernels import copy, device_function, kernel, small_matrix, small_vector
 from cosim.reduced.sections import assembly
-from cosim.reduced.sections.assembly import assemble, change_frames, factorise, fill_figures, substitute
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
 
@@ -177,9 +176,9 @@ def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -
     free, step, shift, scale = side.free, side.work.step, 0.0, small_vector(6)
     for i in range(6):
         scale[i] = 1.0 if i < 3 else lever * lever
-    while renewed and shift <= _SHIFT_MAX and not factorise(free, side.work, shift, scale):
+    while renewed and shift <= _SHIFT_MAX and not assembly.factorise(free, side.work, shift, scale):
         shift = max(_SHIFT_START, 6.0 * shift)
-    substitute(free, side.work, gradient)
+    assembly.substitute(free, side.work, gradient)
     slope = longest = turn = 0.0
     for f in range(free.shape[0]):
         for i in range(6):
@@ -208,7 +207,7 @@ def _minimise(
     # numba would compile all anew for a literal
     wanted, judging, old, outcome = not kept, iterations > 0, kept, GOES_ON
     while outcome == GOES_ON:
-        value = assemble(work.trial, side.chain, bed, gradient, work, wanted)
+        value = assembly.assemble(work.trial, side.chain, bed, gradient, work, wanted)
         before, residual = residual, _residual(gradient, side.free, scheme.lever_m)
         # a step serves that has lowered the potential as it should, or the residual by far
         most = energy + 1e-4 * (factor * slope) + 1e-13 * (1.0 + abs(energy))
@@ -219,7 +218,7 @@ def _minimise(
                 copy(frames.reshape(-1), work.trial.reshape(-1))
                 wanted, judging, old = True, False, False
             elif tries < _HALVINGS_MAX:
-                change_frames(frames, work.step, factor, work.trial)
+                assembly.change_frames(frames, work.step, factor, work.trial)
             else:
                 outcome = NO_DESCENT
             continue
@@ -242,7 +241,7 @@ def _minimise(
         kept, reused = shift == 0.0 if wanted else kept, 0 if wanted else reused + 1
         shifted += shift > 0.0
         wanted, judging, tries = False, True, 0
-        change_frames(frames, work.step, factor, work.trial)
+        assembly.change_frames(frames, work.step, factor, work.trial)
     return outcome, iterations, residual, outcome == CONVERGED and kept and reused < 2, energy, shifted
 
 
@@ -260,7 +259,7 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
                 for a in range(1, 4):
                     spin += here[0, f, a, i] * here[1, f, a, k] - here[0, f, a, k] * here[1, f, a, i]
                 twists[f, 3 + r] = 0.5 * spin
-        change_frames(frames, twists, h, out)
+        assembly.change_frames(frames, twists, h, out)
     elif start == STANDING:
         copy(frames.reshape(-1), out.reshape(-1))
     for f in range(out.shape[0]):
@@ -377,7 +376,7 @@ def solve_chain(
         for a in range(4):
             for r in range(3):
                 base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / span if h > 0.0 else 0.0
-    fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
+    assembly.fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
     if scheme.damping > 0.0 and h > 0.0:
         _add_damping(side, ends, scheme.damping)
     return found

@@ -23,28 +23,10 @@ from cosim.base.kernel_types import Blocks, Indices, Matrix
 from cosim.base.kernels import kernel
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.assembly import FIGURES, assemble
-from cosim.reduced.sections.section_strains import (
-    ANCHOR,
-    COLUMNS,
-    FRICTION,
-    NORMAL,
-    OFFSET,
-    STIFFNESS,
-    Bed,
-    ChainWork,
-    LoadedChain,
-)
-from cosim.reduced.solve.chain_step import (
-    GIVEN,
-    OUTCOMES,
-    ChainEnds,
-    ChainScheme,
-    ChainSide,
-    ChainState,
-    ChainStep,
-    solve_chain,
-)
+from cosim.reduced.sections import assembly, section_strains
+from cosim.reduced.sections.section_strains import ANCHOR, FRICTION, NORMAL, OFFSET, STIFFNESS, Bed, ChainWork
+from cosim.reduced.solve import chain_step
+from cosim.reduced.solve.chain_step import GIVEN, ChainEnds, ChainScheme, ChainSide, ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
@@ -97,7 +79,7 @@ def fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: In
 
 def nothing_touched() -> tuple[IntArray, Array, Array]:
     """Return what represents no contact in a `LoadedChain`."""
-    return np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2)
+    return np.zeros(0, np.int64), np.zeros((0, section_strains.COLUMNS)), np.ones(2)
 
 
 def _touched(
@@ -108,7 +90,7 @@ def _touched(
     Raises:
         InputError: a triangle of the film reaches across a frame.
     """
-    first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), COLUMNS))
+    first, rows = np.empty(len(planes), np.int64), np.empty((len(planes), section_strains.COLUMNS))
     if not fill_rows(planes.rows, section.frames.before, section.node_weights(pressure_Pa), first, rows):
         raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
     return first, rows, np.array((planes.law.smoothing_m, planes.law.stick_m))
@@ -313,7 +295,7 @@ class ChainSolver:
         """Solve at a pressure."""
         there, clamp, scheme, tangent = np.zeros_like(self._ends), task.clamp, task.scheme, task.tangent
         motion = there if task.begin is None else task.begin.motion
-        gradient, figures, near = np.empty((len(there[0]), 6)), np.empty(FIGURES), motion[0]
+        gradient, figures, near = np.empty((len(there[0]), 6)), np.empty(assembly.FIGURES), motion[0]
         if not isinstance(start, int):
             there[0] = start
             near, start = there[0], GIVEN
@@ -325,14 +307,14 @@ class ChainSolver:
         earlier = motion if earlier is None else earlier
         ends = ChainEnds(motion, earlier, task.flange, there, gradient, figures)
         kept = tangent is not None and tangent.serves(clamp, scheme.h, task.two_steps)
-        outcome, iterations, residual, kept, potential, shifted = solve_chain(
+        outcome, iterations, residual, kept, potential, shifted = chain_step.solve_chain(
             side, scheme, ends, start, task.two_steps, kept
         )
         if tangent is not None:
             tangent.keep(kept, clamp, scheme.h, task.two_steps)
         return ChainStep(
-            ChainState(there, None if task.begin is None else motion), gradient, figures, OUTCOMES[outcome],
-            iterations, residual, pressure_Pa, potential, shifted,
+            ChainState(there, None if task.begin is None else motion), gradient, figures,
+            chain_step.OUTCOMES[outcome], iterations, residual, pressure_Pa, potential, shifted,
         )  # fmt: skip
 
     def evaluate(
@@ -355,7 +337,7 @@ class ChainSolver:
         """
         gradient = np.empty((len(frames), 6))
         chain = self.acting(loads, pressure_Pa, frames)
-        assemble(frames, chain, bed or Bed(0.0, self._still), gradient, self.work, hessian)
+        assembly.assemble(frames, chain, bed or Bed(0.0, self._still), gradient, self.work, hessian)
         return gradient
 
     def volume(self, frames: Array, pressure_Pa: float) -> Array:
@@ -363,7 +345,7 @@ class ChainSolver:
         self.section.set_pressure(pressure_Pa)
         return self.section.volume(frames)
 
-    def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> LoadedChain:
+    def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> section_strains.LoadedChain:
         """Bring the section to a pressure and return what acts on it.
 
         Args:
@@ -393,7 +375,9 @@ class ChainSolver:
         touched = self._nothing
         if loads.contact is not None:
             touched = _touched(section, loads.contact, pressure_Pa)
-        return LoadedChain(*section.chain, self._load, self._far, self._eyelets, self._tension, *touched)
+        return section_strains.LoadedChain(
+            *section.chain, self._load, self._far, self._eyelets, self._tension, *touched
+        )
 
     def _pull(self, loads: Loads, pressure_Pa: float, frames: Array) -> None:
         """Bring the tension of all segments up to date."""

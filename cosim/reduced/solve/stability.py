@@ -1,6 +1,5 @@
 """How firmly a chain of frames stands, by its small tangent, and one implicit step of it as a matrix."""
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, final
@@ -16,12 +15,9 @@ from cosim.reduced.solve.newton import ChainSolver, whole_tangent
 from cosim.reduced.solve.time_step import commanded, given_tensions, with_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
-from cosim.soft.solve import stability
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
+from cosim.soft.solve import assembly, branching, stability, step_begin
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
 from cosim.soft.solve.stability import driven, margin_by, natural_frequencies, nodal_loads, tip_motion
-from cosim.soft.solve.step_begin import BedNumbers
 
 _PROBE_Pa: Final = 1.0
 _SHARE: Final = 1e-3  # of the loads, in a look ahead
@@ -78,7 +74,7 @@ class ChainStiffness:
         return int((np.linalg.eigvalsh(self._matrix) < 0.0).sum())
 
     @property
-    def unstable(self) -> Branching | None:
+    def unstable(self) -> branching.Branching | None:
         """In which direction it would give way; None where it is stable."""
         lowest = self.softest
         return None if lowest.value > 0.0 else self.named(lowest, self.negative_pivots)
@@ -88,16 +84,16 @@ class ChainStiffness:
         """The lowest eigenvalue, with the mode of the film's nodes."""
         return self._lowest[0]
 
-    def named(self, lowest: stability.Softest, ways: int) -> Branching:
+    def named(self, lowest: stability.Softest, ways: int) -> branching.Branching:
         """Return what is known of where it gives way along a mode, in so many independent directions."""
         tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
         pressures = (self._pressure,) * self._solver.section.copies
-        return Branching(
+        return branching.Branching(
             1.0, pressures, tensions, lowest.place, lowest.direction, lowest.extent,
-            ways, None, None, UNDECIDED, losses_held=self._solver.losses_follow_shape,
+            ways, None, None, branching.UNDECIDED, losses_held=self._solver.losses_follow_shape,
         )  # fmt: skip
 
-    def footing(self, system: SoftSystem) -> Footing:
+    def footing(self, system: assembly.SoftSystem) -> branching.Footing:
         """Return how firmly it stands.
 
         Args:
@@ -105,14 +101,14 @@ class ChainStiffness:
         """
         held, unstable = self._solver.losses_follow_shape, self.unstable
         if unstable is not None:
-            return Footing(None, math.inf, 0.0, losses_held=held, unstable=unstable)
+            return branching.Footing(None, np.inf, 0.0, losses_held=held, unstable=unstable)
         section, frames, count = self._solver.section, self._frames, len(self._frames)
         (_, mode), motion, tip = self._lowest, self._motion, section.body.tip
         x = section.positions(frames, self._pressure)
         loads = replace(
             self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
         )
-        size = DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
+        size = branching.DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
         disturbed = np.tensordot(size, motion, 1)[:, self._free]
         answers = motion[tip][:, :, self._free] @ np.linalg.solve(self._matrix, disturbed.T)
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)
@@ -125,10 +121,10 @@ class ChainStiffness:
         fall = (stiffness[0] - stiffness[1]) / (2.0 * _SHARE)
         mass = self._mass
         pushed = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
-        most = min(MODES, len(mass)) - 1
+        most = min(branching.MODES, len(mass)) - 1
         values = eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
         modes = natural_frequencies(values.tolist())
-        return Footing(
+        return branching.Footing(
             modes[0], tip_motion(np.arange(len(tip)), answers),
             *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
         )  # fmt: skip
@@ -212,7 +208,7 @@ class RestingChain:
     loads: Loads
     pressure_Pa: float
 
-    def linear_step(self, bed: BedNumbers) -> LinearStep:
+    def linear_step(self, bed: step_begin.BedNumbers) -> LinearStep:
         """Return a step of the chain.
 
         Args:

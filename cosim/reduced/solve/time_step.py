@@ -19,13 +19,11 @@ from scipy.linalg import LinAlgError
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.solve import chain_step
-from cosim.reduced.solve.chain_step import ChainScheme, ChainSide, ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range
 from cosim.reduced.solve.newton import ChainSolver, ChainTangent, ChainTask, KeptTangent
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import base_tension, onset
-from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.state import StepAim, StepOptions
+from cosim.soft.solve import newton_options, state
 
 CLOSE_N: Final = 1e-8
 """How closely a chain is solved whose cables have lengths: their tension feels where it ends."""
@@ -120,7 +118,7 @@ def given_tensions(
 
 def solve_loaded(
     solver: ChainSolver, task: ChainTask, loads: Loads, start: int | Array, begin_Pa: float
-) -> ChainStep:
+) -> chain_step.ChainStep:
     """Return the solution of a task, at the tensions that commanded cables have in it.
 
     Args:
@@ -136,7 +134,7 @@ def solve_loaded(
     scheme = task.scheme._replace(tolerance_N=min(CLOSE_N, task.scheme.tolerance_N))
     task, free = replace(task, scheme=scheme), task.clamp.free
 
-    def attempt(tension: Array, before: ChainStep | None) -> ChainStep:
+    def attempt(tension: Array, before: chain_step.ChainStep | None) -> chain_step.ChainStep:
         begin, pressure = (start, begin_Pa) if before is None else (before.frames, before.pressure_Pa)
         return solver.find(task, with_tensions(loads, tuple(tension.tolist())), begin, pressure)
 
@@ -147,7 +145,7 @@ def solve_loaded(
     known[chosen] = 0.0  # a chain that its cables pull too far has no equilibrium
     for _ in range(_ROUNDS_MAX):
         spent += found.iterations
-        if found.outcome is not Outcome.CONVERGED:
+        if found.outcome is not newton_options.Outcome.CONVERGED:
             if np.abs(tension - known).max() <= _TOLERANCE_N:
                 return replace(found, iterations=spent)
             tension = 0.5 * (tension + known) if good is not None else known
@@ -162,14 +160,14 @@ def solve_loaded(
         try:
             tangent = ChainTangent(solver, found.frames, free, (given, None), found.pressure_Pa, task.bed)
         except LinAlgError:
-            return replace(found, outcome=Outcome.INDEFINITE, iterations=spent)
+            return replace(found, outcome=newton_options.Outcome.INDEFINITE, iterations=spent)
         shortened = np.einsum("cfi,dfi->cd", pulls.gradient, tangent.solve(pulls.gradient))
         # one that is pulled and found slack is on the taut side of the onset's bend, too far
         matrix = np.eye(len(chosen)) + (pulls.taut(solver, loads) / pulls.mean_ratio)[:, None] * shortened
         off, tension = off + pulls.missing_N, tension.copy()
         tension[chosen] = np.maximum(tension[chosen] - np.linalg.solve(matrix, off), 0.0)
         found = attempt(tension, found)
-    return replace(found, outcome=Outcome.ITERATION_LIMIT, iterations=spent)
+    return replace(found, outcome=newton_options.Outcome.ITERATION_LIMIT, iterations=spent)
 
 
 @final
@@ -181,13 +179,13 @@ class ChainStepper:
         options: how steps are solved.
     """
 
-    def __init__(self, solver: ChainSolver, options: StepOptions) -> None:
+    def __init__(self, solver: ChainSolver, options: state.StepOptions) -> None:
         self._solver, self._options = solver, options
         self._two_steps = options.integrator == "bdf2"
         self.tangent = KeptTangent(solver.work)
 
     @property
-    def options(self) -> StepOptions:
+    def options(self) -> state.StepOptions:
         """How steps are solved."""
         return self._options
 
@@ -200,7 +198,7 @@ class ChainStepper:
         """Return the tension (n, k) [N] of all cable segments from those at the base ends (n, cables)."""
         return self._solver.segment_tensions(tension_N)
 
-    def side(self, clamp: FrameClamp, loads: Loads, frames: Array) -> ChainSide:
+    def side(self, clamp: FrameClamp, loads: Loads, frames: Array) -> chain_step.ChainSide:
         """Return chain, loads and workspace for steps that are taken elsewhere; the tensions are a copy.
 
         Args:
@@ -210,22 +208,22 @@ class ChainStepper:
         """
         chain = self._solver.acting(loads, self._solver.section.pressure(loads), frames)
         chain = chain._replace(tension=chain.tension.copy())
-        return ChainSide(chain, clamp.free, clamp.offsets, self.tangent.work)
+        return chain_step.ChainSide(chain, clamp.free, clamp.offsets, self.tangent.work)
 
     @property
     def tables(self) -> tuple[Array, Array, Array]:
         """Coefficients (size, s c), lengths (size, s) and eyelets (size, 6 k) over the spline of pressure."""
         return (*self._solver.section.tables, self._solver.eyelet_table)
 
-    def scheme(self, step_s: float) -> ChainScheme:
+    def scheme(self, step_s: float) -> chain_step.ChainScheme:
         """Return how a step of some length [s] is solved."""
         options = self._options
         losses = options.damping_per_s, options.air_drag_per_s
         limits = options.tolerance_N, self._solver.lever_m
-        return ChainScheme(step_s, *losses, *limits, options.newton.iterations_max)
+        return chain_step.ChainScheme(step_s, *losses, *limits, options.newton.iterations_max)
 
     def task(
-        self, chain: ChainState, clamp: FrameClamp, step_s: float, flange: Pose | None = None
+        self, chain: chain_step.ChainState, clamp: FrameClamp, step_s: float, flange: Pose | None = None
     ) -> ChainTask:
         """Return a step of some length [s] from a chain, with a pose of the flange at its end."""
         pose, two_steps = flange or Pose(), self._two_steps and chain.earlier is not None
@@ -233,8 +231,8 @@ class ChainStepper:
         return ChainTask(clamp, self.scheme(step_s), chain, two_steps, axes, self.tangent)
 
     def step(
-        self, task: ChainTask, loads: Loads, begin_Pa: float = 0.0, aim: StepAim | None = None
-    ) -> ChainStep:
+        self, task: ChainTask, loads: Loads, begin_Pa: float = 0.0, aim: state.StepAim | None = None
+    ) -> chain_step.ChainStep:
         """Advance by one step.
 
         Args:
@@ -252,9 +250,9 @@ class ChainStepper:
             starts.insert(0, aim.start)
         for start in starts:
             found = solve_loaded(self._solver, task, loads, start, begin_Pa)
-            if found.outcome is not Outcome.NOT_FINITE:
+            if found.outcome is not newton_options.Outcome.NOT_FINITE:
                 break
-        if found.outcome is not Outcome.CONVERGED:
+        if found.outcome is not newton_options.Outcome.CONVERGED:
             assert task.begin is not None
             raise self._failure(found, task.begin)
         check_pressure(self._solver.section, found.pressure_Pa, found.residual_N, found.iterations)
@@ -268,7 +266,7 @@ class ChainStepper:
                 found = replace(closer, iterations=found.iterations + closer.iterations)
         return found
 
-    def _failure(self, found: ChainStep, begin: ChainState) -> ConvergenceError:
+    def _failure(self, found: chain_step.ChainStep, begin: chain_step.ChainState) -> ConvergenceError:
         """Return the error of a step that was not found: its model ends, or it has no other name."""
         section, text = self._solver.section, f"the soft step did not converge: {found.outcome.value}"
         ends = (place_in_range(section, x, found.pressure_Pa) for x in (found.frames, begin.frames))

@@ -13,7 +13,6 @@ end of every step its joint is put where it is to be, so that nothing adds up.
 """
 
 import copy
-import math
 import xml.etree.ElementTree as ElementTree
 from bisect import bisect_left
 from collections import Counter
@@ -28,9 +27,9 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.solid import BodyShape
-from cosim.config.arms.chain import readable_mesh
+from cosim.config.arm_chain import readable_mesh
 from cosim.errors import InputError, SceneError
-from cosim.rigid.build import object_bodies
+from cosim.rigid.build import mjcf_arm, mjcf_files, object_bodies
 from cosim.rigid.build.description import (
     CELL,
     FLANGE_SITE,
@@ -43,9 +42,6 @@ from cosim.rigid.build.description import (
     SceneObject,
     ServoGains,
 )
-from cosim.rigid.build.mjcf_arm import ArmDrawing, add_shapes, drawing_of
-from cosim.rigid.build.mjcf_files import check_finite, read_mjcf_file, set_up_engine
-from cosim.rigid.build.object_bodies import GEOM_TYPES
 
 ROTOR: Final = 1e6  # kg, kg m^2
 
@@ -63,7 +59,7 @@ def read_cell(path: Path) -> Cell:
         InputError: MuJoCo refuses the file, something in it moves freely or is soft, or a shape cannot be
             touched.
     """
-    read = read_mjcf_file(path, "cell")
+    read = mjcf_files.read_mjcf_file(path, "cell")
     spec, model = read.spec, read.model
     joints = _joints(path, model)
     if model.nflex or model.nskin:
@@ -71,7 +67,7 @@ def read_cell(path: Path) -> Cell:
     collides = (model.geom_contype | model.geom_conaffinity) != 0
     for geom in np.flatnonzero(collides):
         kind = mujoco.mjtGeom(model.geom_type[geom])
-        if kind not in GEOM_TYPES.values():
+        if kind not in object_bodies.GEOM_TYPES.values():
             name, what = model.geom(int(geom)).name, kind.name.removeprefix("mjGEOM_").lower()
             raise InputError(
                 f"cell file {path}: geom {name or int(geom)!r} is of type {what!r}, which cannot be touched; "
@@ -137,7 +133,7 @@ def _joints(path: Path, model: mujoco.MjModel) -> tuple[CellJoint, ...]:
                 f"cell file {path}: joint {name!r} is of type {kind!r}; bodies of a cell slide or turn "
                 "about a hinge, driven by the phases; give what moves freely as [[object]]"
             )
-        limits = (-math.inf, math.inf)
+        limits = (-np.inf, np.inf)
         if model.jnt_limited[joint]:
             low, high = (model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).tolist()
             limits = (low, high)
@@ -409,7 +405,7 @@ def _compiled(description: SceneDescription, arms: tuple[SceneDescription, ...] 
     model = spec.compile()
     for wire in description.wires:
         object_bodies.relax_wire(model, wire)
-    check_finite(model)
+    mjcf_files.check_finite(model)
     return model
 
 
@@ -518,7 +514,7 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
             name=f"{joint.name}_servo", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_pid(kp=stiffness, kv=damping, ctrlspec=all_inputs)
-    add_shapes(spec, arm.shapes)
+    mjcf_arm.add_shapes(spec, arm.shapes)
     for geom in spec.geoms:
         geom.density = 0.0  # a link without <inertial> has no mass, whatever its shapes
         if geom.contype or geom.conaffinity:
@@ -546,7 +542,7 @@ class CompiledScene:
     """
 
     def __init__(self, description: SceneDescription, arms: tuple[SceneDescription, ...] = ()) -> None:
-        set_up_engine()
+        mjcf_files.set_up_engine()
         self._model = compile_model(description, arms)
         self._arms = {one.prefix: one.arm for one in (description, *arms)}
 
@@ -563,6 +559,6 @@ class CompiledScene:
         return shapes
 
     @cached_property
-    def drawings(self) -> dict[str, ArmDrawing]:
+    def drawings(self) -> dict[str, mjcf_arm.ArmDrawing]:
         """How each arm is drawn, by the prefix of its names."""
-        return {prefix: drawing_of(arm, self._model, prefix) for prefix, arm in self._arms.items()}
+        return {prefix: mjcf_arm.drawing_of(arm, self._model, prefix) for prefix, arm in self._arms.items()}

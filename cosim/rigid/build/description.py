@@ -20,9 +20,8 @@ from typing import Any, Final, Literal, final
 import mujoco
 import numpy as np
 
-from cosim.base.arm_file import ArmFile
+from cosim.base import arm_file, solid
 from cosim.base.frames import Array, IntArray, Pose, rotation_from_vector
-from cosim.base.triangle_mesh import TriangleMesh
 from cosim.config.schema.objects import WireTable
 from cosim.errors import InputError
 
@@ -183,7 +182,7 @@ class Geometry:
     rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
     friction: float = 0.8
     relative_density: float = 1.0
-    mesh: TriangleMesh | None = None
+    mesh: solid.TriangleMesh | None = None
     convex: bool = True
 
     @property
@@ -353,7 +352,7 @@ class SceneObject:
     mass_kg: float = 0.0
     rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
     friction: float = 0.8
-    mesh: TriangleMesh | None = None
+    mesh: solid.TriangleMesh | None = None
     convex: bool = True
     parts: tuple[Geometry, ...] = ()
     joint: Joint | None = None
@@ -391,7 +390,7 @@ class ServoGains:
     damping: Array
 
     @classmethod
-    def of(cls, arm: ArmFile, effort: Array) -> "ServoGains":
+    def of(cls, arm: arm_file.ArmFile, effort: Array) -> "ServoGains":
         """Return the gains of an arm's file, or such that grow with the joint's torque limit.
 
         500 max(1, effort / 37.5 N m) and a fifth of it: on the UR5e 2000/400 and 500/100, the values
@@ -434,7 +433,7 @@ class SceneDescription:
         prefix: of the names of the arm's bodies, joints and sensors among several arms, such as left/.
     """
 
-    arm: ArmFile
+    arm: arm_file.ArmFile
     tick_s: float = 0.002
     substeps: int = 1
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)

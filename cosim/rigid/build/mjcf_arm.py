@@ -22,12 +22,11 @@ import numpy as np
 from cosim.base.arm_file import FIXED, ArmFile, LinkShape
 from cosim.base.frames import Array, IntArray, Pose, cross_matrix, rotation_from_vector
 from cosim.base.solid import BodyShape
-from cosim.config.arms.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, arm_source, check_limited_chain
-from cosim.config.arms.arm_table import add_inertial, add_joint, text_of
-from cosim.config.arms.chain import FLANGE_NAMES
+from cosim.config.arm_chain import FLANGE_NAMES
+from cosim.config.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, arm_source, check_limited_chain
+from cosim.config.arm_table import add_inertial, add_joint, text_of
 from cosim.errors import InputError
-from cosim.rigid.build.description import VISUAL_GROUP
-from cosim.rigid.build.mjcf_files import read_mjcf_file
+from cosim.rigid.build import description, mjcf_files
 from cosim.rigid.build.object_bodies import GEOM_TYPES, SHAPES, mesh_of
 
 _GEOMETRY_KINDS: Final = {GEOM_TYPES[name]: name for name in SHAPES}
@@ -69,7 +68,7 @@ def add_shapes(spec: mujoco.MjSpec, shapes: tuple[LinkShape, ...]) -> None:
     for number, shape in enumerate(shapes):
         geom = spec.body(shape.link).add_geom(type=GEOM_TYPES[shape.kind], rgba=shape.rgba, density=0.0)
         geom.pos, geom.quat = shape.pose.translation, shape.pose.quaternion
-        geom.group = VISUAL_GROUP if shape.drawn else _HIDDEN_GROUP
+        geom.group = description.VISUAL_GROUP if shape.drawn else _HIDDEN_GROUP
         geom.contype = geom.conaffinity = int(shape.collides)
         if shape.kind == "mesh":
             mesh = spec.add_mesh(name=f"arm/{number}")
@@ -109,7 +108,7 @@ def read_mjcf(source: ArmSource) -> ArmFile:
         InputError: MuJoCo cannot read the file, the flange is not there, or the chain holds joints that are
             not handled.
     """
-    read, path = read_mjcf_file(source.path, "arm"), source.path
+    read, path = mjcf_files.read_mjcf_file(source.path, "arm"), source.path
     model = read.model
     flange = _flange(model, source.table.flange, path)
     bodies = _bodies_to(model, flange.body)

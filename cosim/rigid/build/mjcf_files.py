@@ -21,7 +21,7 @@ import numpy as np
 from cosim.base.files import note_file
 from cosim.base.frames import Array
 from cosim.base.resources import is_file
-from cosim.config.arms.robot_tree import check_depth, read_xml
+from cosim.config.robot_tree import check_depth, read_xml
 from cosim.errors import InputError, InstabilityError
 
 

@@ -9,17 +9,34 @@ Negative inside; exact at every depth. Each function fills `normal` (3,) and ret
 medial axis, where several surface points are nearest, one of their normals is taken.
 Source: plane geometry; for the ellipsoid Eberly, "Distance from a Point to an Ellipsoid" (2013), with the
 root found by Newton's method from a bound below it, where the function is convex.
+
+`ContactQuery` measures from points of a soft body to the geoms of a compiled model. MuJoCo's own collision
+pipeline is for convex pairs; for points against distance grids it errs by millimetres, and it is several
+times slower. So shapes are read once from the compiled model, and each query reads poses only.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, final
 
+import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_vector
-from cosim.rigid.distance.shapes import ShapeKind, ShapePoses, Shapes
+from cosim.errors import InputError
+from cosim.rigid.build.object_bodies import hollow, mesh_of
+from cosim.rigid.distance.shapes import (
+    FeaturePoints,
+    ShapeBounds,
+    ShapeKind,
+    ShapePoses,
+    Shapes,
+    feature_points,
+    fill_near_box,
+)
 
 _BOUNDS = 9  # stands for a kind of shape that is as near as can be within its bounding box
 FAR = 1e9  # distance reported where a surface is not defined
@@ -408,3 +425,156 @@ def near_points(points: Array, shapes: Shapes, poses: ShapePoses, lists: PointLi
     count = points_near(points, shapes, poses, lists, reach_m, rows)
     found = rows.found[:count]
     return Hits(rows.point[:count], rows.shape[:count], found[:, 0].copy(), found[:, 1:].copy())
+
+
+_GRID_CELLS = 40  # along the longest edge of a distance grid
+_GRID_RIM_CELLS = 3  # cells of a distance grid around its surface
+_SHEET_SIZE = 1e9
+
+
+@final
+class ContactQuery:
+    """Signed distances from points to chosen geoms of a scene.
+
+    Shapes are numbered as in `geoms`. `update` comes before the queries of an instant.
+
+    Args:
+        model: compiled scene.
+        data: its state; poses are read from it.
+        geoms: indices of the geoms that can be touched.
+        friction: (g,), coefficient of what touches each of them; theirs unless given.
+
+    Raises:
+        InputError: a mesh without volume.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        geoms: Sequence[int] | IntArray,
+        friction: Array | None = None,
+    ) -> None:
+        self.geoms: IntArray = np.asarray(geoms, dtype=np.int64)
+        self.body: IntArray = np.asarray(model.geom_bodyid[self.geoms], dtype=np.int64)
+        self.friction: Array = np.array(model.geom_friction[self.geoms, 0] if friction is None else friction)
+        self._data = data
+        self.shapes = shapes_of(model, self.geoms)
+        self.features: FeaturePoints = feature_points(self.shapes)
+        self.position: Array = np.zeros((len(self.geoms), 3))
+        self.rotation: Array = np.zeros((len(self.geoms), 3, 3))
+        self.update()
+
+    def __len__(self) -> int:
+        return len(self.geoms)
+
+    def update(self) -> None:
+        """Read the present poses."""
+        self.position[:] = self._data.geom_xpos[self.geoms]
+        self.rotation[:] = self._data.geom_xmat[self.geoms].reshape(-1, 3, 3)
+
+    @cached_property
+    def bounds(self) -> ShapeBounds:
+        """The shapes' bounds and MuJoCo's poses, for kernels."""
+        data, shapes = self._data, self.shapes
+        return ShapeBounds(
+            shapes, self.geoms, data.geom_xpos, data.geom_xmat, *self.poses, np.empty(len(self), np.int64)
+        )
+
+    @property
+    def poses(self) -> ShapePoses:
+        """As `update` has read them last."""
+        return ShapePoses(self.position, self.rotation)
+
+    def near(self, low: Array, high: Array, reach_m: float) -> IntArray:
+        """Return the shapes that may come within `reach_m` of the box low (3,) .. high (3,) [m], world."""
+        near = np.empty(len(self), np.int64)
+        count = fill_near_box(self.shapes, self.poses, low, high, reach_m, near)
+        return near[:count]
+
+    def distances(self, points: Array, reach_m: float, active: IntArray | None = None) -> Hits:
+        """Return the pairs of a point and a shape nearer than a bound.
+
+        Args:
+            points: (n, 3) [m], world.
+            reach_m: bound on the signed distance [m].
+            active: shapes asked for, from `near`; all unless given.
+        """
+        asked = np.arange(len(self), dtype=np.int64) if active is None else active
+        lists = PointLists.whole(len(points), asked)
+        return near_points(np.ascontiguousarray(points), self.shapes, self.poses, lists, reach_m)
+
+    def points_around(self, points: Array, reach_m: float, active: IntArray) -> PointLists:
+        """Return, for each active shape, all points that `distances` can find within a bound, and others.
+
+        Arguments as of `distances`.
+        """
+        return PointLists.around(points, self.shapes, self.poses, reach_m, active)
+
+    def feature_positions(self, chosen: IntArray) -> Array:
+        """Return where chosen feature points (k,) are (k, 3) [m], world."""
+        return self.features.carried(self.position, self.rotation, chosen)
+
+
+def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:
+    """Return the shapes of chosen geoms (g,) of a compiled model.
+
+    Raises:
+        InputError: a mesh without volume, or a kind of geom that has no surface.
+    """
+    count = len(geoms)
+    kind = np.asarray(model.geom_type[geoms], dtype=np.int64)
+    kind[hollow(model)[geoms]] = ShapeKind.GRID
+    known = {int(value) for value in ShapeKind}
+    for geom, value in zip(geoms, kind, strict=True):
+        if int(value) not in known:
+            raise InputError(f"geom {model.geom(geom).name!r}: kind {int(value)} has no surface to touch")
+    planes, corners, values = [np.zeros((0, 4))], [np.zeros((0, 3, 3))], [np.zeros(0)]
+    faces, table = np.zeros((count, 2), np.int64), np.zeros((count, 4), np.int64)
+    origin, spacing = np.zeros((count, 3)), np.ones((count, 3))
+    box = np.array(model.geom_aabb[geoms]).reshape(count, 2, 3)
+    center, half = box[:, 0].copy(), box[:, 1].copy()
+    for g, geom in enumerate(geoms):
+        if kind[g] == ShapeKind.PLANE:
+            center[g], half[g] = 0.0, _SHEET_SIZE
+        elif kind[g] == ShapeKind.MESH:
+            equations, triangles = _hull(model, int(geom))
+            before = sum(map(len, planes))
+            faces[g] = before, before + len(equations)
+            planes.append(equations)
+            corners.append(triangles)
+        elif kind[g] == ShapeKind.GRID:
+            distances, origin[g], spacing[g] = _distance_grid(model, int(geom))
+            table[g] = sum(map(len, values)), *distances.shape
+            values.append(distances.ravel())
+    return Shapes(
+        kind, np.array(model.geom_size[geoms]), center, half, faces, np.concatenate(planes),
+        np.concatenate(corners), table, origin, spacing, np.concatenate(values),
+    )  # fmt: skip
+
+
+def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Return planes (f, 4) and corners (f, 3, 3) of a mesh geom's convex hull."""
+    from scipy.spatial import ConvexHull, QhullError  # here: few scenes have meshes to touch
+
+    vertices, _ = mesh_of(model, geom)
+    try:
+        hull = ConvexHull(vertices)
+    except QhullError:
+        raise InputError(f"geom {model.geom(geom).name!r}: its mesh has no volume to touch") from None
+    planes = np.array(hull.equations)
+    planes[:, 3] *= -1.0
+    return planes, vertices[hull.simplices]
+
+
+def _distance_grid(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Array]:
+    """Return distances (nx, ny, nz) [m], origin (3,) and spacing (3,) [m] around a closed mesh."""
+    vertices, triangles = mesh_of(model, geom)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = float((high - low).max()) / _GRID_CELLS
+    shape = np.ceil((high - low) / cell).astype(np.int64) + 2 * _GRID_RIM_CELLS + 1
+    origin = 0.5 * (low + high) - 0.5 * cell * (shape - 1)
+    axes = [origin[r] + cell * np.arange(shape[r]) for r in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    distances = surface_distance(points, vertices[triangles])
+    return distances.reshape(tuple(shape)), origin, np.full(3, cell)

@@ -11,13 +11,12 @@ import numpy as np
 
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
-from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.host_scene import HostScene
-from cosim.rigid.scene.scene import RigidScene
+from cosim.rigid.distance.signed_distance import ContactQuery
+from cosim.rigid.scene import host_scene, scene
 
 
 @final
-class SharedScene(HostScene):
+class SharedScene(host_scene.HostScene):
     """A scene of several arms, as one of them exchanges loads with it.
 
     Args:
@@ -26,7 +25,7 @@ class SharedScene(HostScene):
         arm: as it is planned and driven.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: RigidScene) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: scene.RigidScene) -> None:
         super().__init__(model, data, (arm.mounting, None), arm.substeps)
         self._arm = arm
         own = arm.native()
@@ -59,7 +58,7 @@ class SceneOfArms:
     def __init__(self, descriptions: tuple[SceneDescription, ...], compiled: CompiledScene) -> None:
         self._model = model = compiled.model()
         self._data = data = mujoco.MjData(model)
-        self.arms = tuple(RigidScene(each, compiled, (model, data)) for each in descriptions)
+        self.arms = tuple(scene.RigidScene(each, compiled, (model, data)) for each in descriptions)
         self.exchanges = tuple(SharedScene(model, data, arm) for arm in self.arms)
         for arm, exchange in zip(self.arms, self.exchanges, strict=True):
             arm.coupled = exchange

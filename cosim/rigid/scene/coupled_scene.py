@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import MountedFrame
 from cosim.rigid.scene.bodies import Bodies, NativeScene, jacobian_of, mobility
 

@@ -21,9 +21,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.errors import InputError, InstabilityError
-from cosim.rigid.build.mjcf_files import check_finite, read_mjcf_file, set_up_engine
-from cosim.rigid.build.object_bodies import GEOM_TYPES
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.build import mjcf_files, object_bodies
+from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting
 from cosim.rigid.scene.bodies import Bodies, NativeScene, mass_places, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
@@ -209,7 +208,7 @@ class HostScene(CoupledScene):
             geoms = geoms[rigid[self._model.geom_bodyid[geoms]] != rigid[self._far.body]]
         for geom in geoms.tolist():
             kind = mujoco.mjtGeom(self._model.geom_type[geom])
-            if kind not in GEOM_TYPES.values():
+            if kind not in object_bodies.GEOM_TYPES.values():
                 name, what = self._model.geom(geom).name or geom, kind.name.removeprefix("mjGEOM_").lower()
                 raise InputError(
                     f"geom {name!r} is of type {what!r}, which a film cannot touch; replace it, set its "
@@ -469,9 +468,9 @@ def _find_far(model: mujoco.MjModel, mounting: Mounting, name: str | None) -> Mo
 
 def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
     if isinstance(source, str | Path):
-        read = read_mjcf_file(Path(source), "scene")
+        read = mjcf_files.read_mjcf_file(Path(source), "scene")
         return read.spec, read.model
-    set_up_engine()
+    mjcf_files.set_up_engine()
     if isinstance(source, mujoco.MjModel):
         return None, source
     if not isinstance(source, mujoco.MjSpec):
@@ -482,7 +481,7 @@ def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # whoever compiles it sees them
             model = source.copy().compile()
-        check_finite(model)
+        mjcf_files.check_finite(model)
     except ValueError as error:
         text = str(error).replace("\n", ", ")
         raise InputError(f"spec: MuJoCo refuses it: {text:.500}") from None

@@ -29,14 +29,11 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose, SixNumbers, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact, Solid, SolidShape
 from cosim.errors import InputError
-from cosim.rigid.build.compiled_scene import CompiledScene
+from cosim.rigid.build import compiled_scene, mjcf_files, object_bodies
 from cosim.rigid.build.description import SceneDescription, body_names
-from cosim.rigid.build.mjcf_files import raise_instability
-from cosim.rigid.build.object_bodies import mesh_of
-from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import ContactQuery
+from cosim.rigid.scene import bodies, coupled_scene
 from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, Mounting, droop, effort_limit
-from cosim.rigid.scene.bodies import Bodies, NativeScene, moved_by_loads, native_scene, touchable_geoms
-from cosim.rigid.scene.coupled_scene import CoupledScene
 
 _SHAPES: Final[dict[int, SolidShape]] = {
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")): shape
@@ -103,7 +100,7 @@ def _solid(model: mujoco.MjModel, geom: int) -> Solid:
     pose = Pose.from_quaternion(np.array(model.geom_quat[geom]), np.array(model.geom_pos[geom]))
     if kind in _SHAPES:
         return Solid(body, name, _SHAPES[kind], np.array(model.geom_size[geom]), pose)
-    return Solid(body, name, "hull", pose=pose, vertices=mesh_of(model, geom)[0])
+    return Solid(body, name, "hull", pose=pose, vertices=object_bodies.mesh_of(model, geom)[0])
 
 
 _SEEN_M = 0.01  # from here on, distances are known; to know of more costs more than it saves
@@ -126,7 +123,7 @@ class LinkContacts:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, driven: Mask) -> None:
         self._scene, self._live, self._layout = model, data, layout
-        self._movable = moved_by_loads(model) & ~driven
+        self._movable = bodies.moved_by_loads(model) & ~driven
         self._model = own = copy.copy(model)
         on_arm = own.body_rootid == own.body_rootid[layout.mount]
         links = on_arm & ~_below(own, layout.mount)
@@ -306,7 +303,7 @@ _STATE, _ALIKE = mujoco.mjtState.mjSTATE_INTEGRATION, "bodies and joints must be
 
 
 @final
-class RigidScene(CoupledScene):
+class RigidScene(coupled_scene.CoupledScene):
     """An arm on its base with servos, a flange sensor, and objects around it.
 
     Joint quantities are ordered as `joint_names`; bodies as `body_names`, the world first. `armature`
@@ -322,7 +319,7 @@ class RigidScene(CoupledScene):
     """
 
     flange: Flange
-    coupled: CoupledScene
+    coupled: coupled_scene.CoupledScene
     """As a soft robot exchanges loads with it: itself, unless it is one of several arms."""
     other_arms: tuple[str, ...] = ()
     """What the names of their bodies begin with."""
@@ -330,11 +327,11 @@ class RigidScene(CoupledScene):
     def __init__(
         self,
         description: SceneDescription,
-        compiled: CompiledScene | None = None,
+        compiled: compiled_scene.CompiledScene | None = None,
         shared: tuple[mujoco.MjModel, mujoco.MjData] | None = None,
     ) -> None:
         self.description = description
-        self._compiled = compiled or CompiledScene(description)
+        self._compiled = compiled or compiled_scene.CompiledScene(description)
         model = self._compiled.model() if shared is None else shared[0]
         super().__init__(model, mujoco.MjData(model) if shared is None else shared[1], description.tick_s)
         self._scratch = mujoco.MjData(model)
@@ -360,7 +357,7 @@ class RigidScene(CoupledScene):
         self._resisting[self._v] += (tick_s - self._step_s) * self.servo_damping
         self._model.dof_armature[self._v] += self._servo_inertia
         self.cell = CellDrives(self._model, self._data)
-        self.bodies = Bodies(self._model, self._data, layout.mounting, self.cell.bodies, self._pace)
+        self.bodies = bodies.Bodies(self._model, self._data, layout.mounting, self.cell.bodies, self._pace)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
         self.dynamics = ArmDynamics(self._model, self._scratch, layout, self.cell.places, self._servo_inertia)
         self.set_joint_state(description.arm.home)
@@ -450,7 +447,7 @@ class RigidScene(CoupledScene):
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), the arm itself left out."""
         model, made = self._model, self.description
-        geoms = touchable_geoms(model, self._layout.mount, fixed_only=fixed_only)
+        geoms = bodies.touchable_geoms(model, self._layout.mount, fixed_only=fixed_only)
         names = body_names(model, geoms, [wire.name for wire in made.wires])
         return ContactQuery(
             model, self._data, geoms, made.friction.on_film(names, model.geom_friction[geoms, 0])
@@ -518,15 +515,15 @@ class RigidScene(CoupledScene):
     def check(self) -> None:
         """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
         if np.count_nonzero(self._warnings):
-            raise_instability(self._data)
+            mjcf_files.raise_instability(self._data)
 
-    def native(self) -> NativeScene:
+    def native(self) -> bodies.NativeScene:
         """Return the scene for kernels that step it themselves.
 
         Raises:
             SceneError: MuJoCo's library cannot be found.
         """
-        return native_scene(self._model, self._data, self._layout, self.cell, self._pace)
+        return bodies.native_scene(self._model, self._data, self._layout, self.cell, self._pace)
 
     def stepped(self, began: Pose) -> None:
         """Follow steps that kernels have taken.

@@ -19,12 +19,9 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.base.names import ONLY_CHAMBER
 from cosim.errors import MeshError
-from cosim.soft.elements.cable import Cable
+from cosim.soft.elements import cable, frame_ring, material, membrane
 from cosim.soft.elements.element import DirectElement, Element, Instant
-from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.hinge import Hinges
-from cosim.soft.elements.material import Film
-from cosim.soft.elements.membrane import Membranes
 from cosim.soft.geometry.surface import check_face_groups, dihedral_angle, rows_of
 
 
@@ -79,10 +76,10 @@ def check_chambers(chambers: Sequence[GasChamber], triangles: int, caps: int) ->
 
 def by_film(
     triangles: IntArray,
-    film: Film | Mapping[str, Film],
+    film: material.Film | Mapping[str, material.Film],
     groups: Mapping[str, IntArray],
     panel_m: Array | float,
-) -> list[tuple[IntArray, Film, Array]]:
+) -> list[tuple[IntArray, material.Film, Array]]:
     """Return the triangles of each film, and the width of the panel of each.
 
     Args:
@@ -95,7 +92,7 @@ def by_film(
         MeshError: a film's group is not there, or a triangle has no film or several.
     """
     panel = np.broadcast_to(panel_m, (len(triangles),))
-    if isinstance(film, Film):
+    if isinstance(film, material.Film):
         return [(triangles, film, panel)]
     check_face_groups(groups, len(triangles))
     missing = [name for name in film if name not in groups]
@@ -151,7 +148,7 @@ class BodyParts(TypedDict, total=False):
     fold_barrier_rad: float
     caps: tuple[IntArray, ...]
     closed: bool
-    cables: tuple[Cable, ...]
+    cables: tuple[cable.Cable, ...]
     node_mass: Array | float
     base: IntArray | None
     tip: IntArray | None
@@ -201,7 +198,7 @@ class SoftBody:
     copies: tuple[Pose, ...] = ()
 
     def __post_init__(self) -> None:
-        for needed in (Membranes, Hinges):
+        for needed in (membrane.Membranes, Hinges):
             if needed not in self.kinds:
                 raise MeshError(f"a body needs its {needed.label}, be there none of them")
         by_kind = sorted(self.elements, key=lambda element: self.kinds.index(type(element)))
@@ -250,9 +247,9 @@ class SoftBody:
         return replace(self, elements=(*kept[:place], *elements, *kept[place:]))
 
     @cached_property
-    def membranes(self) -> tuple[Membranes, ...]:
+    def membranes(self) -> tuple[membrane.Membranes, ...]:
         """Film triangles, material by material."""
-        return self.of_kind(Membranes)
+        return self.of_kind(membrane.Membranes)
 
     @cached_property
     def triangles(self) -> IntArray:
@@ -270,19 +267,19 @@ class SoftBody:
         return self.of_kind(Hinges)[0]
 
     @cached_property
-    def cables(self) -> tuple[Cable, ...]:
+    def cables(self) -> tuple[cable.Cable, ...]:
         """Routed cables."""
-        return self.of_kind(Cable)
+        return self.of_kind(cable.Cable)
 
     @cached_property
-    def frames(self) -> FrameRings | None:
+    def frames(self) -> frame_ring.FrameRings | None:
         """Stiff frames around rings, or None."""
-        return next((entry for entry in self.of_kind(FrameRings) if not entry.leads_on), None)
+        return next((entry for entry in self.of_kind(frame_ring.FrameRings) if not entry.leads_on), None)
 
     @cached_property
-    def plates(self) -> tuple[FrameRings, ...]:
+    def plates(self) -> tuple[frame_ring.FrameRings, ...]:
         """Stiff plates, each joining a group of nodes, and the frames beyond them."""
-        return tuple(entry for entry in self.of_kind(FrameRings) if entry.leads_on)
+        return tuple(entry for entry in self.of_kind(frame_ring.FrameRings) if entry.leads_on)
 
     def first_memory(self) -> Array:
         """Return what the elements remember (values,) of the drawn shape, one after the other."""
@@ -313,7 +310,7 @@ class SoftBody:
         cls,
         positions: Array,
         triangles: IntArray,
-        film: Film | Mapping[str, Film],
+        film: material.Film | Mapping[str, material.Film],
         **parts: Unpack[BodyParts],
     ) -> SoftBody:
         """Return a body from plain arrays, so that foreign meshes run.
@@ -333,7 +330,7 @@ class SoftBody:
         x = np.array(positions, dtype=np.float64, order="C")
         tri, panel_m = _nodes("triangles", triangles, len(x)), parts.get("wrinkle_panel_m", 0.0)
         own = by_film(tri, film, parts.get("face_groups") or {}, panel_m)
-        films = [Membranes.from_shape(x, *part) for part in own]
+        films = [membrane.Membranes.from_shape(x, *part) for part in own]
         return cls(
             positions=x,
             elements=(*films, _hinges(x, parts), *parts.get("cables", ())),
@@ -449,5 +446,5 @@ def hinge_energy_share(body: SoftBody, positions: Array) -> float:
         positions: (n, 3) [m].
     """
     energy = stored_energy(body, positions)
-    bending, total = energy[Hinges], energy[Membranes] + energy[Hinges]
+    bending, total = energy[Hinges], energy[membrane.Membranes] + energy[Hinges]
     return bending / total if total > _ROUNDING_J else 0.0

@@ -9,9 +9,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.base.kernel_types import Vector, nothing_of
 from cosim.errors import InputError
-from cosim.soft.contact.obstacle_contact import ContactPlanes, TouchedPlanes
-from cosim.soft.contact.self_contact_memory import PairRows
-from cosim.soft.contact.self_contact_pairs import FilmPairs
+from cosim.soft.contact import obstacle_contact, self_contact_pairs
 from cosim.soft.elements.element import NodalPotential
 from cosim.soft.elements.gas import SealedGas
 
@@ -44,9 +42,9 @@ class Touching(NamedTuple):
         pairs: of films.
     """
 
-    planes: TouchedPlanes
+    planes: obstacle_contact.TouchedPlanes
     call: int
-    pairs: PairRows
+    pairs: self_contact_pairs.PairRows
 
 
 @cache
@@ -84,10 +82,10 @@ class Loads:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     nodal_force: Annotated[Array, ("nodes", 3)] | None = None
     gas: tuple[SealedGas | None, ...] = ()
-    contact: ContactPlanes | None = None
+    contact: obstacle_contact.ContactPlanes | None = None
     cable_length_m: tuple[float | None, ...] = ()
     cable_stiffening: tuple[float, ...] = ()
-    self_contact: FilmPairs | None = None
+    self_contact: self_contact_pairs.FilmPairs | None = None
     extra: NodalPotential | None = None
 
     def __post_init__(self) -> None:

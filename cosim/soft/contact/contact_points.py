@@ -14,8 +14,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.state_check import check_indices
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.point_kernels import combine, span
+from cosim.soft.contact import contact_law, obstacle_contact
 from cosim.soft.geometry.surface import directed_edges, triangle_area
 from cosim.soft.linear.pattern import BlockPattern
 
@@ -41,7 +40,7 @@ class Extent:
     def of(cls, positions: Array, velocities: Array) -> "Extent":
         """Return that of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
         low, high, fastest = np.empty(3), np.empty(3), np.empty(1)
-        span(positions, velocities, low, high, fastest)
+        contact_law.span(positions, velocities, low, high, fastest)
         return cls(low, high, float(np.sqrt(fastest[0])))
 
 
@@ -99,7 +98,7 @@ class ContactSurface:
             pattern.slots(triangles),
         )
 
-    def check_planes(self, planes: ContactPlanes) -> None:
+    def check_planes(self, planes: obstacle_contact.ContactPlanes) -> None:
         """Check that saved contacts name nodes and pairs of nodes of this surface.
 
         Raises:
@@ -122,7 +121,7 @@ class ContactSurface:
 
     def fill_points(self, positions: Array, chosen: IntArray, out: Array) -> None:
         """Fill chosen ones (k,) of the contact points (p, 3) [m] at node positions (n, 3) [m]."""
-        combine(positions, self.nodes, self.weights, chosen, out)
+        contact_law.combine(positions, self.nodes, self.weights, chosen, out)
 
 
 def _pair(slots: IntArray) -> IntArray:

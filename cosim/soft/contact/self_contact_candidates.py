@@ -30,7 +30,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Masks, Matrix, Vector
 from cosim.base.kernels import allocating, copy_rows, device_function, kernel, small_matrix, small_vector
-from cosim.soft.contact.point_kernels import fill_point, fill_slopes, plane_of
+from cosim.soft.contact.contact_law import fill_point, fill_slopes, plane_of
 from cosim.soft.contact.rigid_motion import deviation, fit_motion, rigid_difference
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 

@@ -17,16 +17,20 @@ as wide.
 Friction: u = (1 - m m^T)(y - sum_j a_j x_j + stretch), with m the normal and a the foot at the start of
 the step, both frozen; `stretch` is what is left of earlier slips. Equal and opposite as well, but not along
 one line: a moment of the friction times the distance of y from the point that it is tied to is left over.
+
+First what contacts between films carry from one state to the next, and report of the last step.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import final
+from typing import Annotated, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import (
     address_of,
     device_function,
@@ -38,18 +42,107 @@ from cosim.base.kernels import (
     zero_vector,
 )
 from cosim.base.numba_insides import caller
-from cosim.soft.contact.contact_law import ContactLaw, dragging_law, pressing_law, shorten
-from cosim.soft.contact.point_kernels import (
-    distance_of,
-    feet,
-    fill_point,
-    fill_slopes,
-    fill_weights,
-    plane_of,
-)
-from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
+from cosim.soft.contact import contact_law
+from cosim.soft.contact.contact_law import ContactLaw, distance_of, feet, fill_point, plane_of, pressing_law
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
+
+
+@final
+@dataclass(frozen=True)
+class FilmMemory:
+    """Pairs of contact point and unit that press on each other.
+
+    Args:
+        key: (k,) ascending.
+        normal_force: (k,) [N].
+        distance: (k,) [m], negative where the point is behind the other film.
+        stretch: (k, 3) [m], of the stick springs, world.
+    """
+
+    key: Annotated[IntArray, ("k",)]
+    normal_force: Annotated[Array, ("k",)]
+    distance: Annotated[Array, ("k",)]
+    stretch: Annotated[Array, ("k", 3)]
+
+    @property
+    def count(self) -> int:
+        """Points that press."""
+        return len(self.key)
+
+    @property
+    def normal_force_N(self) -> float:
+        """Sum over the points of either film: with this the two press on each other [N]."""
+        return float(self.normal_force.cumsum()[-1]) if self.count else 0.0  # one by one, as kernels do
+
+    @property
+    def depth_m(self) -> float:
+        """How deep the deepest point is behind the other film [m]; negative while none is."""
+        return -float(self.distance.min()) if self.count else 0.0
+
+    def carried(self, motion: Pose) -> FilmMemory:
+        """Return the memory moved rigidly by `motion` (world to world)."""
+        return FilmMemory(self.key, self.normal_force, self.distance, self.stretch @ motion.rotation.T)
+
+
+class FilmMemoryRows(NamedTuple):
+    """The fields of `FilmMemory`, with room for more."""
+
+    key: Indices
+    normal_force: Vector
+    distance: Vector
+    stretch: Matrix
+
+    @classmethod
+    def room(cls, count: int) -> FilmMemoryRows:
+        """Return room for so many."""
+        return cls(np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.zeros((count, 3)))
+
+    def first(self, count: int) -> FilmMemory | None:
+        """Return copies of the first of them; None for none."""
+        key, force, distance, stretch = self.key, self.normal_force, self.distance, self.stretch
+        rows = key[:count].copy(), force[:count].copy(), distance[:count].copy(), stretch[:count].copy()
+        return FilmMemory(*rows) if count else None
+
+
+class PairRows(NamedTuple):
+    """Points of the film and the triangles they may press on in one step, for kernels.
+
+    Args:
+        nodes: (k, 6), three of the point (unused ones have weight 0), three of the triangle.
+        weights: (k, 3) of the point.
+        stiffness: (k,) [N/m].
+        friction: (k,) [N], largest friction force.
+        foot: (k, 3) weights of the point's foot on the triangle at the start of the step.
+        normal: (k, 3) of the triangle then.
+        stretch: (k, 3) [m], of the stick springs then, world.
+        widths: (2,) [m], of the law's transitions: pressing, sticking.
+        out: (k, 5), filled with normal force [N], distance [m], and the force on the point (3,) [N].
+    """
+
+    nodes: IndexTable
+    weights: Matrix
+    stiffness: Vector
+    friction: Vector
+    foot: Matrix
+    normal: Matrix
+    stretch: Matrix
+    widths: Vector
+    out: Matrix
+
+    @classmethod
+    def room(cls, count: int, widths: Array) -> PairRows:
+        """Return room for so many pairs, by a law of such widths."""
+        numbers = np.empty((count, 3)), np.empty(count), np.empty(count), np.empty((count, 3))
+        rest = np.empty((count, 3)), np.empty((count, 3)), widths, np.empty((count, 5))
+        return cls(np.empty((count, 6), np.int64), *numbers, *rest)
+
+    def of(self, places: IntArray) -> PairRows:
+        """Return some of the rows, by their places (j,)."""
+        return PairRows(
+            self.nodes[places], self.weights[places], self.stiffness[places], self.friction[places],
+            self.foot[places], self.normal[places], self.stretch[places], self.widths, self.out[places],
+        )  # fmt: skip
 
 
 @inlined
@@ -64,8 +157,8 @@ def _look_at(
     d = distance_of(x, nodes[3], n, y)
     level, push, rate = pressing_law(0.5 * width - d, width)
     if push != 0.0 or pairs.friction[e] != 0.0:
-        fill_slopes(x, nodes[3:], n, shrink, slope[3:])
-        fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
+        contact_law.fill_slopes(x, nodes[3:], n, shrink, slope[3:])
+        contact_law.fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
         for a in range(3):
             weight[a], weight[3 + a] = pairs.weights[e, a], -weight[3 + a]
     return d, stiffness * level, stiffness * push, stiffness * rate
@@ -88,7 +181,7 @@ def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matri
     for r in range(3):
         u[r] -= along * m[r]
         square += u[r] * u[r]
-    level, secant, rate = dragging_law(np.sqrt(square), pairs.widths[1])
+    level, secant, rate = contact_law.dragging_law(np.sqrt(square), pairs.widths[1])
     fold = limit * (rate - secant) / max(square, 1e-300)
     for r in range(3):
         for c in range(3):
@@ -212,7 +305,7 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
             for a in range(0 if resting else 3):
                 stretch[r] += weights[a] * x[nodes[a], r] - pairs.foot[e, a] * x[nodes[3 + a], r]
         if not resting:
-            shorten(stretch, pairs.normal[e], pairs.widths[1])
+            contact_law.shorten(stretch, pairs.normal[e], pairs.widths[1])
         count += 1
     return count
 
@@ -242,7 +335,7 @@ class FilmPairs:
     def slack(
         cls, key: IntArray, triangle: IntArray, nodes: IntArray, weights: Array, stiffness: Array,
         law: ContactLaw, positions: Array,
-    ) -> "FilmPairs":  # fmt: skip
+    ) -> FilmPairs:  # fmt: skip
         """Return pairs without friction, by the terms of `FilmPairs` and `PairRows`.
 
         Args:

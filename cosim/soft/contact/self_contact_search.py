@@ -14,17 +14,8 @@ from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, inlined, kernel, small_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
-from cosim.soft.contact.point_kernels import fill_point, plane_of
-from cosim.soft.contact.self_contact_candidates import (
-    BEYOND_EDGES,
-    VALLEY,
-    FilmLists,
-    FilmRows,
-    least_weight,
-    lists_serve,
-    over_plane,
-)
-from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
+from cosim.soft.contact import contact_law, self_contact_candidates, self_contact_faces
+from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmLists, FilmRows, over_plane
 from cosim.soft.solve.branching import FilmOverlap
 
 BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
@@ -39,7 +30,7 @@ def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
     normal, square = small_vector(3), 0.0
     outward[:] = 0.0
     for k in range(rows.start[p], rows.start[p + 1]):
-        shrink = plane_of(x, rows.triangles[rows.around[k]], normal)
+        shrink = contact_law.plane_of(x, rows.triangles[rows.around[k]], normal)
         for r in range(3):
             outward[r] += normal[r] / shrink
     for r in range(3):
@@ -72,7 +63,7 @@ def _choose(
         small_vector(3),
     )
     best, distance, chosen, units = room
-    fill_point(x, rows.nodes[p], rows.weights[p], place)
+    contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
     px, py, pz = place[0], place[1], place[2]
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
     for entry in range(short.first[p], short.first[p + 1]):
@@ -80,7 +71,7 @@ def _choose(
         d, valley = over_plane(sides[t], px, py, pz), rows.relation[face, rows.films[t, 0]] == VALLEY
         if d < -behind or d > (reach if valley else furthest):
             continue
-        if not least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
+        if not self_contact_candidates.least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
             continue
         if not known:
             _fill_outward(x, rows, p, outward)
@@ -117,7 +108,7 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
         How many rows that takes, none of which are written beyond the room; -1 where the long list does not
         serve.
     """
-    if not lists_serve(x, lists, reach, behind):
+    if not self_contact_candidates.lists_serve(x, lists, reach, behind):
         return -1
     chosen, units = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR, np.int64)
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
@@ -150,8 +141,8 @@ class FilmLook:
     """
 
     def __init__(self, body: SoftBody) -> None:
-        faces = FilmFaces.of(body)
-        points = FilmPoints.of(faces, body.positions)
+        faces = self_contact_faces.FilmFaces.of(body)
+        points = self_contact_faces.FilmPoints.of(faces, body.positions)
         self._body, self._can_meet = body, faces.can_meet
         self._lists = FilmLists.room(FilmRows.of(faces, points, body.positions), faces.units_meet, body.nodes)
         self._out = np.zeros((2 * len(points), 2), np.int64)

@@ -31,6 +31,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.errors import InputError, MeshError
+from cosim.soft.elements.edge_strain import edge_strain
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
 from cosim.soft.elements.material import NEO_HOOKEAN, PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
 from cosim.soft.elements.wrinkling import (
@@ -43,7 +44,6 @@ from cosim.soft.elements.wrinkling import (
     wrinkling_forces,
 )
 from cosim.soft.linear.pattern import add_block
-from cosim.soft.published.edge_strain import edge_strain
 
 
 @device_function

@@ -16,18 +16,12 @@ from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays, add_beam_rings
 from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.contact.obstacle_contact import add_contacts
 from cosim.soft.contact.self_contact_pairs import add_pairs
-from cosim.soft.elements import gas
+from cosim.soft.elements import eyelets, frame_ring, gas, mass_terms, membrane, pressure
 from cosim.soft.elements.cable import add_segments, segment_length
 from cosim.soft.elements.cable import onset as onset_of_tension
 from cosim.soft.elements.element import Remembered
-from cosim.soft.elements.eyelets import hold_eyelets, pull_eyelets
-from cosim.soft.elements.frame_ring import add_frames
 from cosim.soft.elements.hinge import HingeRows, add_hinges
-from cosim.soft.elements.mass_terms import add_gravity, add_inertia
-from cosim.soft.elements.membrane import add_membranes
-from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure
-from cosim.soft.film import step_arrays
-from cosim.soft.film.rate_kernels import add_rates, film_rows
+from cosim.soft.film import rate_kernels, step_arrays
 from cosim.soft.film.step_arrays import FilmArrays, FilmLoads, FilmPoint, FilmSlots, StepBed, StepRates
 
 onset = device_function(onset_of_tension)
@@ -35,8 +29,9 @@ absolute_pressure = device_function(gas.absolute_pressure)
 gas_potential = device_function(gas.gas_potential)
 
 _CALLED = (
-    add_membranes, add_hinges, add_segments, add_pressure, add_cap, add_cap_force, add_gravity, add_inertia,
-    pull_eyelets, hold_eyelets,
+    membrane.add_membranes, add_hinges, add_segments, pressure.add_pressure, pressure.add_cap,
+    pressure.add_cap_force, mass_terms.add_gravity, mass_terms.add_inertia, eyelets.pull_eyelets,
+    eyelets.hold_eyelets,
 )  # fmt: skip
 (
     _MEMBRANES, _HINGES, _SEGMENTS, _PRESSURE, _CAP, _OPEN, _GRAVITY, _INERTIA, _EYELETS, _HELD, _BEAMS,
@@ -47,7 +42,7 @@ _CALLED = (
     _add_inertia, _pull_eyelets, _hold_eyelets,
 ) = map(caller, _CALLED)  # fmt: skip
 _add_beam_rings, _add_frame_rings, _add_contacts, _add_pairs, _add_rates = map(
-    caller, (add_beam_rings, add_frames, add_contacts, add_pairs, add_rates)
+    caller, (add_beam_rings, frame_ring.add_frames, add_contacts, add_pairs, rate_kernels.add_rates)
 )
 
 
@@ -69,7 +64,7 @@ class FilmActing(NamedTuple):
 
 def term_calls(*, beams: bool, frames: bool) -> list[int]:
     """Return the addresses (12,) of the kernels of the terms; of beams and frames 0 where there are none."""
-    some = (add_beam_rings, beams), (add_frames, frames)
+    some = (add_beam_rings, beams), (frame_ring.add_frames, frames)
     return [*map(address_of, _CALLED), *(address_of(called) if there else 0 for called, there in some)]
 
 
@@ -131,7 +126,7 @@ def _add_films(film: Any, slots: Any, part: int, point: Any) -> float:
     energy, triangles, fold = 0.0, slots.triangles, film.fold_barrier[0]
     for k in range(film.parts[part, step_arrays.FILMS], film.parts[part + 1, step_arrays.FILMS]):
         pairs = triangles[film.films[k, 0] : film.films[k + 1, 0]]
-        added = point.x, film_rows(film, k), pairs, point.gradient, point.blocks
+        added = point.x, rate_kernels.film_rows(film, k), pairs, point.gradient, point.blocks
         energy += _add_membranes(film.calls[_MEMBRANES], added)
     first, last = film.parts[part, step_arrays.HINGES], film.parts[part + 1, step_arrays.HINGES]
     begin, end = film.angles[0] + first, film.angles[0] + last

@@ -26,23 +26,12 @@ import numpy as np
 from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
 from cosim.base.kernels import device_function, handing_on_views, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import caller
+from cosim.soft.elements import membrane
 from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import ANGLE, ROOM, HingeRows, add_hinges, differentiate
 from cosim.soft.elements.hinge import LANES as SIDE_BY_SIDE
 from cosim.soft.elements.material import EDGE_STRAIN
-from cosim.soft.elements.membrane import (
-    ENERGY,
-    FORCE,
-    LANES,
-    SIZE,
-    STRAIN,
-    MembraneRows,
-    add_hessian,
-    deformation,
-    film_law,
-    scatter,
-    stretch,
-)
+from cosim.soft.elements.membrane import ENERGY, FORCE, LANES, SIZE, STRAIN, MembraneRows, deformation
 from cosim.soft.film.step_arrays import FILMS, HINGES, FilmArrays, FilmPoint, FilmSlots, StepRates
 from cosim.soft.geometry.surface import TURN
 
@@ -72,7 +61,7 @@ def fill_triangle_rates(
         row, lane = rates[e // LANES], e % LANES
         strain = deformation(x, film.triangles[e], film.gradients[e], f)
         if film.law != EDGE_STRAIN:
-            film_law(film, e, strain, n, tangent)
+            membrane.film_law(film, e, strain, n, tangent)
         n[0], n[1], n[2] = strain
         if two_steps:
             before = deformation(earlier_x, film.triangles[e], film.gradients[e], f)
@@ -123,9 +112,9 @@ def add_triangle_rates(
         s = small_vector(SIZE)
         for first in range(0, triangles.shape[0], LANES):
             group, lanes = film.drawn[first // LANES], min(LANES, triangles.shape[0] - first)
-            stretch(x, film, first, lanes, group, s)
+            membrane.stretch(x, film, first, lanes, group, s)
             _resist(group, rates[first // LANES], s)
-            potential += scatter(group, triangles, first, lanes, s, gradient)
+            potential += membrane.scatter(group, triangles, first, lanes, s, gradient)
         return potential
     f, n, resistance = small_matrix(2, 3), small_vector(3), small_matrix(3, 3)
     for e in range(triangles.shape[0]):
@@ -144,7 +133,7 @@ def add_triangle_rates(
             p, q = area * (f[0, k] * n[0] + f[1, k] * n[2]), area * (f[0, k] * n[2] + f[1, k] * n[1])
             for a in range(3):
                 gradient[triangles[e, a], k] += p * g[a, 0] + q * g[a, 1]
-        add_hessian(f, resistance, n, (g, area), slots[e], blocks)
+        membrane.add_hessian(f, resistance, n, (g, area), slots[e], blocks)
     return potential
 
 

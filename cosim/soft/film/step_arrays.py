@@ -14,8 +14,7 @@ from cosim.base.frames import Array
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function
 from cosim.soft.elements.element import EyeletLaws
-from cosim.soft.linear.pattern import PatternRows
-from cosim.soft.linear.secant_pairs import SecantPairs
+from cosim.soft.linear import pattern, secant_pairs
 
 NODES, FILMS, HINGES, SEGMENTS, BEAMS, FRAMES, CHAMBERS = range(7)
 """What columns of `FilmArrays.parts` are."""
@@ -347,7 +346,7 @@ class WideTangent(NamedTuple):
     """
 
     call: int
-    rows: PatternRows
+    rows: pattern.PatternRows
     of_body: Indices
     blocks: Blocks
     used: Indices
@@ -394,7 +393,7 @@ class StepWork(NamedTuple):
     gradient: Matrix
     solution: Blocks
     served: Blocks
-    pairs: SecantPairs
+    pairs: secant_pairs.SecantPairs
     reference: Vector
     pull: Vector
     parts: Matrix

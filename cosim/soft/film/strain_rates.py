@@ -7,9 +7,8 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import RecordStore, address_of
 from cosim.soft.body.body import SoftBody
-from cosim.soft.film import rate_kernels
+from cosim.soft.film import rate_kernels, step_arrays
 from cosim.soft.film.rate_kernels import add_rates, add_triangle_rates, fill_rates, fill_triangle_rates
-from cosim.soft.film.step_arrays import FilmArrays, FilmPoint, StepRates
 from cosim.soft.geometry.surface import dihedral_angle, directed_edges
 
 
@@ -24,19 +23,19 @@ class StrainRates:
         film: its arrays.
     """
 
-    def __init__(self, body: SoftBody, film: FilmArrays) -> None:
+    def __init__(self, body: SoftBody, film: step_arrays.FilmArrays) -> None:
         self._film, hinges = film, len(film.hinges)
         kernels = fill_rates, add_rates, add_triangle_rates, fill_triangle_rates
-        self._arrays = StepRates(
+        self._arrays = step_arrays.StepRates(
             np.array([address_of(called) for called in kernels]),
             np.array([each.film.loss_time_s for each in body.membranes]), hinge_times(body, film.hinges),
             np.zeros((len(film.drawn), rate_kernels.RATE_ROOM)), np.zeros(hinges), np.zeros(hinges),
         )  # fmt: skip
-        self._store = RecordStore(StepRates)
+        self._store = RecordStore(step_arrays.StepRates)
         self.address = self._store.address(self._arrays)
 
     @classmethod
-    def of(cls, body: SoftBody, film: FilmArrays) -> "StrainRates | None":
+    def of(cls, body: SoftBody, film: step_arrays.FilmArrays) -> "StrainRates | None":
         """Return them for a body with its arrays; None where none of its films has a loss factor."""
         return cls(body, film) if any(each.film.loss_factor for each in body.membranes) else None
 
@@ -72,7 +71,7 @@ class StrainRates:
     def _at(self, x: Array) -> tuple[float, Array]:
         film, angles, gradient = self._film, np.empty_like(self._memory), np.zeros_like(x)
         whole = film._replace(parts=np.ascontiguousarray(film.parts[[0, -1]]))
-        point = FilmPoint(x, self._memory, angles, gradient, film.no_blocks, np.zeros(0))
+        point = step_arrays.FilmPoint(x, self._memory, angles, gradient, film.no_blocks, np.zeros(0))
         found: float = add_rates(whole, film.no_slots, self._arrays, 0, point)
         return found, gradient
 

@@ -17,19 +17,9 @@ from cosim.base.drawing import SAME_PLACE_M, DrawnLine
 from cosim.base.frames import Array, IntArray, Mask, in_mm
 from cosim.base.resources import extra_module
 from cosim.errors import MeshError
-from cosim.soft.geometry.flat_mesh import (
-    FlatLine,
-    FlatMesh,
-    LineKind,
-    check_simple,
-    check_within,
-    mesh_sheet,
-    sheet_within,
-    signed_area,
-    with_ends_met,
-)
+from cosim.soft.geometry import flat_mesh, surface
+from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, sheet_within, signed_area
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, Crease, NamedMesh
-from cosim.soft.geometry.surface import directed_edges, rims
 
 FRONT, BACK, WELDED = "front", "back", "welded"
 SheetName = Literal["both", "front", "back"]
@@ -165,7 +155,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds, *pattern.frames):
         if np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() < SAME_PLACE_M:
             raise MeshError(f"{line.where or 'a line'} at {in_mm(line.middle)} has no length: take it away")
-    met = with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
+    met = flat_mesh.with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
     first, second = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
     pattern = replace(
         pattern, cut=tuple(met[:first]), holes=tuple(met[first:second]), seal=tuple(met[second:])
@@ -173,7 +163,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     sheet = sheet_within((*pattern.cut, *pattern.holes))
     lines = _lines(pattern, sheet)
     for line in (*pattern.seal, *pattern.folds, *pattern.frames):
-        check_within(line, sheet)
+        flat_mesh.check_within(line, sheet)
     corners = [line.points for choice in pattern.sets if choice.corners_only for line in choice.lines]
     points = np.concatenate([np.zeros((0, 2)), *corners])
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
@@ -245,7 +235,7 @@ def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:
     """Return the seams' lines, or the outlines of their width."""
     shapely = extra_module("shapely", "pattern")
     for line in pattern.seal:
-        check_simple(line)
+        flat_mesh.check_simple(line)
     if not pattern.seam_width_m:
         return [line.points for line in pattern.seal]
     drawn = shapely.unary_union([shapely.LineString(line.points) for line in pattern.seal])
@@ -275,7 +265,7 @@ def _edge_length(sheet: Any, lines: Sequence[FlatLine], ports: Sequence[DrawnLin
 def _neighbours(triangles: IntArray) -> dict[tuple[int, int], list[int]]:
     """Return the triangles at each edge, by its nodes, ascending."""
     found: dict[tuple[int, int], list[int]] = {}
-    for row, (a, b) in enumerate(np.sort(directed_edges(triangles), axis=1).tolist()):
+    for row, (a, b) in enumerate(np.sort(surface.directed_edges(triangles), axis=1).tolist()):
         found.setdefault((a, b), []).append(row // 3)
     return found
 
@@ -468,7 +458,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
     welded = place[:, :, film.chamber < 0].ravel()
     bending = np.where(np.isin(place.ravel(), welded), _WELDED_BENDING, 1.0)
-    caps = rims(triangles)
+    caps = surface.rims(triangles)
     sets = {
         choice.name: _as_cap(_on_sheets(film.sets[choice.name], choice, flat, sheets), caps)
         for choice in pattern.sets

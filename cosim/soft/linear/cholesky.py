@@ -27,18 +27,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_check import KnownStates, check_state
-from cosim.soft.linear import fronts, linear_solver
-from cosim.soft.linear.envelope_kernels import (
-    TileEntries,
-    TileFactor,
-    TileLists,
-    factorise,
-    forward,
-    list_entries,
-    substitute,
-)
+from cosim.soft.linear import envelope_kernels, fronts, linear_solver
+from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, TileLists, factorise, forward
 from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree, dissect
-from cosim.soft.linear.linear_solver import equations, lower_entries, numbering
 from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
 _TILE: Final = 4
@@ -115,11 +106,11 @@ class _Part:
         own, before = part_of(pattern, begin, end)
         movable, room = free[begin:end], 9 * own.blocks
         order = None if like is None else like[(begin <= like) & (like < end)] - begin
-        number = numbering(movable, _best_order(own, np.asarray(movable.any(axis=1)), order))
-        dofs = equations(number)
+        number = linear_solver.numbering(movable, _best_order(own, np.asarray(movable.any(axis=1)), order))
+        dofs = linear_solver.equations(number)
         tiles = -(-len(dofs) // _TILE)
         lists = TileLists(*(np.empty(size, np.uint64) for size in (tiles + 1, tiles, tiles + 1, room, room)))
-        bandwidth = list_entries(own.row, own.column, number, before, lists)
+        bandwidth = envelope_kernels.list_entries(own.row, own.column, number, before, lists)
         count = int(lists.entry[-1])
         entries = TileEntries(lists.source[:count].copy(), lists.place[:count].copy(), lists.entry)
         return cls(entries, lists.start[:-1].copy(), lists.first, dofs, int(lists.start[-1]), bandwidth)
@@ -259,7 +250,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
             begin, end = self._table[number : number + 2, linear_solver.NODE]
             own = np.array(loads[:, begin:end], order="C")
             if len(self._parts) == 1 or own.any():
-                substitute(self._factor_of(number), part.dofs, turn, own)
+                envelope_kernels.substitute(self._factor_of(number), part.dofs, turn, own)
             found.append(own)
         return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
@@ -329,8 +320,8 @@ class DissectedCholesky(linear_solver.LinearSolver):
         super().__init__(pattern, free)
         compile_modules(logging.getLogger("cosim").info, (fronts,))
         self.groups = groups = _dissected(self, far) if groups is None else groups
-        number = numbering(self.free, self.free_nodes[np.concatenate(groups)])
-        self._dofs = equations(number)
+        number = linear_solver.numbering(self.free, self.free_nodes[np.concatenate(groups)])
+        self._dofs = linear_solver.equations(number)
         self._tree = FrontTree.of(_graph(self), groups, number[self.free_nodes])
         self._place_entries(number)
         tree, own = self._tree, np.diff(self._tree.first)
@@ -347,7 +338,7 @@ class DissectedCholesky(linear_solver.LinearSolver):
     def _place_entries(self, number: IntArray) -> None:
         """Find where each entry of the matrix goes, front by front."""
         tree = self._tree
-        row, column, source = lower_entries(self.pattern, number)
+        row, column, source = linear_solver.lower_entries(self.pattern, number)
         front, place = tree.place(row, column)
         order = np.lexsort((place, front))
         self._source, self._place = (part[order].astype(np.uint64) for part in (source, place))

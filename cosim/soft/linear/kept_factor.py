@@ -15,18 +15,9 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, Indices, Masks, Matrix
 from cosim.base.kernels import address_of, device_function, handing_on_views
 from cosim.base.numba_insides import caller
+from cosim.soft.linear import linear_solver, pattern, secant_pairs
 from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, factorise, substitute, turned
-from cosim.soft.linear.linear_solver import (
-    NODE,
-    SOLVED,
-    STORED,
-    TILED,
-    EnvelopeArrays,
-    EnvelopeEntries,
-    FactorState,
-)
-from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
+from cosim.soft.linear.linear_solver import NODE, SOLVED, STORED, TILED, EnvelopeArrays, FactorState
 
 EXTRA_MAX: Final = 8
 """Iterations beyond one a solution that have cost as much as a new factorisation: it is made."""
@@ -132,11 +123,11 @@ class NewtonState:
     kept: tuple[KeptFactor | None, ...]
     factor: FactorState | None
     gradient: Annotated[Array, ("nodes", 3)]
-    wide: BlockPattern | None = None
+    wide: pattern.BlockPattern | None = None
     definite: DefiniteTangent | None = None
 
 
-_CALLED = (substitute, factorise, bend_load, mend_step)
+_CALLED = (substitute, factorise, secant_pairs.bend_load, secant_pairs.mend_step)
 _SUBSTITUTE, _FACTORISE, _BEND, _MEND = range(len(_CALLED))
 _substitute, _factorise, _bend_load, _mend_step = map(caller, _CALLED)
 
@@ -172,7 +163,7 @@ class KeptEnvelope(NamedTuple):
     there: Indices
     made: Indices
     factor: EnvelopeArrays
-    entries: EnvelopeEntries
+    entries: linear_solver.EnvelopeEntries
     extra: Indices
     frame: Blocks
     vectors: Matrix
@@ -283,7 +274,7 @@ def _solve_dense(kept: KeptEnvelope, flange: Matrix, turn: Matrix, solution: Blo
 def solve_kept(
     kept: KeptEnvelope,
     axes: tuple[Matrix, Matrix],
-    shown: tuple[SecantPairs, int],
+    shown: tuple[secant_pairs.SecantPairs, int],
     nodes: tuple[int, int],
     gradient: Matrix,
     solution: Blocks,

@@ -4,7 +4,6 @@ What kernels know of a body is packed into arrays, and summed in one call (`film
 term by term.
 """
 
-import math
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -18,17 +17,13 @@ from cosim.errors import InputError
 from cosim.soft.beams.ring_kernels import REMEMBERED, BeamArrays
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
+from cosim.soft.elements import frame_ring, hinge, membrane, pressure
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.element import Element, Instant, Sums, Term
 from cosim.soft.elements.eyelets import COLUMNS, RATIO, SHARE, eyelet_laws, eyelet_loss, frozen_losses
-from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.elements.hinge import Hinges
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.elements.membrane import Membranes
-from cosim.soft.elements.pressure import GasChambers
-from cosim.soft.film import step_arrays
+from cosim.soft.film import step_arrays, strain_rates
 from cosim.soft.film.film_terms import FilmActing, film_terms, term_calls
-from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import LowRank
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening, ranges_apart
 
@@ -61,7 +56,7 @@ class SoftSystem:
         self.memory = body.first_memory()
         diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self._sums = Sums(self.gradient, self.blocks, diagonal, self.pattern.slots, self._widened)
-        self.gas = GasChambers(body.enclosures)
+        self.gas = pressure.GasChambers(body.enclosures)
         self._further = _bound_elements(body, self._sums)
         self._advancing = _advancing(body)
         places = zip(body.elements, body.memory_places, strict=True)
@@ -270,7 +265,7 @@ class SoftSystem:
         self, positions: Array, loads: Loads, memory: Array, inertia: Inertia | None, *, hessian: bool
     ) -> float:
         """Add what kernels do not know; return its energy [J]."""
-        step_s, closely = (math.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
+        step_s, closely = (np.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
         at, energy = Instant(memory, self.memory, step_s, loads, closely), 0.0
         for term, own in self._further:
             energy += term.add(positions, at if own is None else at.part(own), hessian)
@@ -289,7 +284,7 @@ class SoftSystem:
         return self.tangent_blocks, coupled.pattern
 
 
-_TAKEN: Final[tuple[type, ...]] = (Membranes, Hinges, Cable, FrameRings)
+_TAKEN: Final[tuple[type, ...]] = (membrane.Membranes, hinge.Hinges, Cable, frame_ring.FrameRings)
 """What kernels know besides rings of beams; all else is summed after them, term by term."""
 
 
@@ -450,7 +445,7 @@ def _film_beams(body: SoftBody, apart: IntArray) -> step_arrays.FilmBeams:
 
 def _film_frames(body: SoftBody, apart: IntArray) -> step_arrays.FilmFrames:
     """Return the frames and plates of a body, those of each element part by part."""
-    groups, found = list[tuple[int, int, int, int, int]](), list(body.of_kind(FrameRings))
+    groups, found = list[tuple[int, int, int, int, int]](), list(body.of_kind(frame_ring.FrameRings))
     begin, first, slot = 0, 0, 0
     for frames in found:
         nodes = frames.rings.shape[1]
@@ -489,7 +484,7 @@ def _firsts(parts: Sequence[Any]) -> IntArray:
 def _bed_of(inertia: Inertia | None) -> step_arrays.StepBed:
     if inertia is None:
         return _NO_BED
-    closely = inertia.closely or inertia.step_s == math.inf
+    closely = inertia.closely or inertia.step_s == np.inf
     return step_arrays.StepBed(inertia.coefficient, inertia.target, closely, inertia.rates)
 
 
@@ -542,8 +537,8 @@ class FilmEnergies:
         return system, system.fresh(self._body.first_memory())
 
     @cached_property
-    def _rates(self) -> StrainRates | None:
-        return StrainRates.of(self._body, self._system[0].film)
+    def _rates(self) -> strain_rates.StrainRates | None:
+        return strain_rates.StrainRates.of(self._body, self._system[0].film)
 
     def elastic(self, positions: Array) -> float:
         """Return the elastic energy [J] at positions (n, 3) [m]."""

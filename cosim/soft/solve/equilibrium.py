@@ -22,8 +22,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.solve.branching import Branching
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve import branching, newton
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.stability import Softest, leave, named, softest
@@ -39,7 +38,7 @@ _UNMOVED_MAX = 400  # iterations that moved nothing, before a slide is given up
 
 
 def slide(
-    solver: NewtonSolver,
+    solver: newton.NewtonSolver,
     start: Array,
     memory: Array,
     loads_at: Callable[[Array], Loads],
@@ -122,7 +121,7 @@ class EquilibriumSolver:
 
     def __init__(
         self,
-        solver: NewtonSolver,
+        solver: newton.NewtonSolver,
         clamp: Clamp,
         options: NewtonOptions,
         self_contact: SelfContact | None = None,
@@ -262,7 +261,7 @@ class EquilibriumSolver:
 
     def _follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         here, done, piece, spent, slides, lost = begin, 0.0, 1.0, 0, 0, 0
-        branchings: tuple[Branching, ...] = ()
+        branchings: tuple[branching.Branching, ...] = ()
         while done < 1.0:
             load_factor = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(world_from_flange, load_factor)
@@ -316,7 +315,7 @@ class EquilibriumSolver:
         """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
         return softest(self.solver, here.state, here.loads, here.world_from_flange.rotation)
 
-    def named(self, here: Equilibrium, lowest: Softest) -> Branching:
+    def named(self, here: Equilibrium, lowest: Softest) -> branching.Branching:
         """Return what is known of an equilibrium that gives way along a mode by itself."""
         return named(self.solver, here.state, here.loads, lowest, max(1, here.negative_pivots or 0))
 

@@ -35,6 +35,7 @@ from cosim.soft.body.loads import PlainLoads, Touching
 from cosim.soft.contact.self_contact_pairs import add_pair_blocks
 from cosim.soft.elements.eyelets import SHARE as FROZEN_SHARE
 from cosim.soft.elements.eyelets import freeze_losses
+from cosim.soft.elements.open_caps import RimArrays, correct_rims, hold_rims
 from cosim.soft.film.film_terms import FilmActing, film_terms
 from cosim.soft.film.rate_kernels import fill_rates
 from cosim.soft.film.step_arrays import (
@@ -82,7 +83,6 @@ from cosim.soft.film.step_arrays import (
 from cosim.soft.linear.kept_factor import OUTSIDE, KeptEnvelope, count_extra, is_kept, renew, solve_kept
 from cosim.soft.linear.pattern import SPARE
 from cosim.soft.linear.secant_pairs import FAR, SecantPairs, keep_pair
-from cosim.soft.published.open_caps import RimArrays, correct_rims, hold_rims
 from cosim.soft.solve.state import HeldNodes, follow_flange, place_flight, place_held
 from cosim.soft.solve.step_begin import FOLD_SWEEPS, BedNumbers, fill_bed, fill_flight, keep_folds_open
 

@@ -18,57 +18,16 @@ from cosim.base.kernels import RecordStore
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import pair_calls
-from cosim.soft.elements.element import Sums
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.elements import element, mass_terms
+from cosim.soft.elements.open_caps import OpenCapSolver, RimArrays
+from cosim.soft.film import step_arrays
 from cosim.soft.film.film_terms import FilmActing, film_terms
-from cosim.soft.film.step_arrays import (
-    ASKS,
-    BEGINS,
-    EVALUATED,
-    EVALUATION,
-    GOES_ON,
-    NODES,
-    PAIRS_KNOWN,
-    PATTERN,
-    RUN,
-    SEARCHES,
-    SOLUTION,
-    SOLVED,
-    STUCK,
-    TANGENT,
-    TRIED,
-    FilmArrays,
-    FilmLoads,
-    FilmPoint,
-    NewTangents,
-    StepMotion,
-    StepNumbers,
-    StepPlace,
-    StepWork,
-    WideTangent,
-    room_for_parts,
-)
+from cosim.soft.film.step_arrays import ASKS, NODES, TANGENT, NewTangents, StepNumbers, StepWork, WideTangent
+from cosim.soft.linear import kept_factor, linear_solver, secant_pairs
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
-from cosim.soft.linear.kept_factor import (
-    OUTSIDE,
-    DefiniteTangent,
-    KeptEnvelope,
-    KeptFactor,
-    NewtonState,
-    envelope_calls,
-    nothing_kept,
-)
-from cosim.soft.linear.linear_solver import (
-    NODE,
-    EnvelopeArrays,
-    LinearSolver,
-    ShiftSearch,
-    by_component,
-    negative_pivots,
-)
+from cosim.soft.linear.kept_factor import DefiniteTangent, KeptEnvelope, KeptFactor, NewtonState, nothing_kept
+from cosim.soft.linear.linear_solver import NODE, EnvelopeArrays, LinearSolver, ShiftSearch, negative_pivots
 from cosim.soft.linear.pattern import BlockPattern, check_widened
-from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, mend_step
-from cosim.soft.published.open_caps import OpenCapSolver, RimArrays
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
@@ -97,7 +56,7 @@ class NewtonTask:
 
     loads: Loads
     share: Array
-    inertia: Inertia | None
+    inertia: mass_terms.Inertia | None
     kind: float
     numbers: StepNumbers
     held: HeldNodes = _NOTHING_HELD
@@ -122,7 +81,7 @@ class NewtonProgress:
     """
 
     task: NewtonTask
-    motion: StepMotion
+    motion: step_arrays.StepMotion
     options: NewtonOptions
     reused: int = 0
     tangents: int = 0
@@ -160,7 +119,7 @@ class NewtonSolver:
     def __init__(self, system: SoftSystem, clamped: Mask, *, symmetric: bool = False) -> None:
         self.system, self._symmetric = system, symmetric
         self.clamped = clamped
-        self.free = np.ascontiguousarray(by_component(~clamped))
+        self.free = np.ascontiguousarray(linear_solver.by_component(~clamped))
         self._narrow = self._solver_for(system.pattern, None)
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
@@ -176,7 +135,7 @@ class NewtonSolver:
         memory: Array,
         loads: Loads,
         options: NewtonOptions,
-        inertia: Inertia | None = None,
+        inertia: mass_terms.Inertia | None = None,
         frame: Array | None = None,
     ) -> NewtonResult:
         """Find the stationary point of the potential near `start`.
@@ -197,13 +156,15 @@ class NewtonSolver:
         remembered = memory.copy() if moving else system.fresh(memory)
         flange = np.zeros((4, 3))
         flange[1:] = np.eye(3) if frame is None else frame.T
-        motion = StepMotion(x, x, x, x, remembered, flange, x, x, remembered)
+        motion = step_arrays.StepMotion(x, x, x, x, remembered, flange, x, x, remembered)
         kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
         share = system.segment_share(x, loads, remembered)
         solution = NewtonProgress(
             NewtonTask(loads, share, inertia, kind, self.numbers(options, loads)), motion, options
         )
-        outcome = self.go_on(solution, StepPlace(BEGINS, options.reuse_max, options.iterations_max))
+        outcome = self.go_on(
+            solution, step_arrays.StepPlace(step_arrays.BEGINS, options.reuse_max, options.iterations_max)
+        )
         if outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             reference = motion.new_memory.copy()
             system.evaluate(x, loads, share, reference, inertia=inertia, hessian=False)
@@ -232,7 +193,7 @@ class NewtonSolver:
         if not solution.tangents:
             return self._definite is not None and self._definite.reaches(end)
         # the only one was made at the start unless a kept one served before; others somewhere beyond
-        at_start = solution.tangents == 1 and solution.reused == self.parts[:, RUN].max()
+        at_start = solution.tangents == 1 and solution.reused == self.parts[:, step_arrays.RUN].max()
         begin = self._seen(start, solution.frame)
         last = end if not at_start else begin
         self._definite = made = DefiniteTangent.after(self._definite, envelope.pivots, begin, last)
@@ -261,7 +222,7 @@ class NewtonSolver:
             self.system.complete and loads.extra is None,
         )  # fmt: skip
 
-    def go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
+    def go_on(self, solution: NewtonProgress, place: step_arrays.StepPlace) -> Outcome:
         """Iterate until a solution has converged or cannot continue.
 
         Args:
@@ -294,9 +255,9 @@ class NewtonSolver:
             if min(attempts) < 0:
                 solution.shifts += 1
                 return Outcome.INDEFINITE
-            if (parts[asking, ASKS] == STUCK).any():
+            if (parts[asking, ASKS] == step_arrays.STUCK).any():
                 return Outcome.NO_DESCENT
-            place = place._replace(begins=GOES_ON)
+            place = place._replace(begins=step_arrays.GOES_ON)
 
     def side(self, task: NewtonTask) -> FilmSide:
         """Return what the kernel takes for a task."""
@@ -321,20 +282,22 @@ class NewtonSolver:
         """Give a part what it asks for; return the attempts to factorise, negative if all have failed."""
         work, motion, task = side.work, solution.motion, solution.task
         state = work.parts[part]
-        if state[ASKS] == EVALUATION:
+        if state[ASKS] == step_arrays.EVALUATION:
             given = motion.new_x, task.loads, task.share, work.reference
-            state[TRIED] = self.system.evaluate(*given, inertia=task.inertia, hessian=False)
-            motion.new_memory[:], state[ASKS] = self.system.memory, EVALUATED
-        elif state[ASKS] == SOLUTION:
-            kept, pairs, known = self._kept[0], work.pairs, int(state[PAIRS_KNOWN])
+            state[step_arrays.TRIED] = self.system.evaluate(*given, inertia=task.inertia, hessian=False)
+            motion.new_memory[:], state[ASKS] = self.system.memory, step_arrays.EVALUATED
+        elif state[ASKS] == step_arrays.SOLUTION:
+            kept, pairs, known = self._kept[0], work.pairs, int(state[step_arrays.PAIRS_KNOWN])
             assert kept is not None, "the kernel asks for it where there is one"
             load = np.empty_like(work.served[1])
-            bend_load(pairs, known, work.served[1], load)
+            secant_pairs.bend_load(pairs, known, work.served[1], load)
             # from the rotation of the factorisation to the present one
             step = np.ascontiguousarray(self.linear.solve(load, solution.frame @ kept.frame.T))
-            mend_step(pairs, known, step)
-            work.solution[0], state[ASKS] = step, SOLVED
-        elif state[ASKS] == TANGENT or (state[ASKS] == PATTERN and not self._changes_pattern(solution)):
+            secant_pairs.mend_step(pairs, known, step)
+            work.solution[0], state[ASKS] = step, step_arrays.SOLVED
+        elif state[ASKS] == TANGENT or (
+            state[ASKS] == step_arrays.PATTERN and not self._changes_pattern(solution)
+        ):
             return self._with_tangent(solution, side, part)
         return 0
 
@@ -343,7 +306,7 @@ class NewtonSolver:
         system, before, films = self.system, self.linear.pattern, solution.task.loads.self_contact
         wanted = system.pattern
         if films is not None:
-            films.add(solution.motion.new_x, Sums(np.zeros_like(system.gradient)), hessian=False)
+            films.add(solution.motion.new_x, element.Sums(np.zeros_like(system.gradient)), hessian=False)
             if len(films.acting):
                 wanted = system.widening.around(films.acting, before).pattern
         self._fit(wanted)
@@ -361,7 +324,7 @@ class NewtonSolver:
             load = np.zeros_like(gradient)
             load[begin:end] = -gradient[begin:end]
             side.work.solution[0, begin:end] = self.linear.solve(load)[begin:end]
-            side.work.parts[part, [ASKS, SEARCHES]] = SOLVED, 1.0
+            side.work.parts[part, [ASKS, step_arrays.SEARCHES]] = step_arrays.SOLVED, 1.0
         return attempts
 
     def _assemble(self, solution: NewtonProgress, side: FilmSide, part: int) -> None:
@@ -374,7 +337,9 @@ class NewtonSolver:
             return
         system.take_own_tangent(slice(*side.film.parts[part : part + 2, NODES].tolist()))
         acting: FilmActing = system.acting(loads, share, inertia)
-        point = FilmPoint(x, work.reference, system.memory, system.gradient, system.blocks, work.pull)
+        point = step_arrays.FilmPoint(
+            x, work.reference, system.memory, system.gradient, system.blocks, work.pull
+        )
         film_terms(side.work.film, system.slots, acting, part, point)
 
     def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
@@ -397,7 +362,7 @@ class NewtonSolver:
         return negative_pivots(system.tangent_pattern, self.free, system.tangent_blocks, system.low_rank)
 
     def factorise(
-        self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
+        self, positions: Array, memory: Array, loads: Loads, inertia: mass_terms.Inertia | None, frame: Array
     ) -> bool:
         """Factorise the tangent at a given shape into `linear`; False where it is indefinite.
 
@@ -476,7 +441,7 @@ class NewtonSolver:
         extra = np.array([0 if kept is None else kept.extra for kept in parts])
         if envelope is None:
             # of a kind that the kernel does not know it asks for the solutions; never of a part
-            outside = np.array([OUTSIDE if all(there) else 0])
+            outside = np.array([kept_factor.OUTSIDE if all(there) else 0])
             return self._nothing_kept._replace(there=outside, extra=extra[:1])
         frames = np.array([np.eye(3) if kept is None else kept.frame for kept in parts])
         counts = np.array(there, np.int64), np.zeros(len(parts), np.int64)
@@ -497,7 +462,7 @@ class NewtonSolver:
 
     @cached_property
     def _envelope_calls(self) -> IntArray:
-        return envelope_calls()
+        return kept_factor.envelope_calls()
 
     @cached_property
     def _no_dense(self) -> tuple[Array, Array, Array, Array]:
@@ -513,7 +478,7 @@ class NewtonSolver:
         counts = nothing._replace(there=there, made=made, extra=extra)
         return counts._replace(factor=factor, frame=np.eye(3)[None], free=self.free)
 
-    def _tangents(self, film: FilmArrays) -> NewTangents:
+    def _tangents(self, film: step_arrays.FilmArrays) -> NewTangents:
         """Where the kernel makes new tangents; nothing where it cannot, or a saved state holds the factor."""
         linear, system = self.linear, self.system
         closed, known = linear, linear.correction is None
@@ -553,9 +518,10 @@ class NewtonSolver:
         system = self.system
         return StepWork(
             step_calls(), system.gradient, np.empty((1, *system.gradient.shape)),
-            np.empty((2, *system.gradient.shape)), SecantPairs.room(len(system.gradient)),
+            np.empty((2, *system.gradient.shape)), secant_pairs.SecantPairs.room(len(system.gradient)),
             np.empty_like(system.memory), np.empty(len(system.film.segments)),
-            room_for_parts(len(system.film.parts) - 1), system.at, nothing_of(FilmLoads), self.along,
+            step_arrays.room_for_parts(len(system.film.parts) - 1), system.at,
+            nothing_of(step_arrays.FilmLoads), self.along,
         )  # fmt: skip
 
     @cached_property

@@ -17,12 +17,9 @@ from cosim.base.frames import Array, Pose, cross_matrix
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.strain_rates import StrainRates
+from cosim.soft.solve import newton, sensitivity, stability, step_begin
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
-from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.sensitivity import FrozenTangent
-from cosim.soft.solve.stability import softest
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.soft.solve.step_begin import BedNumbers
 
 _SAME: Final = 1e-7  # of the largest singular value, below which a motion is one of the others
 _MOVED_m: Final = 1e-7
@@ -42,13 +39,13 @@ class RestingFilm:
         loads: that act.
     """
 
-    solver: NewtonSolver
+    solver: newton.NewtonSolver
     clamp: Clamp
     flange: Pose
     state: SoftState
     loads: Loads
 
-    def linear_step(self, bed: BedNumbers, motions: int) -> LinearStep:
+    def linear_step(self, bed: step_begin.BedNumbers, motions: int) -> LinearStep:
         """Return a step of the film.
 
         Args:
@@ -65,7 +62,7 @@ class RestingFilm:
             raise InputError("a linear model needs closed ends: set model.closed = true")
         names, slopes, still = self._by_loads()
         self._gradient(self.loads, hessian=True)
-        tangent = FrozenTangent.of(system, self.state.positions)
+        tangent = sensitivity.FrozenTangent.of(system, self.state.positions)
         carried = self._carried()
         pushes = np.concatenate([slopes, tangent.times(carried), mass[:, None, None] * carried], axis=2)
         v = np.concatenate([carried, self._motions(pushes, motions)], axis=2)
@@ -126,7 +123,7 @@ class RestingFilm:
             own = np.flatnonzero(solver.free)
             return np.eye(solver.free.size)[:, own].reshape(*solver.free.shape, -1) / root
         frame = self.flange.rotation
-        found = softest(solver, self.state, self.loads, frame, mass, count)
+        found = stability.softest(solver, self.state, self.loads, frame, mass, count)
         loaded = np.ascontiguousarray(np.moveaxis(np.where(solver.free[..., None], pushes, 0.0), 2, 0))
         both = np.concatenate([found.shapes, solver.linear.solve_all(loaded)])
         weighed = np.where(solver.free[..., None], root * np.moveaxis(both, 0, 2), 0.0)

@@ -25,19 +25,10 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.point_kernels import fill_point, fill_slopes, fill_weights, plane_of
-from cosim.soft.contact.rigid_motion import furthest_from_mean
-from cosim.soft.contact.self_contact_candidates import (
-    FilmLists,
-    FilmRows,
-    keep_quiet,
-    make_lists,
-    stays_quiet,
-)
-from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
-from cosim.soft.contact.self_contact_memory import FilmMemory, FilmMemoryRows, PairRows
-from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pairs, pair_work, settle_pairs
+from cosim.soft.contact import rigid_motion, self_contact_candidates, self_contact_faces, self_contact_pairs
+from cosim.soft.contact.contact_law import ContactLaw, fill_point, fill_slopes, fill_weights, plane_of
+from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, keep_quiet, make_lists
+from cosim.soft.contact.self_contact_pairs import FilmMemory, FilmMemoryRows, FilmPairs, PairRows, pair_work
 from cosim.soft.contact.self_contact_search import BEHIND_M, find_over
 from cosim.soft.solve.state import SoftState
 
@@ -153,7 +144,7 @@ def find_pairs(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) 
     """
     films = record_at(at, FilmContacts)
     memory, pairs = films.memory, films.pairs
-    reach = rest + ahead * furthest_from_mean(velocity)
+    reach = rest + ahead * rigid_motion.furthest_from_mean(velocity)
     count = _find_over(films.calls[_OVER], (x, films.lists, reach, BEHIND_M, films.hits))
     films.counts[NEEDED] = count
     if count > films.hits.shape[0]:
@@ -185,9 +176,9 @@ def films_press(at: int, x: Matrix, velocity: Matrix, ahead: float, through: flo
     """
     films = record_at(at, FilmContacts)
     lists, reach, behind = films.lists, 0.5 * films.pairs.widths[0], through
-    if stays_quiet(x, lists, reach, through):
+    if self_contact_candidates.stays_quiet(x, lists, reach, through):
         return 0
-    if ahead * furthest_from_mean(velocity) > through:
+    if ahead * rigid_motion.furthest_from_mean(velocity) > through:
         behind = BEHIND_M
     asked = x, lists, reach, behind, films.hits[:0]
     count = _find_over(films.calls[_OVER], asked)
@@ -211,9 +202,17 @@ class SelfContact:
     """
 
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
-        self.law, self.faces = law.law, FilmFaces.of(body)
-        points = FilmPoints.of(self.faces, body.positions)
-        called = find_pairs, settle_pairs, add_pairs, films_press, pair_work, find_over, make_lists
+        self.law, self.faces = law.law, self_contact_faces.FilmFaces.of(body)
+        points = self_contact_faces.FilmPoints.of(self.faces, body.positions)
+        called = (
+            find_pairs,
+            self_contact_pairs.settle_pairs,
+            self_contact_pairs.add_pairs,
+            films_press,
+            pair_work,
+            find_over,
+            make_lists,
+        )
         self._overlooked: SoftState | None = None
         self._last: tuple[SoftState, float, FilmPairs | None] | None = None  # of the last step
         self.work_J = 0.0

@@ -29,12 +29,10 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import ConvergenceError, InputError, SensitivityError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, place_of_largest
+from cosim.soft.elements import eyelets, mass_terms
 from cosim.soft.elements.cable import add_segments
-from cosim.soft.elements.eyelets import RATIO
-from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.linear.linear_solver import LowRank
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve import assembly, newton
 from cosim.soft.solve.state import Clamp, Equilibrium
 
 _ROUNDS_MAX: Final = 60
@@ -64,11 +62,11 @@ class Side(NamedTuple):
     offset: float
     weight: float
     bend: float
-    system: SoftSystem
+    system: assembly.SoftSystem
     clamp: Clamp
     loads: Loads
     alike: bool = False
-    inertia: Inertia | None = None
+    inertia: mass_terms.Inertia | None = None
 
 
 class Moved(NamedTuple):
@@ -90,7 +88,9 @@ class Moved(NamedTuple):
         return max(abs(side.offset) for side in self.sides)
 
 
-def factorise_at(solver: NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
+def factorise_at(
+    solver: newton.NewtonSolver, here: Equilibrium, inertia: mass_terms.Inertia | None = None
+) -> None:
     """Factorise the tangent at an equilibrium, or with inertia where an implicit step ends.
 
     Raises:
@@ -125,7 +125,7 @@ class FrozenTangent(NamedTuple):
     caps: list[tuple[IntArray, Array]]
 
     @classmethod
-    def of(cls, system: SoftSystem, positions: Array, near: Mask | None = None) -> "FrozenTangent":
+    def of(cls, system: assembly.SoftSystem, positions: Array, near: Mask | None = None) -> "FrozenTangent":
         """Return that which a system has assembled last.
 
         Args:
@@ -195,8 +195,8 @@ class EquilibriumSlope:
     """
 
     def __init__(
-        self, solver: NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False,
-        inertia: Inertia | None = None,
+        self, solver: newton.NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False,
+        inertia: mass_terms.Inertia | None = None,
     ) -> None:  # fmt: skip
         factorise_at(solver, here, inertia)
         self._kinks, self._solver, self._here, self._clamp = kinks, solver, here, clamp
@@ -379,7 +379,7 @@ class Sensitivity:
         ConvergenceError: the tangent is not positive definite there: the equilibrium is not stable.
     """
 
-    def __init__(self, solver: NewtonSolver, equilibrium: Equilibrium) -> None:
+    def __init__(self, solver: newton.NewtonSolver, equilibrium: Equilibrium) -> None:
         self._solver = solver
         self._equilibrium = equilibrium
         self._positions = equilibrium.state.positions
@@ -414,7 +414,7 @@ class Sensitivity:
         rows = system.segment_share(self._positions, here.loads, here.state.memory)
         routes = system.film.eyelets.routes.tolist()
         for cable, (first, last) in zip(system.body.cables, pairwise(routes), strict=True):
-            gradient, ratio = np.zeros_like(self._positions), rows[first:last, RATIO].copy()
+            gradient, ratio = np.zeros_like(self._positions), rows[first:last, eyelets.RATIO].copy()
             add_segments(self._positions, cable.segments, ratio, _NO_SLOTS, gradient, _NO_BLOCKS)
             columns.append(self._tip_motion(-gradient))
         return np.stack(columns, axis=1) if columns else np.zeros((6, 0))

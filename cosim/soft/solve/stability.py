@@ -22,10 +22,9 @@ from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import ShiftSearch
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.solve import assembly, newton_options
 from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions, SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
 
 _LEAST_SHIFT, _LARGEST_SHIFT = 1e-3, 1e9  # of a weight of 1
@@ -131,8 +130,8 @@ NOWHERE: Final = "no stable equilibrium was found beside it"
 class BranchFollower(Protocol):
     """Follows equilibria of a body; see `EquilibriumSolver`."""
 
-    options: NewtonOptions
-    effort: SearchEffort
+    options: newton_options.NewtonOptions
+    effort: newton_options.SearchEffort
 
     @property
     def body(self) -> SoftBody:
@@ -266,7 +265,7 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
 _RATE_PROBE_m = 1e-6
 
 
-def material_losses(system: SoftSystem, positions: Array, shapes: Array) -> tuple[float, ...]:
+def material_losses(system: assembly.SoftSystem, positions: Array, shapes: Array) -> tuple[float, ...]:
     """Return v.D v / v.M v [1/s] of each mode: its materials' losses let it decay at half of that.
 
     D is the matrix of resistance to rates of strain at the shape, M that of masses.
@@ -330,7 +329,7 @@ def margin_by(stiffness: float, fall: float, *, driven: bool) -> tuple[float, bo
     return (margin, snaps) if abs(margin) < 1.0 else (math.inf, False)
 
 
-def nodal_loads(system: SoftSystem, positions: Array, memory: Array, loads: Loads) -> Array:
+def nodal_loads(system: assembly.SoftSystem, positions: Array, memory: Array, loads: Loads) -> Array:
     """Return what loads exert on each node (n, 3) [N] by gas, cables of given tension, weight and dead loads.
 
     Args:

@@ -33,7 +33,7 @@ from cosim.base.kernels import device_function, kernel, small_matrix, small_vect
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.contact.self_contact_memory import FilmMemory
+from cosim.soft.contact.self_contact_pairs import FilmMemory
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.step_begin import BedNumbers

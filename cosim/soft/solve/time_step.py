@@ -17,9 +17,7 @@ from cosim.soft.body.places import place_of_largest
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.film import step_arrays
-from cosim.soft.film.step_arrays import StepMotion, StepPlace
-from cosim.soft.film.strain_rates import StrainRates
+from cosim.soft.film import step_arrays, strain_rates
 from cosim.soft.solve.film_step import FilmSide
 from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
 from cosim.soft.solve.newton_options import NewtonResult, Outcome
@@ -64,7 +62,7 @@ class FilmSides:
     def __init__(self, solver: NewtonSolver, clamp: Clamp, options: StepOptions, *, apart: bool) -> None:
         self._solver, self._clamp, self._options, self._apart = solver, clamp, options, apart
         self.target = np.empty_like(solver.system.gradient)
-        self._rates = StrainRates.of(solver.system.body, solver.system.film)
+        self._rates = strain_rates.StrainRates.of(solver.system.body, solver.system.film)
         self.rates = 0 if self._rates is None else self._rates.address  # of what a step resists rates with
         self._plain = Loads((), (0.0,) * len(solver.system.body.cables))
         self._last: tuple[StepScheme, float, bool, NewtonTask] | None = None
@@ -177,7 +175,7 @@ class QuickStepper:
         self.begun: BegunStep | None = None
         """A step that was begun elsewhere: the next one, if it is from the same state, continues with it."""
 
-    def begins(self, *, lenient: bool) -> StepPlace:
+    def begins(self, *, lenient: bool) -> step_arrays.StepPlace:
         """Return what the kernel takes for the beginning of a step.
 
         Args:
@@ -185,7 +183,7 @@ class QuickStepper:
         """
         newton = self._options.newton
         first = min(self._options.iterations, newton.iterations_max) if lenient else newton.iterations_max
-        return StepPlace(step_arrays.BEGINS_STEP, newton.reuse_max, first)
+        return step_arrays.StepPlace(step_arrays.BEGINS_STEP, newton.reuse_max, first)
 
     def knows(self, loads: Loads) -> bool:
         """Whether losses of cables do not depend on where the step leads."""
@@ -226,7 +224,7 @@ class QuickStepper:
         here, options, system = (state.positions, state.velocities), self._options, self._solver.system
         begun, self.begun = self.begun if self.has_begun(state) else None, None
         x, velocities, memory = _new_end(state) if begun is None else (begun.x, begun.base, begun.memory)
-        motion = StepMotion(
+        motion = step_arrays.StepMotion(
             *here, *(state.earlier or here), state.memory, flange_axes(flange), x, velocities, memory
         )
         share = system.segment_share(state.positions, loads, state.memory)
@@ -258,13 +256,13 @@ class QuickStepper:
             return None
         return self._end(motion, films), solution.result(outcome)
 
-    def _end(self, motion: StepMotion, films: FilmPairs | None) -> SoftState:
+    def _end(self, motion: step_arrays.StepMotion, films: FilmPairs | None) -> SoftState:
         """Return where a step with pairs of films has ended."""
         x, touching = motion.new_x, None if films is None else films.memory(motion.new_x)
         memory = self._solver.system.advanced(x, motion.new_memory)
         return SoftState(x, motion.new_velocity, memory, (motion.x, motion.velocity), touching)
 
-    def _go_on(self, solution: NewtonProgress, place: StepPlace) -> Outcome:
+    def _go_on(self, solution: NewtonProgress, place: step_arrays.StepPlace) -> Outcome:
         """Go on beyond what a step was given at first."""
         parts = self._solver.parts
         parts[parts[:, step_arrays.TO_DO] != 0.0, step_arrays.ASKS] = step_arrays.TANGENT
@@ -272,7 +270,7 @@ class QuickStepper:
         outcome = self._solver.go_on(solution, place)
         return outcome if outcome is Outcome.CONVERGED else Outcome.NO_DESCENT
 
-    def _jumps(self, motion: StepMotion, step_s: float) -> bool:
+    def _jumps(self, motion: step_arrays.StepMotion, step_s: float) -> bool:
         """Return whether the flange jumps in a step, off free flight."""
         flight, gain = np.empty_like(motion.x), self._options.gain
         fill_flight(motion.x, motion.velocity, motion.earlier_velocity, step_s, gain, flight)

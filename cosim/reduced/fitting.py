@@ -10,20 +10,15 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
-from cosim.reduced.fit.sampling import Sampler, Samples, WorkingRange
+from cosim.reduced.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
 from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline, basis
 from cosim.reduced.solve.clamp import place_in_range
 from cosim.reduced.solve.newton import ChainSolver
+from cosim.soft.body import loads, places
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import parents
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve import assembly, equilibrium, newton_options, self_contact, state
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
 # of what few samples on a refined mesh add to the coefficients of the coarse one, and how much more of each
@@ -323,7 +318,7 @@ class Effort:
 def build_model(
     body: SoftBody,
     largest_Pa: float = LARGEST_PRESSURE_Pa,
-    films: FilmContactLaw | None = None,
+    films: self_contact.FilmContactLaw | None = None,
     coarse: SoftBody | None = None,
     effort: Effort | None = None,
     folds: bool = False,
@@ -353,30 +348,32 @@ def build_model(
     model = fit_model(samples, frames, spline)
     if coarse is not None:
         frames = replace(RingFrames.of(body), folds=folds)
-        finer = Sampler(body, frames, films).finer(samples, parents(coarse, body))
+        finer = Sampler(body, frames, films).finer(samples, places.parents(coarse, body))
         model = fit_model(finer, frames, spline, model)
     return replace(model, tips=_tips(body, model, films))
 
 
-def _tips(body: SoftBody, model: SectionModel, films: FilmContactLaw | None) -> Array:
+def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLaw | None) -> Array:
     """Return pressure [Pa], distance of the tips and length of the film [m] at some loads (k, 3).
 
     The film leans by gravity to the side and is pulled by its first cable. Loads at which the film has no
     equilibrium, or bends out of the model's range, are left out.
     """
-    system = SoftSystem(body)
-    clamp = Clamp.of_base(body)
-    options = NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
+    system = assembly.SoftSystem(body)
+    clamp = state.Clamp.of_base(body)
+    options = newton_options.NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
     newton = NewtonSolver(system, clamp.mask(body.nodes))
-    contact = None if films is None else SelfContact(body, films)
-    solver = EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
+    contact = None if films is None else self_contact.SelfContact(body, films)
+    solver = equilibrium.EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
     chain = ChainSolver(SectionBody(body, model))
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
     slack = (0.0,) * len(body.cables)
-    straight = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads((), slack, (0.0, 0.0, 0.0)))
+    straight = solver.solve(
+        state.SoftState.drawn(body, Pose()), Pose(), loads.Loads((), slack, (0.0, 0.0, 0.0))
+    )
     tips = []
     for pressure in (fraction * model.spline.largest_Pa for fraction in _SHARES):
-        hanging = Loads((pressure,), slack, (0.0, 0.0, 9.81))
+        hanging = loads.Loads((pressure,), slack, (0.0, 0.0, 9.81))
         here = straight = solver.follow(straight, Pose(), hanging)
         for lean in _LEANS_rad:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()
@@ -391,7 +388,7 @@ def _tips(body: SoftBody, model: SectionModel, films: FilmContactLaw | None) -> 
     return np.array(tips).reshape(-1, 3)
 
 
-def _tip_off(chain: ChainSolver, film: Equilibrium, pressure_Pa: float) -> list[tuple[float, float]]:
+def _tip_off(chain: ChainSolver, film: state.Equilibrium, pressure_Pa: float) -> list[tuple[float, float]]:
     """Return the distance of the tips, infinite without an equilibrium, and the film's length [m], if any."""
     frames = chain.section.frames.fit(film.state.positions, Pose())
     if place_in_range(chain.section, frames, pressure_Pa).fraction > 1.0:
@@ -399,6 +396,6 @@ def _tip_off(chain: ChainSolver, film: Equilibrium, pressure_Pa: float) -> list[
     free = np.arange(len(frames)) > 0
     found = chain.solve(frames, free, film.loads, 1e-6, 60)
     length = float(np.linalg.norm(np.diff(frames[:, 0], axis=0), axis=1).sum())
-    if found.outcome is not Outcome.CONVERGED:
+    if found.outcome is not newton_options.Outcome.CONVERGED:
         return [(np.inf, length)]
     return [(float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])), length)]

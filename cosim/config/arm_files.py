@@ -3,7 +3,6 @@
 Makes an arm of a robot's links and joints and of what its `arm.toml` says.
 """
 
-import math
 import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
@@ -13,24 +12,11 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from cosim.base.arm_file import ArmFile, LinkShape
+from cosim.base import arm_file, resources
 from cosim.base.frames import Array, Pose
-from cosim.base.resources import arm_path, is_file, list_arms
-from cosim.config.arms import robot_tree
-from cosim.config.arms.arm_table import ArmTable, add_adapter, on_moving_base
-from cosim.config.arms.chain import (
-    chain_to,
-    check_chain,
-    find_meshes,
-    flange_of,
-    moving_joints,
-    numbers,
-    replace_unreadable,
-)
-from cosim.config.arms.robot_tree import link_of, read_robot
+from cosim.config import arm_chain, arm_table, robot_tree
+from cosim.config.toml import parsing, reading
 from cosim.config.toml.keys import unknown_name_message
-from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Faults, blamed_on, read_table
 from cosim.errors import InputError, ScenarioError
 
 LEFT_OUT: Final = "left out, because not on the way to the flange"
@@ -51,7 +37,7 @@ class ArmSource:
 
     name: str
     path: Path
-    table: ArmTable
+    table: arm_table.ArmTable
     package_folders: tuple[Path, ...] = ()
     files: tuple[Path, ...] = ()
 
@@ -82,12 +68,12 @@ class Chain:
     flange: str
     home: Array | None = None
     armature: Array | None = None
-    shapes: tuple[LinkShape, ...] = ()
+    shapes: tuple[arm_file.LinkShape, ...] = ()
     files: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
 
 
-def read_urdf(source: ArmSource) -> ArmFile:
+def read_urdf(source: ArmSource) -> arm_file.ArmFile:
     """Return the arm of a URDF file; only the chain from the root to the flange is kept.
 
     The bound of a joint's acceleration is the attribute `acceleration` of its `<limit>`, if there is one.
@@ -97,11 +83,11 @@ def read_urdf(source: ArmSource) -> ArmFile:
         InputError: file, flange, package or mesh missing, text not XML, a joint type not handled, or numbers
             that belong to no arm.
     """
-    path, robot = source.path, read_robot(source.path)
-    flange, how = flange_of(robot, source.table.flange, path)
-    joints = chain_to(robot, flange, path)
+    path, robot = source.path, robot_tree.read_robot(source.path)
+    flange, how = arm_chain.flange_of(robot, source.table.flange, path)
+    joints = arm_chain.chain_to(robot, flange, path)
     check_limited_chain(robot, joints, source)
-    links = {flange} | {link_of(joint, "parent") for joint in joints}
+    links = {flange} | {robot_tree.link_of(joint, "parent") for joint in joints}
     left_out = []
     for element in list(robot):
         is_link = element.tag == "link" and element.get("name") in links
@@ -110,25 +96,25 @@ def read_urdf(source: ArmSource) -> ArmFile:
             masses = [mass.get("value", "0").strip() for mass in element.iter("mass")]
             if element.tag == "link" and any(mass not in ("0", "0.0") for mass in masses):
                 left_out.append(element.get("name", ""))
-    meshes = find_meshes(robot, path, source.package_folders)
-    notes = (f"flange '{flange}', {how}", *replace_unreadable(robot))
+    meshes = arm_chain.find_meshes(robot, path, source.package_folders)
+    notes = (f"flange '{flange}', {how}", *arm_chain.replace_unreadable(robot))
     if left_out:
         notes += (f"{LEFT_OUT}: {', '.join(left_out)}",)
     return arm_of(Chain(robot, tuple(joints), flange, files=(path, *meshes), notes=notes), source)
 
 
-def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
+def arm_of(chain: Chain, source: ArmSource) -> arm_file.ArmFile:
     """Return the arm of a chain, with what its `arm.toml` says put in.
 
     Raises:
         InputError: a list has not as many entries as there are joints, or values that no joint has.
     """
     table, path, flange = source.table, source.path, chain.flange
-    moving = moving_joints(list(chain.joints))
+    moving = arm_chain.moving_joints(list(chain.joints))
     names = tuple(joint.get("name", "") for joint in moving)
     home, known = _home(moving, chain, source)
     if table.adapter is not None:
-        flange = add_adapter(chain.robot, flange, table.adapter, path)
+        flange = arm_table.add_adapter(chain.robot, flange, table.adapter, path)
     armature = _of_joints(table.servos.armature, "servos.armature", names, source)
     if armature is None:
         armature = np.zeros(0) if chain.armature is None else chain.armature
@@ -136,7 +122,7 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
     damping = _of_joints(table.servos.damping, "servos.damping", names, source)
     bound = [_acceleration_bound(joint, _where(joint, path)) for joint in moving]
     base = table.base
-    arm = ArmFile(
+    arm = arm_file.ArmFile(
         source.name,
         path,
         ElementTree.tostring(chain.robot, encoding="unicode"),
@@ -154,7 +140,7 @@ def arm_of(chain: Chain, source: ArmSource) -> ArmFile:
         notes=(*chain.notes, *_unbounded(moving)),
         drawn_as=table.drawn_as,
     )
-    return on_moving_base(arm, base)
+    return arm_table.on_moving_base(arm, base)
 
 
 def _unbounded(moving: list[ElementTree.Element]) -> list[str]:
@@ -175,7 +161,7 @@ def check_limited_chain(
     Raises:
         InputError: a list has not as many entries as there are joints; see `check_chain`.
     """
-    moving, limits = moving_joints(joints), source.table.limits
+    moving, limits = arm_chain.moving_joints(joints), source.table.limits
     names = tuple(joint.get("name", "") for joint in moving)
     for key in ("lower", "upper", "velocity", "acceleration", "effort"):
         values = _of_joints(getattr(limits, key), f"limits.{key}", names, source)
@@ -190,7 +176,7 @@ def check_limited_chain(
             )
         if joint.get("type") == "continuous" and given:
             joint.set("type", "revolute")
-    check_chain(robot, joints, source.path)
+    arm_chain.check_chain(robot, joints, source.path)
     for joint in moving:
         _fill(_limit_of(joint), ("effort", "velocity"))
     for inertia in robot.iter("inertia"):
@@ -230,8 +216,8 @@ def _acceleration_bound(joint: ElementTree.Element, where: str) -> float:
     """Return the attribute `acceleration` of a joint's limit [rad/s^2]; infinite without one."""
     limit = joint.find("limit")
     if limit is None or limit.get("acceleration") is None:
-        return math.inf
-    return float(numbers(limit, "acceleration", 1, "", where)[0])
+        return np.inf
+    return float(arm_chain.numbers(limit, "acceleration", 1, "", where)[0])
 
 
 def _home(moving: list[ElementTree.Element], chain: Chain, source: ArmSource) -> tuple[Array, bool]:
@@ -255,7 +241,7 @@ def _home(moving: list[ElementTree.Element], chain: Chain, source: ArmSource) ->
 def _bounds(joint: ElementTree.Element) -> tuple[float, float]:
     limit = joint.find("limit")
     if joint.get("type") == "continuous" or limit is None:
-        return -math.inf, math.inf
+        return -np.inf, np.inf
     return float(limit.get("lower", "0")), float(limit.get("upper", "0"))
 
 
@@ -272,7 +258,7 @@ def is_arm_file(path: Path) -> bool:
     """Return whether a file is that of an arm: by its ending, its name, or what its key `file` ends in."""
     if path.suffix.lower() != ".toml":
         return is_arm_path(path.name)
-    return path.name == _TABLE_FILE or is_arm_table(read_table(path))
+    return path.name == _TABLE_FILE or is_arm_table(reading.read_table(path))
 
 
 def is_arm_table(table: Mapping[str, Any]) -> bool:
@@ -296,11 +282,11 @@ def with_arm_path(robot: str, folder: Path) -> str:
     path = folder / robot
     if robot_tree.is_of_menagerie(robot):
         place = robot
-    elif is_file(path):
+    elif resources.is_file(path):
         place = str(path.resolve())
     else:
         raise ScenarioError("robot", f"arm file {path} does not exist")
-    with blamed_on("robot"):
+    with reading.blamed_on("robot"):
         source = arm_source(place)
         if not source.is_mjcf:
             read_urdf(source)
@@ -319,18 +305,18 @@ def arm_source(robot: str) -> ArmSource:
         ScenarioError: keys or values of an `arm.toml` are wrong.
     """
     if not is_arm_path(robot):
-        if robot not in list_arms():
+        if robot not in resources.list_arms():
             raise InputError(unknown_arm(robot))
-        return _from_table(arm_path(robot))
+        return _from_table(resources.arm_path(robot))
     if robot_tree.is_of_menagerie(robot):
         found = robot_tree.menagerie_file(robot)
-        return ArmSource(robot.removeprefix(robot_tree.PREFIX), found, ArmTable(file=found.name))
+        return ArmSource(robot.removeprefix(robot_tree.PREFIX), found, arm_table.ArmTable(file=found.name))
     path = Path(robot)
-    if not is_file(path):
+    if not resources.is_file(path):
         raise InputError(f"arm file {path} does not exist")
     if path.suffix.lower() == ".toml":
         return _from_table(path)
-    return ArmSource(path.stem, path, ArmTable(file=path.name))
+    return ArmSource(path.stem, path, arm_table.ArmTable(file=path.name))
 
 
 def unknown_arm(robot: str, others: tuple[str, ...] = ()) -> str:
@@ -340,18 +326,18 @@ def unknown_arm(robot: str, others: tuple[str, ...] = ()) -> str:
         robot: the name.
         others: names that may stand in its place, besides those of arms.
     """
-    known = unknown_name_message("arm", robot, (*list_arms(), *others))
+    known = unknown_name_message("arm", robot, (*resources.list_arms(), *others))
     return f"{known}; or give the path of a .urdf, an .xml (MJCF) or an arm.toml, or menagerie:MODEL"
 
 
-def read_arm_table(path: Path) -> ArmTable:
+def read_arm_table(path: Path) -> arm_table.ArmTable:
     """Return what an `arm.toml` says.
 
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
     """
-    faults = Faults()
-    table = parse(ArmTable, read_table(path), "robot", faults)
+    faults = reading.Faults()
+    table = parsing.parse(arm_table.ArmTable, reading.read_table(path), "robot", faults)
     faults.tell()
     return table
 

@@ -36,7 +36,7 @@ from cosim.soft.body.places import TipFrame
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.sensitivity import Sensitivity
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.targets.tip_target import TargetOptions, TargetSolution, TipTarget
+from cosim.soft.solve.tip_target import TargetOptions, TargetSolution, TipTarget
 
 
 class TipSensitivity(Protocol):

@@ -1,11 +1,16 @@
-"""The tangent of a body with open ends: that of the closed one, and a small term that is not symmetric.
+"""Only for the comparison with the published code: bodies with open ends, edges without springs.
+
+The tangent of a body with open ends is that of the closed one, and a small term that is not symmetric.
 
 With K the closed body's tangent, held by springs D at the rings that caps would close, S the free components
 of these and E what the missing caps add there, less D,
 
     (K + S E S^T) x = b,
 
-solved as a term of low rank beside K (`Correction`).
+solved as a term of low rank beside K (`Correction`). What the missing caps take from gradient and tangent is
+in `cosim.soft.elements.pressure`.
+Source of the edges without springs: the hinge lists of the code's examples UR_Pneumatic (hexagonal) and
+Three_Unit_Compare (square units).
 """
 
 from typing import Any, NamedTuple, TypeAlias, final
@@ -19,6 +24,7 @@ from cosim.base.kernel_types import Blocks, Cubes, Indices, Matrix, Vector
 from cosim.base.kernels import address_of, device_function, kernel
 from cosim.base.numba_insides import caller
 from cosim.soft.elements.pressure import add_cap_stiffness
+from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
 from cosim.soft.linear.envelope_kernels import TileFactor, forward
 from cosim.soft.linear.kept_factor import KeptEnvelope
@@ -300,3 +306,34 @@ _GENERAL = 3  # parts of a general factor; those of Cholesky's are fewer
 
 def _components(ring: IntArray) -> IntArray:
     return np.ravel(3 * ring[:, None] + np.arange(3))
+
+
+_DIAGONAL = frozenset({"mid corner", "outer edge"})
+_CORNER_LINES = (frozenset({"hole", "mid corner"}), frozenset({"mid corner", "outer corner"}))
+
+
+def without_spring(mesh: NamedMesh, hinges: IntArray) -> Mask:
+    """Return which hinges (h,) the published models lack, on an unrefined mesh.
+
+    In every chamber the edges from a mid ring's corner to an outer edge midpoint; in square ones also
+    the lines along the corners, from hole to outer ring.
+
+    Args:
+        mesh: a stack of polygonal units.
+        hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
+    """
+    bare = {_DIAGONAL, *_CORNER_LINES} if len(mesh.ring(mesh.base_ring)) == 4 else {_DIAGONAL}
+    places = _places(mesh)
+    return np.array([frozenset({places[j], places[k]}) in bare for j, k in hinges[:, 1:3]], dtype=bool)
+
+
+def _places(mesh: NamedMesh) -> list[str]:
+    """Return where each node lies: "hole", or the ring and whether at a corner or an edge midpoint."""
+    places = ["hole"] * len(mesh.positions)
+    for name, ring in mesh.rings.items():
+        kind = name.rpartition(".")[2]
+        if kind in ("lower", "outer", "upper"):
+            for place, node in enumerate(ring):
+                ring_name = "outer" if kind == "outer" else "mid"
+                places[node] = f"{ring_name} {'edge' if place % 2 else 'corner'}"
+    return places

@@ -5,7 +5,6 @@ Checks what joints and links of a chain say, so that a refusal names them before
 The shapes of an arm's links: their mesh files are found, and what no engine reads is replaced.
 """
 
-import math
 import struct
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
@@ -18,8 +17,7 @@ import numpy as np
 from cosim.base.arm_file import FIXED, MOVING
 from cosim.base.files import note_file
 from cosim.base.frames import Array, Pose
-from cosim.config.arms.arm_table import add_origin, origin_of, text_of
-from cosim.config.arms.robot_tree import found_file, link_of
+from cosim.config import arm_table, robot_tree
 from cosim.errors import InputError
 
 FLANGE_NAMES: Final = ("attachment_site", "tool0", "flange")
@@ -60,7 +58,7 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
     Raises:
         InputError: a joint is of a type that is not handled, none moves, or too many do.
     """
-    joint_above = {link_of(joint, "child"): joint for joint in robot.findall("joint")}
+    joint_above = {robot_tree.link_of(joint, "child"): joint for joint in robot.findall("joint")}
     chain: list[ElementTree.Element] = []
     link = flange
     while link in joint_above:
@@ -71,7 +69,7 @@ def chain_to(robot: ElementTree.Element, flange: str, path: Path) -> list[Elemen
                 f"the chain to the flange may hold {', '.join((FIXED, *MOVING))}"
             )
         chain.insert(0, joint)
-        link = link_of(joint, "parent")
+        link = robot_tree.link_of(joint, "parent")
     moving = moving_joints(chain)
     if not 1 <= len(moving) <= MOST_JOINTS:
         names = ", ".join(repr(joint.get("name")) for joint in moving[:MOST_JOINTS]) or "none"
@@ -99,19 +97,19 @@ def _other_flanges(robot: ElementTree.Element) -> str:
 
 def _usable_ends(robot: ElementTree.Element) -> list[tuple[str, int]]:
     """Return the links that 1 to `MOST_JOINTS` joints move, and none beyond them, most joints first."""
-    joint_above = {link_of(joint, "child"): joint for joint in robot.findall("joint")}
+    joint_above = {robot_tree.link_of(joint, "child"): joint for joint in robot.findall("joint")}
 
     def count(link: str) -> int:
         """Return how many joints move a link; -1 where one of a type that is not handled does."""
         kinds = []
         while link in joint_above:
             kinds.append(joint_above[link].get("type"))
-            link = link_of(joint_above[link], "parent")
+            link = robot_tree.link_of(joint_above[link], "parent")
         return -1 if {*kinds} - {FIXED, *MOVING} else sum(kind != FIXED for kind in kinds)
 
     counts = {link.get("name", ""): count(link.get("name", "")) for link in robot.findall("link")}
     usable = {link: moved for link, moved in counts.items() if 1 <= moved <= MOST_JOINTS}
-    inner = {link_of(joint_above[link], "parent") for link in usable}
+    inner = {robot_tree.link_of(joint_above[link], "parent") for link in usable}
     return sorted(((link, usable[link]) for link in usable if link not in inner), key=lambda end: -end[1])
 
 
@@ -120,14 +118,14 @@ def _last_link(robot: ElementTree.Element) -> str:
     below: dict[str, list[ElementTree.Element]] = {}
     above: dict[str, ElementTree.Element] = {}
     for joint in robot.findall("joint"):
-        below.setdefault(link_of(joint, "parent"), []).append(joint)
-        above[link_of(joint, "child")] = joint
+        below.setdefault(robot_tree.link_of(joint, "parent"), []).append(joint)
+        above[robot_tree.link_of(joint, "child")] = joint
     moving = set[ElementTree.Element]()  # joints that move, or lead to one
     for joint in above.values():
         way: ElementTree.Element | None = None if joint.get("type") == FIXED else joint
         while way is not None and way not in moving:
             moving.add(way)
-            way = above.get(link_of(way, "parent"))
+            way = above.get(robot_tree.link_of(way, "parent"))
     children = above.keys()
     link = next(name for each in robot.findall("link") if (name := each.get("name", "")) not in children)
     while True:
@@ -137,7 +135,7 @@ def _last_link(robot: ElementTree.Element) -> str:
             return link
         if not ahead and len(joints) != 1:  # beyond the last joint, a row of frames leads to the flange
             return link
-        link = link_of((ahead or joints)[0], "child")
+        link = robot_tree.link_of((ahead or joints)[0], "child")
 
 
 _LARGEST: Final = {"xyz": 100.0, "rpy": 1e4, "mass": 1e5, "inertia": 1e7, "limit": 1e7}
@@ -162,10 +160,10 @@ def check_chain(robot: ElementTree.Element, chain: list[ElementTree.Element], pa
             what a joint moves has no mass, or an inertia that no body has.
     """
     links = {link.get("name", ""): link for link in robot.findall("link")}
-    carrier, mass_kg = "", math.inf
-    root = link_of(chain[0], "parent")
+    carrier, mass_kg = "", np.inf
+    root = robot_tree.link_of(chain[0], "parent")
     _checked_mass(links[root], f"arm file {path}: link {root!r}", moves=False, alone=False)
-    for name in (root, *(link_of(joint, "child") for joint in chain)):
+    for name in (root, *(robot_tree.link_of(joint, "child") for joint in chain)):
         _check_once(links[name], f"arm file {path}: link {name!r}")
         _check_shapes(links[name], f"arm file {path}: link {name!r}")
     for joint in chain:
@@ -175,7 +173,7 @@ def check_chain(robot: ElementTree.Element, chain: list[ElementTree.Element], pa
         if joint.get("type") != FIXED:
             _check_carried(carrier, mass_kg, path)
             carrier, mass_kg = name, 0.0
-        link = link_of(joint, "child")
+        link = robot_tree.link_of(joint, "child")
         where, alone = f"arm file {path}: link {link!r}", joint.get("type") != FIXED
         mass_kg += _checked_mass(links[link], where, moves=bool(carrier), alone=alone)
     _check_carried(carrier, mass_kg, path)
@@ -354,7 +352,7 @@ def find_meshes(
     found: dict[Path, None] = {}
     for mesh in robot.iter("mesh"):
         try:
-            file = found_file(mesh.get("filename", ""), path, package_folders)
+            file = robot_tree.found_file(mesh.get("filename", ""), path, package_folders)
         except InputError as error:
             raise InputError(f"arm file {path}: mesh {error}") from None
         mesh.set("filename", str(file))
@@ -407,6 +405,6 @@ def _add_box(link: ElementTree.Element) -> bool:
     squared = 6.0 * (moments.sum() - 2.0 * moments) / float(mass.get("value", "0"))
     edges = np.sqrt(np.maximum(squared, _THINNEST_M**2))
     shape = ElementTree.SubElement(link, "collision")
-    add_origin(shape, origin_of(inertial) @ Pose(axes, np.zeros(3)))
-    ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", size=text_of(edges))
+    arm_table.add_origin(shape, arm_table.origin_of(inertial) @ Pose(axes, np.zeros(3)))
+    ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", size=arm_table.text_of(edges))
     return True

@@ -21,15 +21,11 @@ from cosim.errors import ConvergenceError
 from cosim.reduced.section_model import RingFrames, frames_from_strains, strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.element import Sums
-from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.elements import element, frame_ring
 from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve import assembly, equilibrium, newton_options, state
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _STRAIGHT = 5  # straight samples at each pressure
 _BEND_MAX = 0.5
@@ -232,7 +228,7 @@ class RingGuides:
             )
         ]
 
-    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
+    def add(self, positions: Array, sums: element.Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian; return the energy [J]."""
         energy = 0.0
         parts = zip(self._groups, self._measures, self._centers, self._blocks, strict=True)
@@ -249,7 +245,7 @@ class RingGuides:
     def force(self, positions: Array) -> Array:
         """Return what the springs exert on the nodes (n, 3) [N]."""
         pull = np.zeros_like(positions)
-        self.add(positions, Sums(pull), hessian=False)
+        self.add(positions, element.Sums(pull), hessian=False)
         return -pull
 
 
@@ -316,18 +312,18 @@ class Sampler:
     def __init__(self, body: SoftBody, frames: RingFrames, films: FilmContactLaw | None = None) -> None:
         if body.frames is None:
             rings = np.array(frames.rings[:-1])
-            body = body.with_elements(FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
+            body = body.with_elements(frame_ring.FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
         self._frames = frames
-        self._system = SoftSystem(body)
-        clamp = Clamp.of_base(body)
+        self._system = assembly.SoftSystem(body)
+        clamp = state.Clamp.of_base(body)
         # square units are followed to where they fold; others stop where their film crumples
         iterations, shift_N_m = (60, 1e9) if frames.rims.size else (25, 1e6)
-        options = NewtonOptions(
+        options = newton_options.NewtonOptions(
             tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=iterations, shift_max_N_m=shift_N_m
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
         contact = None if films is None else SelfContact(body, films)
-        self._solver = EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
+        self._solver = equilibrium.EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
         self._groups = RingGroup.all_of(self._system.pattern, frames)
         self._slack = Loads((), (0.0,) * len(body.cables), _STILL)
         self._body = body
@@ -342,7 +338,7 @@ class Sampler:
             seed: of the random poses.
         """
         random = np.random.default_rng(seed)
-        free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        free = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
         longest = self._still_lengths(free, work.pressures_Pa[-1])
         rows: list[Sample] = []
         lengths, failures = [], 0
@@ -368,7 +364,7 @@ class Sampler:
             coarse: samples of the mesh whose every triangle is divided into four.
             parents: (n, 2) nodes of it that each node lies halfway between.
         """
-        free = self._solver.solve(SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        free = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
         rows, failures = list[Sample](), 0
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):
             others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()[1:]  # but the free shape
@@ -383,13 +379,13 @@ class Sampler:
                     failures += 1
         return Samples.of(rows, coarse.length_m, failures)
 
-    def _still_lengths(self, free: Equilibrium, pressure_Pa: float) -> Array:
+    def _still_lengths(self, free: state.Equilibrium, pressure_Pa: float) -> Array:
         """Return the lengths (s,) [m] of the sections without load; of squares, others need none."""
         if self._frames.rims.size:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure_Pa,)))
         return strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
 
-    def _lengths(self, free: Equilibrium, longest: Array, work: WorkingRange) -> Lengths:
+    def _lengths(self, free: state.Equilibrium, longest: Array, work: WorkingRange) -> Lengths:
         """Return the lengths to sample at a pressure."""
         still = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
         force = np.zeros_like(free.state.positions)
@@ -402,7 +398,7 @@ class Sampler:
             shortened = max(shortened, work.least_compression)
         return Lengths((1.0 - shortened) * still, still, np.maximum(1.02 * long, 1.05 * still), longest)
 
-    def _guided(self, free: Equilibrium, wanted: Array) -> Sample:
+    def _guided(self, free: state.Equilibrium, wanted: Array) -> Sample:
         """Return the sample at wanted strains (s, 6), or as far on the way there as the film goes.
 
         Raises:
@@ -426,7 +422,7 @@ class Sampler:
         self.reached.append(min(1.0, done))
         return self._sample(found, guides)
 
-    def _near(self, free: Equilibrium, target: Array, start: Array) -> Sample:
+    def _near(self, free: state.Equilibrium, target: Array, start: Array) -> Sample:
         """Return the sample at target frames (f, 4, 3) from a start (n, 3) [m], or else on the way there.
 
         Raises:
@@ -438,8 +434,8 @@ class Sampler:
             return self._guided(free, self._frames.strains(target))
 
     def _pulled(
-        self, near: SoftState, loads: Loads, target: Array, start: Array
-    ) -> tuple[Equilibrium, RingGuides]:
+        self, near: state.SoftState, loads: Loads, target: Array, start: Array
+    ) -> tuple[state.Equilibrium, RingGuides]:
         """Return the equilibrium under guides to target frames (f, 4, 3), from a start (n, 3) [m].
 
         Raises:
@@ -448,7 +444,7 @@ class Sampler:
         guides = RingGuides(self._frames, self._groups, target, _GUIDE_STIFFNESS)
         return self._solver.solve(near, Pose(), replace(loads, extra=guides), start), guides
 
-    def _sample(self, found: Equilibrium, guides: RingGuides | None = None) -> Sample:
+    def _sample(self, found: state.Equilibrium, guides: RingGuides | None = None) -> Sample:
         x = found.state.positions
         force = np.zeros_like(x) if guides is None else guides.force(x)
         here = self._frames.fit(x, Pose())

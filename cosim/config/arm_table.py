@@ -18,7 +18,7 @@ import numpy as np
 
 from cosim.base.arm_file import ARMATURE, FIXED, ArmFile
 from cosim.base.frames import Array, Pose
-from cosim.config.arms.robot_tree import link_of
+from cosim.config.robot_tree import link_of
 from cosim.config.toml import keys
 from cosim.errors import InputError
 

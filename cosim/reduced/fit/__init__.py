@@ -1,1 +1,0 @@
-"""Section models made from the film that they represent."""

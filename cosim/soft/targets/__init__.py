@@ -1,1 +1,0 @@
-"""Loads and flange poses that bring the tip of a soft body to a target."""
