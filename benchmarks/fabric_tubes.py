@@ -47,8 +47,9 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.build.kernel_modules import compile_kernels
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.elements.material import Fabric, Film
+from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
 from cosim.verification.case import UNLOADED, Specimen, tube

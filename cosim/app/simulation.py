@@ -18,7 +18,7 @@ from cosim.base import files, kept_parts, state_archive, state_check
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step, shown, whole
-from cosim.devices.live_values import WHO
+from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError
 from cosim.plan.decision import Choices
 from cosim.results.result import result_of

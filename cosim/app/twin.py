@@ -12,7 +12,7 @@ from typing import Final, Protocol, Self, final
 import numpy as np
 
 from cosim.devices.controller import Command
-from cosim.devices.streams import Reading, Stream, Streams, open_stream
+from cosim.devices.live.streams import Reading, Stream, Streams, open_stream
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 

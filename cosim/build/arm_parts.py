@@ -13,7 +13,7 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from cosim.base import arm_file, triangle_mesh
+from cosim.base import arm_file, solid
 from cosim.base.frames import Array, Mask, Pose
 from cosim.base.kept_parts import KeptParts, name_of, stamps
 from cosim.build.arms import cell_of, motion_of, placed_arm
@@ -160,7 +160,7 @@ def _object_geometry(part: SolidTable, entry: ObjectTable) -> Geometry:
 
 def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
     """Return what a solid and the object that it is part of say of their shape alike."""
-    mesh = None if entry.file is None else triangle_mesh.read_mesh(mesh_path(entry.file)).scaled(entry.scale)
+    mesh = None if entry.file is None else solid.read_mesh(mesh_path(entry.file)).scaled(entry.scale)
     return {"mesh": mesh} | {name: getattr(entry, name) for name in _OF_A_SOLID}
 
 

@@ -21,9 +21,10 @@ from cosim.build.stage import contact_decision, decisions, largest_pressure, sta
 from cosim.config import loading, several_arms
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices import command_source, controller, live_commands
+from cosim.devices import command_source, controller
 from cosim.devices.device_loop import Actuation, PlannedCommands
-from cosim.devices.live_values import LiveBounds
+from cosim.devices.live import live_commands
+from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan import arm_limits, clearance, section_plan
 from cosim.plan.clearance import check_base, checked_start, drawn_payload

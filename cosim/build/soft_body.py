@@ -17,7 +17,7 @@ from typing import Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.base import kept_parts, triangle_mesh
+from cosim.base import kept_parts, solid
 from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.build.patterns import drawn_pattern
 from cosim.config.schema import pattern, scenario, soft_robot
@@ -29,6 +29,7 @@ from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements import element, frame_ring, frame_stops, material, open_caps
 from cosim.soft.elements.cable import Cable
+from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.hinge import bending_measure, shell_stiffness
 from cosim.soft.geometry.named_mesh import BENDING_FACTOR, NamedMesh, refine, rest_angles
 from cosim.soft.geometry.polygonal_stack import FUSED, PolygonalStack, with_finer_holes
@@ -84,8 +85,8 @@ def drawn_mesh(table: soft_robot.MeshTable) -> NamedMesh:
     Raises:
         MeshError: the file cannot be read, or it has no such nodes.
     """
-    read = triangle_mesh.read_surface(Path(table.file))
-    surface = triangle_mesh.GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
+    read = solid.read_surface(Path(table.file))
+    surface = solid.GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
     check_mesh(surface.vertices, surface.triangles)
     pinched = nodes_of_several_fans(surface.triangles)
     if len(pinched):
@@ -113,7 +114,7 @@ def drawn_mesh(table: soft_robot.MeshTable) -> NamedMesh:
     )
 
 
-def _six_volumes(surface: triangle_mesh.GroupedSurface, holes: tuple[IntArray, ...]) -> float:
+def _six_volumes(surface: solid.GroupedSurface, holes: tuple[IntArray, ...]) -> float:
     """Return six times the volume [m^3] that film and caps enclose, see `cosim.soft.elements.pressure`."""
     x = surface.vertices - surface.vertices.mean(axis=0)
     a, b, c = (x[surface.triangles[:, k]] for k in range(3))
@@ -121,7 +122,7 @@ def _six_volumes(surface: triangle_mesh.GroupedSurface, holes: tuple[IntArray, .
     return float((a * cross(b, c)).sum() + sum(caps))
 
 
-def _nodes(entry: soft_robot.NodeSetTable, surface: triangle_mesh.GroupedSurface) -> IntArray:
+def _nodes(entry: soft_robot.NodeSetTable, surface: solid.GroupedSurface) -> IntArray:
     if entry.group is not None:
         if entry.group not in surface.groups:
             known = ", ".join(surface.groups) or "none"
@@ -146,7 +147,7 @@ def _in_plane(name: str, axis: int, at_m: float, x: Array) -> IntArray:
     return found[np.argsort(angle if at_m > 0.5 * (low + high) else -angle, kind="stable")]
 
 
-def _nearest(name: str, points: Array, surface: triangle_mesh.GroupedSurface) -> IntArray:
+def _nearest(name: str, points: Array, surface: solid.GroupedSurface) -> IntArray:
     x = surface.vertices
     ends = x[directed_edges(surface.triangles)]
     reach = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
@@ -325,7 +326,7 @@ def build_film(table: FilmTable) -> material.Film:
     if f.fabric is not None:
         w = f.fabric
         young_modulus_Pa, strain = w.modulus_warp_Pa, (w.straight_strain_warp, w.straight_strain_weft)
-        fabric = material.Fabric(
+        fabric = Fabric(
             w.modulus_weft_Pa, w.shear_modulus_Pa, w.warp_direction, w.straight_modulus_Pa, strain
         )
     assert young_modulus_Pa is not None, "a checked film has one of the two"
@@ -413,7 +414,7 @@ def _drawn_body(robot: soft_robot.SoftRobotTable) -> tuple[NamedMesh, NamedMesh]
 def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
     """Refuse a film with a piece that no base holds."""
     held = mesh.positions[np.unique(np.concatenate([mesh.ring(name) for name in base]))]
-    for piece in triangle_mesh.TriangleMesh(mesh.positions, mesh.triangles).shells():
+    for piece in solid.TriangleMesh(mesh.positions, mesh.triangles).shells():
         if not (held[:, None] == piece.vertices).all(axis=2).any():
             raise MeshError(
                 f"the piece of film around {in_mm(piece.vertices.mean(axis=0))} shares no node with the "

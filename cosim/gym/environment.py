@@ -1,4 +1,4 @@
-"""A task as a Gymnasium environment, alone or many at once in processes; its episodes as a data set."""
+"""A task as a Gymnasium environment, alone or many at once in processes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,6 @@ from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Measurement, row_of_numbers, shown
 from cosim.errors import InputError, SolverError
 from cosim.gym.tasks import STEP_S, LearningTask, task_of
-from cosim.results.episodes import LearningEpisode, write_episodes
 
 Observation: TypeAlias = dict[str, Array]
 _BOUND: Final = 1e6
@@ -387,74 +386,3 @@ def vector_environment(
         given: arguments of `environment`.
     """
     return TaskVectorEnvironment(num_envs, workers, AutoresetMode(autoreset_mode), given)
-
-
-@final
-class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]]):
-    """Passes everything on to an environment of a task, and keeps what it returns.
-
-    A step's row holds what was observed before it, the action, and what followed: "next.reward",
-    "next.done", "next.success".
-
-    Args:
-        environment: of `gymnasium.make("cosim/...")`.
-        task: in words.
-    """
-
-    def __init__(self, environment: gymnasium.Env[Observation, NDArray[Any]], task: str) -> None:
-        super().__init__(environment)
-        self.episodes: list[LearningEpisode] = []
-        """Those that have ended."""
-        self._task, self._rows = task, list[dict[str, Any]]()
-        self._seen: Observation = {}
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; the steps since the last reset are one that has ended."""
-        found = super().reset(seed=seed, options=options)
-        self._end()
-        self._seen = found[0]
-        return found
-
-    def step(self, action: NDArray[Any]) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
-        """Take a step, and keep it."""
-        found = super().step(action)
-        seen, reward, terminated, truncated, info = found
-        done = terminated or truncated
-        after = {"next.reward": reward, "next.done": done, "next.success": info["is_success"]}
-        self._rows.append({**self._seen, "action": action, **after})
-        self._seen = seen
-        if done:
-            self._end()
-        return found
-
-    def write(self, directory: str | Path, *, video: bool = False) -> None:
-        """Write all episodes, the present one as far as it is, in LeRobot's layout; see `write_episodes`.
-
-        Args:
-            directory: of the data set.
-            video: whether pictures go into videos.
-
-        Raises:
-            InputError: the directory holds something, or no step has been taken.
-            OutputError: it cannot be written.
-        """
-        self._end()
-        write_episodes(directory, self.episodes, 1.0 / STEP_S, video=video)
-
-    def _end(self) -> None:
-        if not self._rows:
-            return
-        rows = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
-        self._rows = []
-        images = {name: rows.pop(name) for name in [*rows] if rows[name].ndim == 4}
-        columns = {
-            "observation.state": rows.pop("observation"),
-            "observation.environment_state": np.hstack([rows.pop("achieved_goal"), rows.pop("desired_goal")]),
-            **rows,
-        }
-        inner = self.unwrapped
-        assert isinstance(inner, TaskEnvironment), "of a task"
-        names = {"action": inner.task.actions}
-        self.episodes.append(LearningEpisode(self._task, columns, images, names))

@@ -14,8 +14,7 @@ from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes import iterated, ledger
-from cosim.coupling.schemes.interface import Coupling, Interface
-from cosim.coupling.schemes.linear_rigid import rigid_slopes
+from cosim.coupling.schemes.interface import Coupling, Interface, rigid_slopes
 from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken

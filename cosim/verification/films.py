@@ -24,8 +24,9 @@ from scipy.special import gamma
 
 from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
+from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.hinge import shell_stiffness
-from cosim.soft.elements.material import Fabric, Film
+from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.verification.case import (

@@ -219,6 +219,6 @@ def test_no_reader_of_a_scenarios_files_opens_them_itself() -> None:
         "config/upgrading.py",
         "build/stage.py",
         "config/benches.py",
-        "devices/streams.py",
+        "devices/live/streams.py",
     } | heads  # benches are no scenarios
     assert found == known

@@ -21,7 +21,7 @@ import cosim
 from cosim.app.twin import APPROACH_s, GAP_s
 from cosim.build import soft_model
 from cosim.cli.main import main
-from cosim.devices import streams
+from cosim.devices.live import streams
 from cosim.errors import InputError
 from tests.small_section import on_a_ur5e, section
 

@@ -20,8 +20,8 @@ from pyarrow import parquet
 import cosim.gym
 from cosim.cli.main import main
 from cosim.errors import ConvergenceError, InputError
-from cosim.gym.environment import EpisodeRecorder
 from cosim.gym.policy import LinearPolicy, policy_of
+from cosim.gym.recorder import EpisodeRecorder
 from cosim.gym.tasks import GraspLift
 
 RIGID: dict[str, Any] = {"fidelity": "rigid"}

@@ -14,7 +14,8 @@ from cosim.config.loading import load_soft_robot
 from cosim.config.schema.scenario import ModelTable
 from cosim.errors import InputError, MeshError
 from cosim.soft.body.body import stored_energy
-from cosim.soft.elements.material import Fabric, Film, FilmLaw
+from cosim.soft.elements.fabric import Fabric
+from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.elements.membrane import Membranes
 from tests.derivatives import RELATIVE, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes

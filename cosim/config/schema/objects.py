@@ -28,7 +28,7 @@ from annotated_types import Interval, Len
 
 from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path, quoted_name
-from cosim.base.triangle_mesh import read_mesh
+from cosim.base.solid import read_mesh
 from cosim.config.toml.keys import Colour, Direction, Name, NonNegative, Positive, Quaternion, Text, Vector3
 from cosim.config.toml.reading import UNKNOWN, Fault, Faults, Told, copy_with, guard, rule
 from cosim.errors import MeshError, ScenarioError

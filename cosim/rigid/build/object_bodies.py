@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, quaternion_from_rotation
-from cosim.base.triangle_mesh import TriangleMesh
+from cosim.base.solid import TriangleMesh
 from cosim.config.schema.objects import WireTable
 from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, PairFriction, SceneObject, wire_poses
 

@@ -18,9 +18,10 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices import command_source, device_loop, device_report, live_values
+from cosim.devices import command_source, device_loop, device_report
 from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake, measured
 from cosim.devices.controller import Command, Measurement, over
+from cosim.devices.live import live_values
 from cosim.plan import motion, plan
 
 if TYPE_CHECKING:

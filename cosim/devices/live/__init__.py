@@ -1,0 +1,1 @@
+"""Commands from outside, step by step."""
