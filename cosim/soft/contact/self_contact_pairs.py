@@ -223,6 +223,9 @@ def pair_calls() -> tuple[int, int]:
     return address_of(add_pairs), address_of(add_pair_blocks)
 
 
+_NEAR_WIDTHS = 2.0  # of the law's transition: such pairs often act in the next solution
+
+
 @final
 @dataclass(frozen=True)
 class FilmPairs:
@@ -275,6 +278,13 @@ class FilmPairs:
     def acting(self) -> IntArray:
         """Nodes (j, 6) of the pairs that press or rub, where they were added last."""
         return self.rows.nodes[(self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)]
+
+    @property
+    def near(self) -> IntArray:
+        """Nodes (j, 6) of the pairs that act, or nearly do, where they were added last."""
+        distance, widths = self.rows.out[:, 1], self.rows.widths
+        acting = (self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)
+        return self.rows.nodes[acting | (np.abs(distance) < _NEAR_WIDTHS * widths[0])]
 
     @property
     def call(self) -> int:

@@ -345,7 +345,7 @@ class NewtonSolver:
         if films is not None:
             films.add(solution.motion.new_x, Sums(np.zeros_like(system.gradient)), hessian=False)
             if len(films.acting):
-                wanted = system.widening.around(films.acting, before).pattern
+                wanted = system.widening.around(films.near, before).pattern
         self._fit(wanted)
         return wanted is not before
 
