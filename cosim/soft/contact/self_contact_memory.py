@@ -100,9 +100,7 @@ class PairRows(NamedTuple):
         rest = np.empty((count, 3)), np.empty((count, 3)), widths, np.empty((count, 5))
         return cls(np.empty((count, 6), np.int64), *numbers, *rest)
 
-    def of(self, places: IntArray) -> PairRows:
-        """Return some of the rows, by their places (j,)."""
-        return PairRows(
-            self.nodes[places], self.weights[places], self.stiffness[places], self.friction[places],
-            self.foot[places], self.normal[places], self.stretch[places], self.widths, self.out[places],
-        )  # fmt: skip
+    def first(self, count: int) -> PairRows:
+        """Return copies of the first of the rows, with room for what they answer."""
+        given = self.nodes, self.weights, self.stiffness, self.friction, self.foot, self.normal, self.stretch
+        return PairRows(*(rows[:count].copy() for rows in given), self.widths, np.empty((count, 5)))

@@ -37,6 +37,7 @@ from cosim.soft.film.step_arrays import (
     STUCK,
     TANGENT,
     TRIED,
+    WIDENED,
     FilmArrays,
     FilmLoads,
     FilmPoint,
@@ -336,6 +337,8 @@ class NewtonSolver:
             work.solution[0], state[ASKS] = step, SOLVED
         elif state[ASKS] == TANGENT or (state[ASKS] == PATTERN and not self._changes_pattern(solution)):
             return self._with_tangent(solution, side, part)
+        elif state[ASKS] == PATTERN:
+            state[ASKS] = WIDENED
         return 0
 
     def _changes_pattern(self, solution: NewtonProgress) -> bool:
