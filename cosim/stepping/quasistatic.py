@@ -79,8 +79,8 @@ class QuasistaticState:
     """
 
     here: Equilibrium
-    shapes: Annotated[Array, ("increments", "nodes", 3)]
-    deflections: Annotated[Array, ("increments", "joints")]
+    shapes: Annotated[Array, ("k", "nodes", 3)]
+    deflections: Annotated[Array, ("k", "joints")]
 
 
 _REMEMBERED = 3  # increments of a phase, from which the next one is guessed
@@ -179,7 +179,7 @@ class QuasistaticSimulation(SteppedRun):
             raise InputError("the saved state is of a dynamic run, this one is quasistatic")
         soft = self._parts.soft.state
         check_state(state.here.state, soft, SoftState, place="state.own.here.state")
-        sizes = {"nodes": len(soft.positions)}
+        sizes = {"nodes": len(soft.positions), "joints": len(self._parts.carrier.deflection)}
         check_state(state, self._here and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
         if state.here.loads.contact is not None:
             self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
