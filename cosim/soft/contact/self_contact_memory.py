@@ -102,5 +102,8 @@ class PairRows(NamedTuple):
 
     def first(self, count: int) -> PairRows:
         """Return copies of the first of the rows, with room for what they answer."""
-        given = self.nodes, self.weights, self.stiffness, self.friction, self.foot, self.normal, self.stretch
-        return PairRows(*(rows[:count].copy() for rows in given), self.widths, np.empty((count, 5)))
+        return PairRows(
+            self.nodes[:count].copy(), self.weights[:count].copy(), self.stiffness[:count].copy(),
+            self.friction[:count].copy(), self.foot[:count].copy(), self.normal[:count].copy(),
+            self.stretch[:count].copy(), self.widths, np.empty((count, 5)),
+        )  # fmt: skip
