@@ -120,9 +120,14 @@ class Carrier(ABC):
     def set_configuration(self, joints: Array) -> None:
         """Go to joint angles (joints,) [rad], at rest."""
 
+    @property
+    def deflection(self) -> Array:
+        """(joints,) [rad], by which they give way under load, in statics."""
+        return np.zeros(0)
+
     @abstractmethod
-    def track(self, reference: Array) -> None:
-        """Move on to new references (joints,) [rad] at rest, the deflection under load unchanged."""
+    def track(self, reference: Array, deflection: Array) -> None:
+        """Move on to new references (joints,) [rad] at rest, with a guess of the deflection under load."""
 
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         """Go where the soft robot's wrench at the flange pushes it; return whether it still moved."""
@@ -236,7 +241,7 @@ class HeldBase(Carrier):
     def set_configuration(self, joints: Array) -> None:
         pass
 
-    def track(self, reference: Array) -> None:
+    def track(self, reference: Array, deflection: Array) -> None:
         pass
 
     def couple(self, wrench: Wrench) -> None:

@@ -89,14 +89,17 @@ class TipSpeed:
             tick_s: of the clock.
             least: speed [m/s] below which it counts as at rest.
         """
-        speeds = np.linalg.norm(np.diff(np.vstack([self.tip, tips]), axis=0), axis=1) / tick_s
         rows, mean, looked = [], self.mean, self.looked
-        for row, speed in enumerate(np.nan_to_num(speeds).tolist()):
+        a, b, c = self.tip.tolist()
+        for row, (x, y, z) in enumerate(tips.tolist()):
+            way = math.sqrt((x - a) * (x - a) + (y - b) * (y - b) + (z - c) * (z - c))
+            speed = way / tick_s if way >= 0.0 else 0.0  # in the first tick it is not known
             looked = looked if speed > mean else 0.0
             if speed > max(least, _SUDDEN * max(mean, looked)):
                 rows.append(row)
                 looked = speed
             mean += (speed - mean) * tick_s / (_MEAN_s + tick_s)
+            a, b, c = x, y, z
         return rows, TipSpeed(tips[-1], mean, looked)
 
 
@@ -263,7 +266,7 @@ class DynamicSimulation(SteppedRun):
         if self._parts.scenario.fidelity == "rigid":  # its tip stays where it is
             return []
         ticks, last = taken.ticks, slice(1, taken.done + 1)
-        seen = np.einsum("kr,krs->ks", film.figures.tip_position - ticks.origin[last], ticks.axes[last])
+        seen = np.einsum("kr,krs->ks", film.tip_position - ticks.origin[last], ticks.axes[last])
         rows, self._speed = self._speed.after(seen, self.stage.tick_s, self._least)
         return rows
 
@@ -299,7 +302,7 @@ class DynamicSimulation(SteppedRun):
         ends = self._footing(taken, asked, to)
         branchings = self._undecided(taken, asked, to, (ends, self._sudden(taken, film)))
         tick = np.arange(to.tick, to.tick + n)
-        time_s = np.array([Clock(self.stage.tick_s, count).time_s for count in tick.tolist()])
+        time_s = np.asarray(tick * self.stage.tick_s, dtype=np.float64)
         wanted, report = parts.wanted_tip(to.phase, time_s), None
         tension = np.array([load.cable_tension_N for load in asked.loads[:n]]).reshape(n, -1)
         if not asked.ahead:

@@ -74,11 +74,36 @@ class QuasistaticState:
 
     Args:
         here: the present equilibrium.
-        earlier: (n, 3) [m], flange frame, shape before the last increment; None at the start of a phase.
+        shapes: (k, n, 3) [m], flange frame, before each of the last increments of the phase, k <= 3.
+        deflections: (k, joints) [rad], of the carrier then.
     """
 
     here: Equilibrium
-    earlier: Annotated[Array, ("nodes", 3)] | None
+    shapes: Annotated[Array, ("k", "nodes", 3)]
+    deflections: Annotated[Array, ("k", "joints")]
+
+
+_REMEMBERED = 3  # increments of a phase, from which the next one is guessed
+_FAR_NEARER = 0.25  # than a line: a parabola makes more of kinks, where touching films slide on
+
+
+def next_of(trail: Array) -> Array:
+    """Return where a sequence goes on to: on a parabola where that led far nearer to its end than a line.
+
+    Through a, b, c at equal distances, the parabola goes on to 3 c - 3 b + a, the line to 2 c - b (Lagrange).
+
+    Args:
+        trail: (k, ...), k >= 1, the last ones.
+    """
+    if len(trail) == 1:
+        return np.array(trail[0])
+    d, c = trail[-1], trail[-2]
+    if len(trail) > _REMEMBERED:
+        b, a = trail[-3], trail[-4]
+        line, parabola = (d - c) - (c - b), (d - c) - 2.0 * (c - b) + (b - a)
+        if np.vdot(parabola, parabola) < _FAR_NEARER**2 * np.vdot(line, line):
+            return np.asarray(3.0 * (d - c) + b)
+    return np.asarray(2.0 * d - c)
 
 
 @final
@@ -96,7 +121,13 @@ class QuasistaticSimulation(SteppedRun):
         self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
         self._here: Equilibrium | None = None
         parts.soft.stand_against(parts.carrier.obstacles())
-        self._earlier: Array | None = None
+        self._shapes, self._deflections = self._nothing_before
+
+    @property
+    def _nothing_before(self) -> tuple[Array, Array]:
+        """Shapes and deflections before increments of a phase that has had none."""
+        nodes, joints = self._parts.soft.state.positions, self._parts.carrier.deflection
+        return np.empty((0, *nodes.shape)), np.empty((0, *joints.shape))
 
     @property
     def equilibrium(self) -> Equilibrium:
@@ -121,7 +152,7 @@ class QuasistaticSimulation(SteppedRun):
         began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
         if to.done == 1:
             self._begin_phase(to.phase, before.world_from_flange)
-            self._earlier = None
+            self._shapes, self._deflections = self._nothing_before
         span = (phase.duration_s + phase.settle_s) / phase.increments
         joints = parts.carrier.joint_position
         command = parts.command(StepToTake(to.phase, to.done, began_s + (to.done - 1) * span, span))
@@ -140,18 +171,19 @@ class QuasistaticSimulation(SteppedRun):
         assert self._here is not None, "the run has begun"
         # which films touch is found anew in every increment
         loads = replace(self._here.loads, self_contact=None)
-        return QuasistaticState(replace(self._here, loads=loads, branchings=()), self._earlier)
+        here = replace(self._here, loads=loads, branchings=())
+        return QuasistaticState(here, self._shapes, self._deflections)
 
     def _restore_own(self, state: object) -> None:
         if not isinstance(state, QuasistaticState):
             raise InputError("the saved state is of a dynamic run, this one is quasistatic")
         soft = self._parts.soft.state
         check_state(state.here.state, soft, SoftState, place="state.own.here.state")
-        sizes = {"nodes": len(soft.positions)}
+        sizes = {"nodes": len(soft.positions), "joints": len(self._parts.carrier.deflection)}
         check_state(state, self._here and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
         if state.here.loads.contact is not None:
             self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
-        self._here, self._earlier = state.here, state.earlier
+        self._here, self._shapes, self._deflections = state.here, state.shapes, state.deflections
 
     def _snapshot(
         self, to: Cursor, time_s: float, reference: Array, motion: "_Motion", spent: int, began: float
@@ -186,14 +218,15 @@ class QuasistaticSimulation(SteppedRun):
     def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
         """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
         carrier, soft = self._parts.carrier, self._parts.soft
-        carrier.track(reference)
-        pose = carrier.flange_pose
+        # shape, seen from the flange, and deflection go on as they changed in the increments before
         local = here.world_from_flange.inverse().apply(here.state.positions)
-        # the shape goes on as it changed in the last increment, seen from the flange
-        guess = local if self._earlier is None else 2.0 * local - self._earlier
-        self._earlier = local
+        shapes = np.concatenate((self._shapes, local[None]))
+        deflections = np.concatenate((self._deflections, carrier.deflection[None]))
+        self._shapes, self._deflections = shapes[-_REMEMBERED:], deflections[-_REMEMBERED:]
+        carrier.track(reference, next_of(deflections))
+        pose = carrier.flange_pose
         try:
-            found = soft.leave(here, soft.solve(here.state, pose, loads, pose.apply(guess)))
+            found = soft.leave(here, soft.solve(here.state, pose, loads, pose.apply(next_of(shapes))))
             spent = found.iterations
         except ConvergenceError as error:
             found = soft.follow(here, pose, loads)

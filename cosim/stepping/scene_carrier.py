@@ -231,8 +231,12 @@ class ArmCarrier(SceneCarrier):
         self._scene.set_joint_state(joints)
         self._reference = joints
 
-    def track(self, reference: Array) -> None:
-        self._scene.set_joint_state(reference + self._scene.joint_position - self._reference)
+    @property
+    def deflection(self) -> Array:
+        return self._scene.joint_position - self._reference
+
+    def track(self, reference: Array, deflection: Array) -> None:
+        self._scene.set_joint_state(reference + deflection)
         self._reference = reference
 
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
@@ -433,7 +437,7 @@ class HostCarrier(SceneCarrier):
     def set_configuration(self, joints: Array) -> None:
         pass
 
-    def track(self, reference: Array) -> None:
+    def track(self, reference: Array, deflection: Array) -> None:
         pass
 
     def servos(self, references: JointReference) -> Servos:

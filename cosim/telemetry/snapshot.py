@@ -211,6 +211,13 @@ class FilmShapes:
             self._figures = self._read()
         return self._figures
 
+    @property
+    def tip_position(self) -> Array:
+        """Tips (k, 3) [m] of all shapes; of shapes that are still to be read nothing else is read."""
+        if self._figures is None and self._reader is not None:
+            return self._reader.tips(self._shapes)
+        return self.figures.tip_position
+
     def some(self, rows: IntArray) -> FilmShapes:
         """Return some of the shapes, by their places."""
         return FilmShapes(self._reader, [self._shapes[k] for k in rows.tolist()], self.figures.some(rows))

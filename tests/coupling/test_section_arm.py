@@ -225,8 +225,10 @@ def test_shapes_read_together_are_those_of_the_film() -> None:
         shapes.append(arm.shape_now())
         films.append(arm.state.positions)
         volumes.append(arm.volumes_m3)
-    read = arm.shape_reader().figures(shapes)
-    mesh = MeshReader(body(), lambda _: (0.0,)).figures(films)
+    reader, mesh_reader = arm.shape_reader(), MeshReader(body(), lambda _: (0.0,))
+    read, mesh = reader.figures(shapes), mesh_reader.figures(films)
+    np.testing.assert_array_equal(reader.tips(shapes), read.tip_position)
+    np.testing.assert_array_equal(mesh_reader.tips(films), mesh.tip_position)
     assert np.ptp(read.tip_position, axis=0).max() > 1e-6
     np.testing.assert_allclose(read.tip_position, mesh.tip_position, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(read.tip_direction, mesh.tip_direction, rtol=1e-9, atol=1e-12)

@@ -64,6 +64,16 @@ def test_derivatives_are_exact_in_front_within_the_transition_and_beyond() -> No
     assert max(derivative_errors(lambda y: evaluate(smooth, y), moved, 1e-7)) < 20.0 * RELATIVE
 
 
+def test_pairs_that_act_once_they_are_a_bit_nearer_are_named_with_those_that_do() -> None:
+    pairs, x = scattered_pairs()
+    rows = pairs.rows._replace(widths=np.array([2e-4, 1e-3]), friction=np.zeros(COUNT))
+    narrow, distance = replace(pairs, rows=rows), feet(x, rows.nodes, rows.weights)[2]
+    evaluate(narrow, x)
+    wanted = rows.nodes[distance < 4e-4]  # two widths in front, and all that press
+    assert len(narrow.acting) < len(wanted) < COUNT
+    np.testing.assert_array_equal(narrow.near, wanted)
+
+
 def test_pressing_keeps_momentum_and_angular_momentum_rubbing_keeps_momentum() -> None:
     pairs, x = scattered_pairs()
     for friction, angular in ((0.0, True), (1.0, False)):

@@ -54,6 +54,10 @@ class HandoverReader(soft_side.ShapeReader):
         parts = [vars(reader.figures(some)).values() for reader, some in self._runs(shapes)]
         return ShapeFigures(*map(np.concatenate, zip(*parts, strict=True)))
 
+    def tips(self, shapes: Sequence[ChainShape | Array]) -> Array:
+        """Return the tips; see `ShapeReader.tips`."""
+        return np.concatenate([reader.tips(some) for reader, some in self._runs(shapes)])
+
     def _runs(self, shapes: Sequence[Any]) -> list[tuple[soft_side.ShapeReader, Sequence[Any]]]:
         """Return the shapes in runs of one kind, with their readers."""
         if isinstance(shapes, ChainShapes):

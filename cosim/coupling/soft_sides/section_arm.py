@@ -86,6 +86,8 @@ class ChainReader(soft_side.ShapeReader):
         weights = np.concatenate([nodes[:, tip], nodes[:, rings].mean(axis=2)], axis=1)
         self._weights = np.ascontiguousarray(weights.reshape(len(weights), -1))
         self._before = before[[*tip, *rings[:, 0]]]
+        own = np.ascontiguousarray(weights[:, : len(tip)].reshape(len(weights), -1))
+        self._of_tip = own, self._before[: len(tip)]
 
     def positions(self, shape: ChainShape) -> Array:
         """Return the film's nodes (n, 3) [m] on the frames."""
@@ -101,6 +103,10 @@ class ChainReader(soft_side.ShapeReader):
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
         return soft_side.figures_at(found, self._tip, volumes)
+
+    def tips(self, shapes: Sequence[ChainShape]) -> Array:
+        """Return the tips; see `ShapeReader.tips`."""
+        return soft_side.centers_of(self._section.points(*_stacked(shapes), *self._of_tip))
 
 
 @final

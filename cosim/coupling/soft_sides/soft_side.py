@@ -174,6 +174,14 @@ def figures_at(points: Array, nodes: int, volumes_m3: Array, tip_is_line: bool =
     return ShapeFigures(center, normal, length, volumes_m3)
 
 
+def centers_of(rings: Array) -> Array:
+    """Return the mean (k, 3) of the nodes of rings (k, n, 3), added up one after the other."""
+    total = rings[:, 0].copy()
+    for node in range(1, rings.shape[1]):
+        total += rings[:, node]
+    return np.asarray(total / rings.shape[1])
+
+
 class ShapeReader(ABC):
     """Reads the shapes that a soft side has kept with `SoftSide.shape_now`."""
 
@@ -188,6 +196,10 @@ class ShapeReader(ABC):
     @abstractmethod
     def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
         """Return the figures of some shapes, at least one."""
+
+    @abstractmethod
+    def tips(self, shapes: Sequence[Any]) -> Array:
+        """Return the tips (k, 3) [m] of some shapes, at least one: those of the figures, read alone."""
 
 
 @final
@@ -217,6 +229,10 @@ class MeshReader(ShapeReader):
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         points = np.concatenate([tip, centers], axis=1)
         return figures_at(points, tip.shape[1], self._volumes(films), self._tip_is_line)
+
+    def tips(self, shapes: Sequence[Array]) -> Array:
+        """Return the tips; see `ShapeReader.tips`."""
+        return centers_of(np.stack([shape.take(self._tip, axis=0) for shape in shapes]))
 
 
 Drive: TypeAlias = tuple[Pose, Loads]

@@ -317,20 +317,20 @@ def droop(
     Raises:
         ConvergenceError: no equilibrium found, or it asks for more than the joints' torque.
     """
-    stiffness = -model.actuator_biasprm[layout.joints, 1]
+    stiffness, (places, dofs) = -model.actuator_biasprm[layout.joints, 1], (layout.positions, layout.dofs)
     scratch.qvel[:] = 0.0
-    jacobian, gravity = np.empty((6, model.nv)), np.empty(model.nv)
-    q = scratch.qpos[layout.positions].copy()
+    jacobian, gravity, angles = np.empty((6, model.nv)), np.empty(model.nv), scratch.qpos
+    q = angles[places]
     servo = residual = np.zeros_like(q)
     for iteration in range(_ITERATIONS):
-        scratch.qpos[layout.positions] = q
+        angles[places] = q
         mujoco.mj_fwdKinematics(model, scratch)
         mujoco.mj_comVel(model, scratch)
         mujoco.mj_rne(model, scratch, 0, gravity)
         mujoco.mj_jacSite(model, scratch, jacobian[:3], jacobian[3:], layout.site)
         servo = stiffness * (reference - q) + feedforward
-        residual = servo + jacobian[:, layout.dofs].T @ load - gravity[layout.dofs]
-        if np.max(np.abs(residual)) < _TORQUE_TOLERANCE:
+        residual = servo + jacobian[:, dofs].T @ load - gravity[dofs]
+        if abs(residual).max() < _TORQUE_TOLERANCE:
             _check_torque(servo, effort_limit(model, layout), joint_names, iteration)
             return q
         q = q + residual / stiffness

@@ -137,11 +137,12 @@ class PairRows(NamedTuple):
         rest = np.empty((count, 3)), np.empty((count, 3)), widths, np.empty((count, 5))
         return cls(np.empty((count, 6), np.int64), *numbers, *rest)
 
-    def of(self, places: IntArray) -> PairRows:
-        """Return some of the rows, by their places (j,)."""
+    def first(self, count: int) -> PairRows:
+        """Return copies of the first of the rows, with room for what they answer."""
         return PairRows(
-            self.nodes[places], self.weights[places], self.stiffness[places], self.friction[places],
-            self.foot[places], self.normal[places], self.stretch[places], self.widths, self.out[places],
+            self.nodes[:count].copy(), self.weights[:count].copy(), self.stiffness[:count].copy(),
+            self.friction[:count].copy(), self.foot[:count].copy(), self.normal[:count].copy(),
+            self.stretch[:count].copy(), self.widths, np.empty((count, 5)),
         )  # fmt: skip
 
 
@@ -316,6 +317,9 @@ def pair_calls() -> tuple[int, int]:
     return address_of(add_pairs), address_of(add_pair_blocks)
 
 
+_NEAR_WIDTHS = 2.0  # of the law's transition: such pairs often act in the next solution
+
+
 @final
 @dataclass(frozen=True)
 class FilmPairs:
@@ -368,6 +372,13 @@ class FilmPairs:
     def acting(self) -> IntArray:
         """Nodes (j, 6) of the pairs that press or rub, where they were added last."""
         return self.rows.nodes[(self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)]
+
+    @property
+    def near(self) -> IntArray:
+        """Nodes (j, 6) of the pairs that act, or nearly do, where they were added last."""
+        distance, widths = self.rows.out[:, 1], self.rows.widths
+        acting = (self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)
+        return self.rows.nodes[acting | (np.abs(distance) < _NEAR_WIDTHS * widths[0])]
 
     @property
     def call(self) -> int:

@@ -249,10 +249,11 @@ class FilmPoint(NamedTuple):
     MOVED, SWEEPS, RUN,
 ) = range(16)  # fmt: skip
 """What columns of `StepWork.parts` are."""
-NOTHING, EVALUATION, TANGENT, SOLUTION, EVALUATED, SOLVED, STUCK, PATTERN = range(8)
+NOTHING, EVALUATION, TANGENT, SOLUTION, EVALUATED, SOLVED, STUCK, PATTERN, WIDENED = range(9)
 """What a part asks for: the potential where kernels do not know all terms, a step with a new tangent, one
 with a kept factorisation of a kind that they do not know; what it is given; that no share of it serves; a
-factorisation of another pattern, as other films touch one another."""
+factorisation of another pattern, as other films touch one another; that it has got one, at once, so that the
+tangent is still in the blocks."""
 GOES_ON, BEGINS_STEP, BEGINS = range(3)
 """How a call begins: where the last one ended; a step in time; a solution where the end of the motion is."""
 

@@ -11,11 +11,12 @@ Source: Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998) 508.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose
+from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -292,8 +293,9 @@ class EquilibriumSolver:
 
     def _check_stretch(self, here: Equilibrium, spent: int) -> None:
         """Refuse a film that is stretched as no film can be, before anything is searched for with it."""
-        edges = (np.diff(x[self.body.triangles], axis=1) for x in (here.state.positions, self.body.positions))
-        length, drawn = (float(np.linalg.norm(each, axis=2).sum()) for each in edges)
+        (edges, drawn), x = self._drawn_edges, here.state.positions
+        along = x[edges[:, 1]] - x[edges[:, 0]]
+        length = float(np.sqrt(np.einsum("er,er->e", along, along)).sum())
         if length > _STRETCH_MAX * drawn:
             raise ConvergenceError(
                 f"the film is stretched to {length / drawn:.3g} times its drawn length (bound "
@@ -301,6 +303,13 @@ class EquilibriumSolver:
                 here.residual_N,
                 spent,
             )
+
+    @cached_property
+    def _drawn_edges(self) -> tuple[IntArray, float]:
+        """Two edges (e, 2) of every triangle, and how long [m] all of them are together as drawn."""
+        triangles, drawn = self.body.triangles, self.body.positions
+        edges = np.concatenate((triangles[:, :2], triangles[:, 1:]))
+        return edges, float(np.linalg.norm(drawn[edges[:, 1]] - drawn[edges[:, 0]], axis=1).sum())
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium in place of one that is not, see `stability.leave`."""

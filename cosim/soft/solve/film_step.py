@@ -69,6 +69,7 @@ from cosim.soft.film.step_arrays import (
     TO_DO,
     TRIED,
     TRIES,
+    WIDENED,
     FilmArrays,
     FilmPoint,
     NewTangents,
@@ -372,20 +373,23 @@ def _renew(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, place:
     """Take a step with a new tangent where the last point serves; return what is next."""
     kept, new, work, state = side.kept, side.tangents, side.work, side.work.parts[part]
     begin, end = side.film.parts[part, NODES], side.film.parts[part + 1, NODES]
+    filled = state[ASKS] == WIDENED
     count_extra(kept, state[RUN], begin, end)
-    state[RUN] = 0.0
+    state[RUN], state[ASKS] = 0.0, NOTHING
     _go_back(side, motion, part)
     if state[TANGENTS] >= place.tangents_max or not math.isfinite(state[RESIDUAL]):
         return _STOP
     state[ASKS] = TANGENT
     if new.first.shape[0] == 0 or not side.numbers.complete:
         return _STOP
-    new.blocks[new.first[part] : new.first[part + 1]] = 0.0
-    _terms(side, acting, motion, new.slots, new.blocks, part)
+    if not filled:
+        new.blocks[new.first[part] : new.first[part + 1]] = 0.0
+        _terms(side, acting, motion, new.slots, new.blocks, part)
     fits = _fill_wide(new, acting, motion.new_x)
     state[ASKS] = TANGENT if fits else PATTERN
     blocks = new.wide.blocks if new.wide.call != 0 else new.blocks
-    hold_rims(side.rims, blocks)
+    if fits:
+        hold_rims(side.rims, blocks)
     rims, chambers = side.rims, side.film.chambers
     definite = fits and renew(kept, blocks, motion.flange, begin, end)
     if definite and rims.nodes.shape[0] > 0:  # what open ends have beside the factorisation
@@ -428,8 +432,8 @@ def _solve_part(side: FilmSide, acting: FilmActing, motion: Any, turn: Matrix, p
             for r in range(3):
                 longest = max(longest, abs(work.solution[0, i, r]))
         following = _follow(side, motion, part, longest)
-    elif state[ASKS] == TANGENT or state[ASKS] == PATTERN:
-        state[ASKS], following = NOTHING, _RENEW
+    elif state[ASKS] == TANGENT or state[ASKS] == PATTERN or state[ASKS] == WIDENED:
+        following = _RENEW
     elif state[ASKS] != EVALUATED and place.begins == GOES_ON:
         return
     while following != _STOP:

@@ -299,6 +299,8 @@ class NewtonSolver:
             state[ASKS] == step_arrays.PATTERN and not self._changes_pattern(solution)
         ):
             return self._with_tangent(solution, side, part)
+        elif state[ASKS] == step_arrays.PATTERN:
+            state[ASKS] = step_arrays.WIDENED
         return 0
 
     def _changes_pattern(self, solution: NewtonProgress) -> bool:
@@ -308,7 +310,7 @@ class NewtonSolver:
         if films is not None:
             films.add(solution.motion.new_x, element.Sums(np.zeros_like(system.gradient)), hessian=False)
             if len(films.acting):
-                wanted = system.widening.around(films.acting, before).pattern
+                wanted = system.widening.around(films.near, before).pattern
         self._fit(wanted)
         return wanted is not before
 

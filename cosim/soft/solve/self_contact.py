@@ -354,7 +354,7 @@ class SelfContact:
         films = self.contacts
         if not count:
             return None
-        rows = films.pairs.of(np.arange(count))
+        rows = films.pairs.first(count)
         return FilmPairs(films.key[:count].copy(), films.hits[:count, 1].copy(), rows)
 
     def _room(self, count: int) -> tuple[IntArray, IntArray, PairRows, FilmMemoryRows]:
