@@ -118,7 +118,7 @@ def build(
     arranged = (
         _held_base(scenario, model, soft)
         if scenario.robot == NO_ARM
-        else _arm(scenario, model, soft, before, partial(compile_contact, tell))
+        else _arm(scenario, model, soft, before, partial(compile_contact, tell, scenario))
     )
     parts, stage = _joined(scenario, model, soft, actuation, arranged)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
@@ -156,7 +156,7 @@ def build_arms(
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
         with of_arm(name):
-            arranged = _carried(one, None, partial(compile_contact, tell), SharedArm, rest)
+            arranged = _carried(one, None, partial(compile_contact, tell, one.scenario), SharedArm, rest)
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     for run in runs.values():  # each begins, and is shown, with the others where they begin

@@ -8,16 +8,19 @@ ticks that they take by themselves as well; here is what they act on, and the li
 again where they are no longer valid.
 """
 
+import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Final, final
 
 import numpy as np
 
+from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
 from cosim.base.state_check import check_indices
+from cosim.coupling.contact import contact_kernels, foresight_kernels, search_kernels
 from cosim.coupling.contact.contact_arrays import (
     AGE,
     AHEAD_TICKS,
@@ -50,6 +53,7 @@ from cosim.coupling.contact.contact_kernels import (
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.foresight_kernels import foresee
 from cosim.coupling.contact.search_kernels import search_calls
+from cosim.rigid.distance import film_distance
 from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import TriangleLists
 from cosim.rigid.scene.bodies import Bodies
@@ -66,6 +70,7 @@ RENEW_ABOVE: Final = 1.2
 """Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 GLUE_N_m: Final = 1e5
 """Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
+_WHERE_NEAR = contact_kernels, film_distance, foresight_kernels, search_kernels  # kernels of contact
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
@@ -126,6 +131,7 @@ class ContactExchange:
         nothing: ListRows = nothing_of(ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
         self._store = RecordStore(ContactArrays)
+        self._meets = len(nodes) > 0
         self.arrays = self._first_arrays(self._searching(nowhere))
 
     @property
@@ -164,7 +170,8 @@ class ContactExchange:
             before: (n, 3) [m], of the nodes at the beginning of the step.
             positions: (n, 3) [m], the same at its end.
         """
-        settle_touched(self.at, before, positions)
+        if self._meets:
+            settle_touched(self.at, before, positions)
         planes = self.planes
         self.forget()
         self.planes = planes
@@ -213,7 +220,7 @@ class ContactExchange:
 
     def fastest_m_s(self, state: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
-        return float(fastest_touched(self.at, state.positions, state.velocities))
+        return float(fastest_touched(self.at, state.positions, state.velocities)) if self._meets else 0.0
 
     def free_way(self, bodies: IntArray, tick_s: float) -> Array:
         """Return how bodies (b,) give way in a tick (6 b, 6 b) where nothing else holds them."""
@@ -291,6 +298,8 @@ class ContactExchange:
         """Return to a state of `save_state`; the scene has been restored before."""
         self.forget()
         self.planes, count = state.planes, len(state.memory.key)
+        if count or state.planes is not None or self.bodies.applied[self.query.body].any():
+            self._meet()
         if count > len(self.arrays.memory.key):
             self.arrays = self._with_room(self.arrays.search, count)
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
@@ -300,7 +309,7 @@ class ContactExchange:
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
-        counts[REMEMBERED], counts[AGE], counts[LEFT] = count, state.age, 1
+        counts[REMEMBERED], counts[AGE], counts[LEFT] = count, state.age, self._meets
 
     def check_state(self, state: ContactState) -> None:
         """Check what a saved state names: `restore_state` takes it for granted.
@@ -327,6 +336,13 @@ class ContactExchange:
             find_touched(self.at, x, velocity, rest_m, ahead_s)
         return self.planes
 
+    def _meet(self) -> None:
+        """Have all kernels compiled, as something is near: many a film never comes so far."""
+        if not self._meets:
+            compile_modules(logging.getLogger("cosim").warning, _WHERE_NEAR)
+            self._meets = True
+            self.arrays = self.arrays._replace(calls=contact_calls(searching=False))
+
     def search_around(self, positions: Array, extent: Extent, reach_m: float, behind_m: float) -> Search:
         """Return a search by lists that hold to such distances at present.
 
@@ -336,6 +352,7 @@ class ContactExchange:
             reach_m: bound on the distance.
             behind_m: how far behind the film a feature still counts.
         """
+        self._meet()
         query, room = self.query, max(reach_m, behind_m)
         shapes = query.near(extent.low, extent.high, reach_m)
         local = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]
@@ -362,7 +379,7 @@ class ContactExchange:
         return Search(
             query.bounds, *features, rows, lists, near, np.empty_like(lists.features), self._places,
             np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
-            *scratch, search_calls(),
+            *scratch, search_calls() if self._meets else np.zeros(0, np.int64),
         )  # fmt: skip
 
     def _first_arrays(self, search: Search) -> ContactArrays:
@@ -386,7 +403,7 @@ class ContactExchange:
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
             np.full((bodies.count, 2), UNKNOWN), np.zeros((bodies.count, 6, 6)),
             np.zeros((bodies.count, 18)), np.zeros(1), np.zeros(7, np.int64),
-            contact_calls(),
+            contact_calls(searching=not self._meets),
         )  # fmt: skip
 
     def _with_room(self, search: Search, room: int) -> ContactArrays:
