@@ -71,10 +71,13 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
             modules += (energy,)
     if scenario.touches_itself and film:  # a section model is built without a run, and kept
         from cosim.soft.contact import self_contact_pairs
-        from cosim.soft.linear import fronts  # pairs of films may make matrices wide
         from cosim.soft.solve import self_contact
 
-        modules += (self_contact_pairs, self_contact, fronts)
+        modules += (self_contact_pairs, self_contact)
+        if scenario.fidelity == "refined" or _is_wide(scenario.soft_robot):
+            from cosim.soft.linear import fronts  # pairs of films may make matrices wide
+
+            modules += (fronts,)
     if _has_beams(scenario.soft_robot):
         from cosim.soft.beams import ring_kernels
 
@@ -114,6 +117,11 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     return (shapes, half_ticks, *of_film, *of_chain)
 
 
+def _is_wide(robot: AnySoftRobot) -> bool:
+    """Return whether films that touch tie parts together that are far apart in the order of elimination."""
+    return isinstance(robot, SoftRobotTable) and (robot.copies is not None or len(robot.attachments) > 0)
+
+
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
     from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
@@ -122,8 +130,15 @@ def contact_modules() -> tuple[ModuleType, ...]:
     return contact_kernels, contact_arrays, search_kernels, shapes, film_distance, signed_distance
 
 
-def compile_contact(tell: Callable[[str], None]) -> None:
-    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
-    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+def compile_contact(tell: Callable[[str], None], scenario: Scenario) -> None:
+    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept.
 
-    compile_modules(tell, contact_modules())
+    Where there is nothing to touch but the arm that holds the film, only those that look for it: the others
+    are compiled by the first search that finds something near.
+    """
+    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+    from cosim.coupling.contact.contact_kernels import find_touched
+    from cosim.rigid.distance import shapes, signed_distance
+
+    more = scenario.objects or scenario.wires or scenario.scene is not None
+    compile_modules(tell, contact_modules() if more else (find_touched, shapes, signed_distance))

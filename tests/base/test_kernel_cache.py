@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import pytest
 
 from cosim.base import kernels
 from cosim.soft.elements import cable
+from tests.base.forked_python import run_forked
 
 SOURCES = Path(kernels.__file__).parent
 KERNEL = """
@@ -72,10 +71,7 @@ def run(package: Path, name: str = "cosim", before: str = "", **environment: str
     code = (
         f"from {name}.scaled import scaled; y = scaled(1.0);print(y, sum(scaled.stats.cache_misses.values()))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", before + code], capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": str(package.parent), **environment}, cwd=package.parent,
-    )  # fmt: skip
+    done = run_forked(before + code, package.parent, **environment)
     assert done.returncode == 0, done.stderr
     value, misses = done.stdout.split()
     return float(value), int(misses), done.stderr

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +27,7 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import call_native, caller, same_bits
 from cosim.soft.elements.mass_terms import add_gravity
+from tests.base.forked_python import run_forked
 
 ROOT = Path(__file__).resolve().parents[2]
 _add_gravity = caller(add_gravity)
@@ -148,10 +146,7 @@ def test_another_numba_does_the_same_by_their_names() -> None:
         "import numba; numba.__version__ = '0.99.0'; from cosim.base import numba_insides;"
         "assert not numba_insides.KNOWN; import tests.base.test_kernel_calls as t; t.check()"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
-        capture_output=True, text=True,
-    )  # fmt: skip
+    done = run_forked(code, ROOT)
     assert done.returncode == 0, done.stderr
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from cosim.base import compilation, kernels, numba_insides
+from tests.base.forked_python import run_forked
 
 SOURCES = Path(kernels.__file__).parent
 MODULE = """
@@ -56,11 +54,8 @@ def package(tmp_path: Path) -> Path:
 
 def run(package: Path, before: str = "", **environment: str) -> tuple[str, int, int, int, int]:
     """Return what all kernels make of 10; how many were on disk, compiled; processes and announcements."""
-    environment = {"NUMBA_NUM_THREADS": "2", **environment, "PYTHONPATH": str(package.parent)}
-    done = subprocess.run(
-        [sys.executable, "-c", RUN.format(before=before, modules=MODULES)],
-        env=os.environ | environment, cwd=package.parent, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    environment = {"NUMBA_NUM_THREADS": "2", **environment}
+    done = run_forked(RUN.format(before=before, modules=MODULES), package.parent, **environment)
     assert done.returncode == 0, done.stderr
     values, *counts = done.stdout.split("|")
     hits, misses, started, told = map(int, counts)

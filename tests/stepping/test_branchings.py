@@ -37,7 +37,7 @@ def large(summary: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for row in summary["branchings"] if row["extent"] > 0.2 and not row["snap"]]
 
 
-@pytest.mark.parametrize("increments", [10, 20, 100, 1000])
+@pytest.mark.parametrize("increments", [10, 1000])
 def test_a_saddle_is_left_and_named_whatever_the_increments(increments: int) -> None:
     summary = in_statics(increments).summary
     (found,) = large(summary)
@@ -100,7 +100,7 @@ def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
     assert "comes to rest with its tip at" in warning
 
 
-@pytest.mark.parametrize("tick_s", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize("tick_s", [0.001, 0.004])
 def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> None:
     # at its end it may be straight still, on its way, or swing through: where it would stay is told as well
     summary = pouch(clock__tick_s=tick_s).summary

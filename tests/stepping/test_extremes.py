@@ -64,7 +64,7 @@ ARM_EXTREMES = st.builds(
 )
 
 
-@fixed(30)
+@fixed(20)
 @given(EXTREMES)
 @example(Extreme())
 @example(Extreme(tick_s=0.1, jump_m=0.5, spin_rad_s=20.0))

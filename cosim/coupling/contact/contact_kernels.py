@@ -70,10 +70,15 @@ _FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTE
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
-def contact_calls() -> IntArray:
-    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick."""
+def contact_calls(*, searching: bool) -> IntArray:
+    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick.
+
+    Args:
+        searching: leave those at 0 that are called only where something is near.
+    """
     taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched, follow_touched
-    return np.array([address_of(called) for called in taken])
+    first = span, fill_near_box, find_touched
+    return np.array([0 if searching and called not in first else address_of(called) for called in taken])
 
 
 @device_function
@@ -202,6 +207,19 @@ def _read_poses(bounds: Any, body: Indices, leads: Any, centers: Matrix) -> None
 
 
 @device_function
+def _place_of(wanted: int, ascending: Indices) -> int:
+    """Return where a number is in an ascending list, -1 if it is not; numpy's takes 0.5 s to compile."""
+    low, high = 0, ascending.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < ascending.shape[0] and ascending[low] == wanted else -1
+
+
+@device_function
 def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
     """Find what is near; return how many points of the film and features, -1 for lists that are not valid."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
@@ -214,6 +232,8 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     reach = rest + ahead * contact.speed[0]
     poses = ShapePoses(bounds.position, bounds.rotation)
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
+    if near > 0 and contact.calls[_FIND] == 0:  # who makes the lists has it compiled
+        return -1, -1
     for k in range(near + (contact.glue.point.shape[0] > 0)):
         b = body[bounds.near[k]] if k < near else contact.glue.body[0]
         if ahead > 0.0 and bodies.leads.ahead[b] > 0:
@@ -228,8 +248,8 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     for e in range(contact.counts[contact_arrays.REMEMBERED]):
         if memory.triangle[e] >= 0:
             feature = memory.key[e] - body.shape[0] * search.surface.nodes.shape[0]
-            at = np.searchsorted(listed, feature)
-            if at < listed.shape[0] and listed[at] == feature:
+            at = _place_of(feature, listed)
+            if at >= 0:
                 held[at] = memory.triangle[e]
     asked = x, low, high, bounds.near[:near], reach, contact.numbers.behind, search
     return _find_near(contact.calls[_FIND], asked)
