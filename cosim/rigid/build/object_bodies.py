@@ -64,8 +64,11 @@ def world_pose(item: SceneObject) -> Pose:
 _LIGHT_KG = 1.0 / 60.0
 _SOFTNESS_PER_KG, _LEAST_SOFTNESS = 3.0, 1e-4
 # A palm bears what the film presses on it, whatever that weighs: by default 12 N press a spool of 20 g by
-# 5 mm into it, and that far in, friction lets it tilt for seconds.
-_MOUNTED_SOFTNESS = 1e-3
+# 5 mm into it, and that far in, friction lets it tilt for seconds. If it was as hard where a body just
+# touches, points would lie less deep than a step of a turning palm moves them: they would come off, and the
+# body hop.
+_MOUNTED_SOFTNESS: Final = 0.05, 1e-3
+_HARD_M: Final = 1e-4  # from the first at the surface to the second at this depth
 _DECIDES = 1e6  # share of a geom in the contact's parameters, over that of others
 
 
@@ -111,7 +114,7 @@ def add_mounted(
         geom.contype, geom.conaffinity = contact
         # MuJoCo's step takes a tick off the time in which speeds become equal, and allows no less than two
         geom.priority, geom.solref = 1, [max(item.contact_time_s, tick_s) + tick_s, 1.0]
-        geom.solimp[:2] = 1.0 - _MOUNTED_SOFTNESS
+        geom.solimp[:3] = *(1.0 - np.array(_MOUNTED_SOFTNESS)), _HARD_M
 
 
 def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:
