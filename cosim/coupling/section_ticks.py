@@ -138,8 +138,8 @@ class ChainSteps(NamedTuple):
 _hand_over, _solve_chain = caller(hand_over), caller(solve_chain)
 _find_touched, _meet_touched = caller(contact_kernels.find_touched), caller(contact_kernels.meet_touched)
 _follow_touched = caller(contact_kernels.follow_touched)
-_FOLLOWS_MAX: Final = 4  # of bodies in a tick
-_NEARER: Final = 0.3  # share of the distance from bodies that a film leaves which continues to follow them
+_FOLLOWS_MAX: Final = 12  # of bodies in a tick
+_NEARER: Final = 0.7  # share of the distance from bodies that a film leaves which continues to follow them
 
 
 @device_function

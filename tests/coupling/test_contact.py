@@ -71,6 +71,27 @@ def test_mujoco_gets_the_reported_load() -> None:
     np.testing.assert_array_equal(before, velocity[0])
 
 
+def test_a_load_that_grows_steadily_is_met_where_it_will_be_and_one_that_alternates_is_not() -> None:
+    grasp = Grasp(0.02, 2e-3)
+    for _ in range(20):
+        grasp.tick()
+    bodies, arrays = grasp.exchange.bodies, grasp.exchange.arrays
+    cube = int(bodies.loaded[0])
+    assert arrays.past[cube].any()  # kept at the ends of ticks
+    force, change = np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3])
+    torque, turned = 1e-2 * force, 1e-3 * change
+    bodies.applied[cube] = np.concatenate([force, torque])
+    arrays.past[cube] = np.concatenate([force - change, torque - turned, force - 2.0 * change, torque])
+    grasp.exchange.find(grasp.soft.state, 2e-3)
+    np.testing.assert_allclose(arrays.assumed[cube, :3], force + change)
+    np.testing.assert_allclose(arrays.assumed[cube, 3:], torque)  # it has gone there and back
+    np.testing.assert_allclose(bodies.applied[cube, :3], force)  # the load that acts stays
+    again = grasp.exchange.save_state()
+    arrays.past[:] = 0.0
+    grasp.exchange.restore_state(again)
+    assert arrays.past[cube, 0] == force[0] - change[0]
+
+
 def test_a_cube_is_held_without_creep() -> None:
     grasp = Grasp(0.02, 2e-3)
     heights = []

@@ -12,6 +12,7 @@ from cosim.base.frames import Array, Pose
 from cosim.base.resources import object_mesh_path
 from cosim.base.solid import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
+from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
 from cosim.rigid.distance.signed_distance import surface_distance
 from cosim.rigid.scene.scene import RigidScene
@@ -118,3 +119,41 @@ def test_the_inertia_of_a_mesh_is_that_of_its_solid() -> None:
     of_mesh, of_cylinders = np.diag(scene.bodies.mobility(bodies, held=True)).reshape(2, 6)
     # a 32-gon has 0.6 % less inertia per area than its circle
     np.testing.assert_allclose(of_mesh, of_cylinders, rtol=0.01)
+
+
+def corners_of(mesh: TriangleMesh) -> Array:
+    """Return the corners (n, 3) [m] by which a mesh touches a palm."""
+    palm = SceneObject("palm", "cylinder", (0.05, 0.01))
+    held = SceneObject("held", "mesh", mesh=mesh, position_m=(1.0, 0.0, 1.0), mass_kg=0.1)
+    model = CompiledScene(SceneDescription(ARM, mounted=(palm,), objects=(held,))).model()
+    geoms = [g for g in range(model.ngeom) if "/corner" in model.geom(g).name]
+    assert model.npair == len(geoms)
+    return np.array(model.geom_pos[geoms])
+
+
+def hull_mesh(points: Array) -> TriangleMesh:
+    """Return the convex hull of points (n, 3) [m], its triangles counter-clockwise seen from outside."""
+    triangles = ConvexHull(points).simplices
+    first, second, third = points[triangles].transpose(1, 0, 2)
+    inward = np.einsum("kr,kr->k", np.cross(second - first, third - first), first - points.mean(axis=0)) < 0.0
+    return TriangleMesh(points, np.where(inward[:, None], triangles[:, ::-1], triangles))
+
+
+@pytest.mark.parametrize(("radius", "height"), [(0.03, 0.004), (0.005, 0.2)])
+def test_a_mesh_with_many_corners_touches_a_palm_with_no_more_than_a_cylinder(
+    radius: float, height: float
+) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    rim = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.concatenate([np.column_stack([rim, np.full(64, z)]) for z in (-0.5 * height, 0.5 * height)])
+    corners = corners_of(hull_mesh(points))
+    assert 20 <= len(corners) <= 32  # of 128; a cylinder has 24
+    ways = np.random.default_rng(0).normal(size=(2000, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    lacking = (points @ ways.T).max(axis=0) - (corners @ ways.T).max(axis=0)
+    assert lacking.max() < 0.045 * radius  # 0.034 in the directions that are looked at
+
+
+def test_a_mesh_with_few_corners_keeps_them_all() -> None:
+    box = 0.5 * np.array(list(np.ndindex(2, 2, 2))) * (0.04, 0.03, 0.002)
+    assert len(corners_of(hull_mesh(box))) == 8

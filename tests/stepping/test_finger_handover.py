@@ -104,3 +104,12 @@ def test_bridging_forces_of_fingers_fade() -> None:
     ends = [(shot.tick, each) for shot in shots for each in shot.handovers if isinstance(each, BridgeEnd)]
     assert len(ends) == len(changes_of(shots))
     assert abs(ends[-1][1].work_J) < 0.05
+
+
+def test_what_fingers_press_on_a_palm_does_not_hop_as_it_is_lifted() -> None:
+    shots, place, force = lifted(1.5, "lift")
+    lift = [shot.phase == shots[-1].phase for shot in shots]
+    assert np.linalg.norm(force[lift], axis=1).min() > 5.0
+    # a palm as hard for what just touches it: 1.1 N and 0.16 mm in a tick
+    assert np.abs(np.diff(force[lift], axis=0)).max() < 0.05
+    assert np.abs(np.diff(place[lift], axis=0)).max() < 5e-5

@@ -378,6 +378,8 @@ class ContactArrays(NamedTuple):
             change of its load in a tick, over what may be; `UNKNOWN` where that is not known.
         yields: (bodies, 6, 6), share of the way that it would go, at its centre of mass, by which the film
             follows it there, see `LightBodies`.
+        past: (bodies, 12), loads on bodies one tick before those that act, and two; zero where none acted.
+        assumed: (bodies, 6), loads on bodies with which the film meets them, see `foresee`.
         met: (bodies, 18), scratch: how much further each goes at other loads than it was met; its load and
             lead before a look at these.
         speed: (1,) [m/s], of the film's fastest node before the step.
@@ -400,6 +402,8 @@ class ContactArrays(NamedTuple):
     touching: Vector
     gives: Matrix
     yields: Blocks
+    past: Matrix
+    assumed: Matrix
     met: Matrix
     speed: Vector
     counts: Indices

@@ -56,6 +56,7 @@ class ContactState:
         age: ticks of contact since bodies were weighed.
         centers: (bodies, 3) [m], of masses, where the film has met them.
         force: (touched nodes, 3) [N], on the film.
+        past: (bodies, 12), loads on bodies before those that act, see `ContactArrays`.
     """
 
     memory: ContactMemory
@@ -63,6 +64,7 @@ class ContactState:
     age: int
     centers: Annotated[Array, ("bodies", 3)]
     force: Annotated[Array, ("touched nodes", 3)]
+    past: Annotated[Array, ("bodies", 12)]
 
 
 @final
@@ -267,7 +269,7 @@ class ContactExchange:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
         age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
-        return ContactState(self.memory, self.planes, age, centers, force)
+        return ContactState(self.memory, self.planes, age, centers, force, self.arrays.past.copy())
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -280,7 +282,7 @@ class ContactExchange:
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
             part[:count] = getattr(state.memory, name)
         self.arrays.bodies.centers[:] = state.centers
-        self.arrays.end.force[:] = state.force
+        self.arrays.end.force[:], self.arrays.past[:] = state.force, state.past
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -383,8 +385,8 @@ class ContactExchange:
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
             np.full((bodies.count, 2), contact_arrays.UNKNOWN), np.zeros((bodies.count, 6, 6)),
-            np.zeros((bodies.count, 18)), np.zeros(1), np.zeros(7, np.int64),
-            contact_calls(searching=not self._meets),
+            np.zeros((bodies.count, 12)), np.zeros((bodies.count, 6)), np.zeros((bodies.count, 18)),
+            np.zeros(1), np.zeros(7, np.int64), contact_calls(searching=not self._meets),
         )  # fmt: skip
 
     def _with_room(self, search: Search, room: int) -> ContactArrays:

@@ -220,6 +220,40 @@ def _place_of(wanted: int, ascending: Indices) -> int:
 
 
 @device_function
+def _assume(contact: Any) -> None:
+    """Fill the loads with which the film meets bodies: those that act, and as they have changed.
+
+    Of the last change, that share continues by which the change before it would have continued best.
+    """
+    bodies, past, assumed = contact.bodies, contact.past, contact.assumed
+    for b in range(bodies.loaded.shape[0]):
+        for first in range(0, 6, 3):
+            along = square = 0.0
+            for r in range(first, first + 3):
+                before = past[b, r] - past[b, 6 + r]
+                along += (bodies.applied[b, r] - past[b, r]) * before
+                square += before * before
+            share = min(max(along / square, 0.0), 1.0) if bodies.loaded[b] and square > 0.0 else 0.0
+            for r in range(first, first + 3):
+                assumed[b, r] = bodies.applied[b, r] + share * (bodies.applied[b, r] - past[b, r])
+
+
+@device_function
+def _look_ahead(contact: Any, loads: Matrix, h: float) -> None:
+    """Fill how far bodies are ahead under loads (bodies, 6) on those that are met there."""
+    bodies, met = contact.bodies, contact.met
+    for b in range(bodies.loaded.shape[0]):
+        for r in range(6):
+            met[b, 6 + r] = bodies.applied[b, r]
+            if bodies.leads.ahead[b] > 0:
+                bodies.applied[b, r] = loads[b, r]
+    _foresee(contact.calls[_FORESEE], (bodies.leads, h))
+    for b in range(bodies.loaded.shape[0]):
+        for r in range(6):
+            bodies.applied[b, r] = met[b, 6 + r]
+
+
+@device_function
 def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
     """Find what is near; return how many points of the film and features, -1 for lists that are not valid."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
@@ -238,8 +272,9 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
         b = body[bounds.near[k]] if k < near else contact.glue.body[0]
         if ahead > 0.0 and bodies.leads.ahead[b] > 0:
             met += 1
+    _assume(contact)
     if met > 0:
-        _foresee(contact.calls[_FORESEE], (bodies.leads, ahead / contact_arrays.AHEAD_TICKS))
+        _look_ahead(contact, contact.assumed, ahead / contact_arrays.AHEAD_TICKS)
         _read_poses(bounds, body, bodies.leads, bodies.centers)
     if near == 0:
         return 0, 0
@@ -370,12 +405,12 @@ def _bear(bodies: Any, load: Vector, b: int) -> None:
 
 @device_function
 def _changed(contact: Any, b: int, first: int) -> float:
-    """Return by how much the force (first 0) or torque (3) on a body has changed, about its centre."""
+    """Return how far the force (first 0) or torque (3) on a body, about its centre, is from that assumed."""
     load, center, square = contact.end.loads[b], contact.bodies.centers[b], 0.0
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
         about = center[s] * load[q] - center[q] * load[s] if first else 0.0
-        square += (load[first + r] - about - contact.bodies.applied[b, first + r]) ** 2
+        square += (load[first + r] - about - contact.assumed[b, first + r]) ** 2
     return math.sqrt(square)
 
 
@@ -485,10 +520,13 @@ def follow_touched(at: int, x: Matrix) -> None:
 
 
 @device_function
-def _load_bodies(end: Any, bodies: Any) -> None:
+def _load_bodies(end: Any, bodies: Any, past: Matrix) -> None:
     """Let the contacts' loads act on bodies, see `Bodies.apply`."""
     for b in range(bodies.loaded.shape[0]):
         if end.acting[b] or bodies.loaded[b]:
+            for r in range(6):
+                past[b, 6 + r] = past[b, r] if bodies.loaded[b] else 0.0
+                past[b, r] = bodies.applied[b, r] if bodies.loaded[b] else 0.0
             bodies.loaded[b] = end.acting[b]
             _bear(bodies, end.loads[b], b)
     for r in range(7):
@@ -537,7 +575,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
         for r in range(3):
             memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
     loaded = contact.bodies.loaded
-    _load_bodies(end, contact.bodies)
+    _load_bodies(end, contact.bodies, contact.past)
     counts[contact_arrays.LEFT], counts[contact_arrays.ASKS] = counts[contact_arrays.TOUCHES] > 0, 0
     for f in range(contact.movable.shape[0]):
         body, held = contact.movable[f], contact.numbers.renewed_above * contact.touching[f]

@@ -10,9 +10,10 @@ at x + h (v + h a(F)), a the accelerations that MuJoCo finds for a load, with al
 body. That is implicit Euler for film and body together, stable for every mass. The body bears F in MuJoCo's
 step, so impulses are exact. Seen from the film it is one tick ahead, in a frame that moves with the flange.
 
-Unknown is l = F - F', F' the load of the last step, of all bodies that the film may touch. The film's step
-with its planes where a(F' + l) brings them answers with F. Newton's steps dl = (1 + S C)^-1 (F - F' - l) find
-the root of the monotone residual. A step beyond it is cut by the secant of the residual's work along C dl.
+Unknown is l = F - F', F' the load that is assumed: that of the last step, changed further as it has changed
+before, of all bodies that the film may touch. The film's step with its planes where a(F' + l) brings them
+answers with F. Newton's steps dl = (1 + S C)^-1 (F - F' - l) find the root of the monotone residual. A step
+beyond it is cut by the secant of the residual's work along C dl.
 
 In C, M has J_a^T D J_a of MuJoCo's active constraints on it: a body on a table does not give way into it.
 Bodies of a contact ratio below 0.5 bear the load one tick later; so do those of one below 2.5 while something
@@ -129,9 +130,9 @@ class _Step:
             self._centers = exchange.arrays.bodies.centers[self.bodies]
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
-            self._applied = exchange.bodies.applied[self.bodies].ravel()
+            self._assumed = exchange.arrays.assumed[self.bodies].ravel()
             self._ahead = exchange.arrays.bodies.leads.lead[self.bodies]
-            self._change = np.zeros_like(self._applied)
+            self._change = np.zeros_like(self._assumed)
             self._mobility: Array | None = None
             self._moved = np.zeros_like(self._ahead)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
@@ -205,7 +206,7 @@ class _Step:
         """Return the trial of a film at x (n, 3) [m] that has met bodies by a change (6 b,) of loads."""
         loads = self.answered(x)
         self.touched = self.bodies[loads.reshape(-1, 6).any(axis=1)]
-        residual = loads - self._applied - change
+        residual = loads - self._assumed - change
         if not residual.any():
             return _Trial(change, residual, 0.0, reply)
         further = self._motion(self._exchange.ahead(self.bodies, loads, self.tick_s)) - self._moved
@@ -215,7 +216,7 @@ class _Step:
     def mobility(self) -> Array:
         """C (6 b, 6 b), how bodies give way under the loads that were last assumed."""
         if self._mobility is None:
-            loads = self._applied + self._change
+            loads = self._assumed + self._change
             self._mobility = self._exchange.held_way(self.bodies, loads, self.tick_s)
         return self._mobility
 
@@ -269,7 +270,7 @@ class _Step:
         if np.array_equal(change, self._change):
             return 0.0
         self._change, self._mobility = change, None
-        ahead = self._exchange.ahead(self.bodies, self._applied + change, self.tick_s)
+        ahead = self._exchange.ahead(self.bodies, self._assumed + change, self.tick_s)
         self._moved = moved = self._motion(ahead)
         shift = self._levers.shift(moved)
         further, self._shift = shift - self._shift, shift

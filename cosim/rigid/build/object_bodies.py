@@ -4,7 +4,7 @@ Puts objects into a MuJoCo specification: one body each, one geom for every conv
 
 Puts wires into a MuJoCo specification, and their stress-free shape into the compiled model.
 
-Contacts of an object with what the flange carries, at all corners of the object in every tick.
+Contacts of an object with what the flange carries, at the object's corners in every tick.
 
 Of two solids MuJoCo keeps four points at most, not the same ones in every tick, and not the deepest ones: an
 object that rests on a palm with five corners loses one of them, and with it newtons, every few ticks, and
@@ -64,8 +64,11 @@ def world_pose(item: SceneObject) -> Pose:
 _LIGHT_KG = 1.0 / 60.0
 _SOFTNESS_PER_KG, _LEAST_SOFTNESS = 3.0, 1e-4
 # A palm bears what the film presses on it, whatever that weighs: by default 12 N press a spool of 20 g by
-# 5 mm into it, and that far in, friction lets it tilt for seconds.
-_MOUNTED_SOFTNESS = 1e-3
+# 5 mm into it, and that far in, friction lets it tilt for seconds. If it was as hard where a body just
+# touches, points would lie less deep than a step of a turning palm moves them: they would come off, and the
+# body hop.
+_MOUNTED_SOFTNESS: Final = 0.05, 1e-3
+_HARD_M: Final = 1e-4  # from the first at the surface to the second at this depth
 _DECIDES = 1e6  # share of a geom in the contact's parameters, over that of others
 
 
@@ -111,7 +114,7 @@ def add_mounted(
         geom.contype, geom.conaffinity = contact
         # MuJoCo's step takes a tick off the time in which speeds become equal, and allows no less than two
         geom.priority, geom.solref = 1, [max(item.contact_time_s, tick_s) + tick_s, 1.0]
-        geom.solimp[:2] = 1.0 - _MOUNTED_SOFTNESS
+        geom.solimp[:3] = *(1.0 - np.array(_MOUNTED_SOFTNESS)), _HARD_M
 
 
 def _add_joint(body: mujoco.MjsBody, item: SceneObject, joint: Joint, tick_s: float) -> None:
@@ -249,7 +252,7 @@ def _name(wire: WireTable, k: int) -> str:
 
 
 _POINT_M: Final = 1e-6  # MuJoCo knows no points: radius of a sphere
-_AROUND: Final = 12  # of a cylinder's rim: between two of them it stands out by 3 % of its radius
+_AROUND: Final = 12  # of a cylinder's rim: between two of them it stands out by 3.4 % of its radius
 _DIRECTIONS: Final = 256  # in which corners of a mesh are looked for
 _GOLDEN: Final = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -298,15 +301,28 @@ def _corners(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> Array:
             rim = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.full(_AROUND, half)))
             return np.concatenate((rim, rim * (1.0, 1.0, -1.0)))
         case mujoco.mjtGeom.mjGEOM_MESH:
-            vertices = np.array(spec.mesh(geom.meshname).uservert).reshape(-1, 3)
-            return np.asarray(vertices[np.unique([np.argmax(vertices @ way) for way in _directions()])])
+            return _fewer(np.array(spec.mesh(geom.meshname).uservert).reshape(-1, 3))
         case _:
             return np.zeros((0, 3))
 
 
-def _directions() -> Array:
-    """Return directions (n, 3) that are spread evenly, on a spiral of golden angles."""
-    place = np.arange(_DIRECTIONS)
-    height = 1.0 - (2.0 * place + 1.0) / _DIRECTIONS
+def _fewer(vertices: Array) -> Array:
+    """Return some of vertices (n, 3) [m], over whose hull the others stand out no more than a cylinder's."""
+    corners = vertices[np.unique([np.argmax(vertices @ way) for way in _directions(_DIRECTIONS)])]
+    centred, reach = corners - corners.mean(axis=0), corners @ _directions(4 * _DIRECTIONS).T
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    across = np.ptp(centred @ axes.T, axis=0)
+    least = reach.max(axis=0) - 0.5 * np.median(across) * (1.0 - np.cos(np.pi / _AROUND))
+    kept = np.ones(len(corners), dtype=bool)
+    for k in range(len(corners)):
+        kept[k] = False
+        kept[k] = not kept.any() or (reach[kept].max(axis=0) < least).any()
+    return np.asarray(corners[kept])
+
+
+def _directions(count: int) -> Array:
+    """Return directions (count, 3) that are spread evenly, on a spiral of golden angles."""
+    place = np.arange(count)
+    height = 1.0 - (2.0 * place + 1.0) / count
     across = np.sqrt(1.0 - height**2)
     return np.column_stack((across * np.cos(_GOLDEN * place), across * np.sin(_GOLDEN * place), height))
