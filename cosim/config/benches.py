@@ -11,9 +11,8 @@ from annotated_types import Interval, Len
 
 from cosim.base.resources import is_file, list_scenarios
 from cosim.config.studies import flat
+from cosim.config.toml import parsing, reading
 from cosim.config.toml.keys import Name, Positive, Text, listing, unknown_name_message
-from cosim.config.toml.parsing import parse
-from cosim.config.toml.reading import Fault, Faults, Told, check, copy_with, read_table, rule
 from cosim.errors import InputError, ScenarioError
 
 _UNITS: Final[dict[str, tuple[str, float]]] = {
@@ -52,10 +51,10 @@ class FreeTable:
     also: tuple[Text, ...] = ()
     start: float | None = None
 
-    @rule
-    def _has_room(self) -> Told:
+    @reading.rule
+    def _has_room(self) -> reading.Told:
         if not self.low < self.high:
-            yield Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
+            yield reading.Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
 
 
 @final
@@ -152,9 +151,9 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
     path = Path(source)
     if not is_file(path):
         raise InputError(f"no bench {str(source)!r}; give the path of a .toml file")
-    faults = Faults()
-    bench = parse(BenchTable, read_table(path), "", faults)
-    check(bench, "", None, (), faults)
+    faults = reading.Faults()
+    bench = parsing.parse(BenchTable, reading.read_table(path), "", faults)
+    reading.check(bench, "", None, (), faults)
     faults.tell()
     found = []
     for entry in bench.series:
@@ -164,7 +163,7 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
     changes: dict[str, Any] = {"set": flat(bench.set)}
     if bench.scenario not in list_scenarios():
         changes["scenario"] = str(path.parent / bench.scenario)
-    return copy_with(bench, **changes), tuple(found)
+    return reading.copy_with(bench, **changes), tuple(found)
 
 
 def _series(table: SeriesTable, folder: Path) -> Series:
@@ -279,10 +278,10 @@ class LimitTable:
     at_most: float | None = None
     equal: float | None = None
 
-    @rule
-    def _has_a_bound(self) -> Told:
+    @reading.rule
+    def _has_a_bound(self) -> reading.Told:
         if sum(bound is not None for bound in (self.at_least, self.at_most, self.equal)) != 1:
-            yield Fault("quantity", f"{self.quantity} needs one of at_least, at_most and equal")
+            yield reading.Fault("quantity", f"{self.quantity} needs one of at_least, at_most and equal")
 
     @property
     def bound(self) -> float:
@@ -349,9 +348,9 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
     path = Path(source)
     if not is_file(path):
         raise InputError(f"no design study {str(source)!r}; give the path of a .toml file")
-    faults = Faults()
-    study = parse(DesignStudyTable, read_table(path), "", faults)
-    check(study, "", None, (), faults)
+    faults = reading.Faults()
+    study = parsing.parse(DesignStudyTable, reading.read_table(path), "", faults)
+    reading.check(study, "", None, (), faults)
     faults.tell()
     cases = tuple(replace(case, loads=flat(case.loads)) for case in study.case)
     names = tuple(case.name for case in cases)
@@ -374,4 +373,4 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
     }
     if study.scenario not in list_scenarios():
         changes["scenario"] = str(path.parent / study.scenario)
-    return copy_with(study, **changes)
+    return reading.copy_with(study, **changes)

@@ -24,8 +24,7 @@ from scipy.special import gamma
 
 from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.fabric import Fabric
-from cosim.soft.elements.hinge import shell_stiffness
+from cosim.soft.elements import fabric, hinge
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -340,7 +339,7 @@ def wrinkle_wavelength() -> tuple[Figure, ...]:
     """
     x, triangles = panel(LENGTH_M, WAVE_HEIGHT_M, round(LENGTH_M / WAVE_HEIGHT_M * ROWS), ROWS)
     hinges = interior_hinges(triangles)
-    stiffness = shell_stiffness(x, triangles, hinges, WAVE_FILM.flexural_rigidity_Nm)
+    stiffness = hinge.shell_stiffness(x, triangles, hinges, WAVE_FILM.flexural_rigidity_Nm)
     body = SoftBody.from_arrays(x, triangles, WAVE_FILM, hinge_nodes=hinges, hinge_stiffness=stiffness)
     rails = (x[:, 1] < 1e-9) | (x[:, 1] > WAVE_HEIGHT_M * (1.0 - 1e-9))
     specimen = Specimen(body, rails, NewtonOptions(tolerance_N=1e-4, iterations_max=1000, step_max_m=0.01))
@@ -360,7 +359,7 @@ STRAIGHT_PA, STRAIN = (1.5e9, 0.9e9), (0.004, 0.0008)  # the weft is straight, t
 THICKNESS_M = 2e-4
 WOVEN = Film(
     WARP_PA, NU, THICKNESS_M, "tension_field",
-    fabric=Fabric(WEFT_PA, SHEAR_PA, (0.0, 0.0, 1.0), STRAIGHT_PA, STRAIN),
+    fabric=fabric.Fabric(WEFT_PA, SHEAR_PA, (0.0, 0.0, 1.0), STRAIGHT_PA, STRAIN),
 )  # fmt: skip
 TUBE_RADIUS_M, TUBE_LENGTH_M, TUBE_PRESSURE_PA = 0.04, 0.08, 5e3
 TUBE_SIDES, TUBE_ROWS = 96, 24

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, Typ
 
 from annotated_types import Interval, Len
 
+from cosim.config.toml import parsing, reading
 from cosim.config.toml.keys import (
     Count,
     Direction,
@@ -37,8 +38,6 @@ from cosim.config.toml.keys import (
     matching,
     unknown_name_message,
 )
-from cosim.config.toml.parsing import KindTable
-from cosim.config.toml.reading import Fault, Told, rule
 from cosim.errors import InputError, ScenarioError
 
 if TYPE_CHECKING:
@@ -110,7 +109,7 @@ def values_after(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandTable(KindTable):
+class CommandTable(parsing.KindTable):
     """A source of commands.
 
     Args:
@@ -216,8 +215,8 @@ class TipTargetTable:
     height_m: float | None = None
     reach_with: Literal["flange", "cables", "none"] = "flange"
 
-    @rule
-    def _is_one_place(self) -> Told:
+    @reading.rule
+    def _is_one_place(self) -> reading.Told:
         if (self.position_m is None) == (self.height_m is None):
             given = "neither" if self.position_m is None else "both"
             yield "", f"give position_m or height_m; {given} is given"
@@ -412,14 +411,14 @@ class PhaseTable:
     def _given(self, keys: Sequence[str]) -> list[str]:
         return [key for key in keys if getattr(self, key) is not None]
 
-    @rule
-    def _moves_in_one_way(self) -> Told:
+    @reading.rule
+    def _moves_in_one_way(self) -> reading.Told:
         moves = self._given(_MOVES)
         if self.flange is not None and len(moves) > 1:
             yield moves[1], "cannot be combined with flange, which already gives the pose"
 
-    @rule
-    def _shakes(self) -> Told:
+    @reading.rule
+    def _shakes(self) -> reading.Told:
         if self.flange_shake is None:
             return
         if self.ramp != "linear":
@@ -428,13 +427,13 @@ class PhaseTable:
         if periods < 3.0:
             yield "duration_s", f"{self.duration_s:g} is shorter than 3 periods of flange_shake"
         if periods > MOST_SHAKE_PERIODS:
-            yield Fault(
+            yield reading.Fault(
                 "flange_shake.frequency_Hz",
                 f"makes {periods:g} periods in one phase; at most {MOST_SHAKE_PERIODS} are allowed",
             )
 
-    @rule
-    def _follows_a_path_alone(self) -> Told:
+    @reading.rule
+    def _follows_a_path_alone(self) -> reading.Told:
         if self.tip_path is None:
             return
         for other in self._given((*_MOVES, "tip_target")):
@@ -442,8 +441,8 @@ class PhaseTable:
         if self.ramp != "linear":
             yield "ramp", f"is '{self.ramp}'; a tip_path has its own ramps (ramp_s): leave it out"
 
-    @rule
-    def _lasts_as_long_as_its_path(self) -> Told:
+    @reading.rule
+    def _lasts_as_long_as_its_path(self) -> reading.Told:
         path = self.tip_path
         if path is None:
             return
@@ -456,14 +455,14 @@ class PhaseTable:
             yield "tip_path", str(error)
             return
         if not math.isclose(self.duration_s, lasts_s, rel_tol=_SAME):
-            yield Fault(
+            yield reading.Fault(
                 "duration_s",
                 f"is {self.duration_s:g}, but the path takes {lasts_s:.6g} s at {path.speed_m_s:g} m/s; "
                 "leave it out",
             )
 
-    @rule
-    def _reaches_in_one_way(self) -> Told:
+    @reading.rule
+    def _reaches_in_one_way(self) -> reading.Told:
         if self.tip_target is None:
             return
         for key in self._given(_MOVES)[:1]:
@@ -471,8 +470,8 @@ class PhaseTable:
         if self.tip_target.reach_with == "cables" and self.cable_tension_N is not None:
             yield "cable_tension_N", "cannot be combined with a target reached with cables"
 
-    @rule
-    def _commands_cables_in_one_way(self) -> Told:
+    @reading.rule
+    def _commands_cables_in_one_way(self) -> reading.Told:
         for key in self._given(("cable_length_m", "cable_shortening_m")):
             if getattr(self, key) and self.cable_tension_N is not None:
                 yield key, "cannot be combined with cable_tension_N, which commands the same cables"

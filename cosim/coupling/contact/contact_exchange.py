@@ -15,11 +15,10 @@ from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base.compilation import compile_modules
+from cosim.base import compilation, state_check
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
-from cosim.base.state_check import check_indices
 from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
 from cosim.coupling.contact.contact_arrays import AGE, REMEMBERED, TOUCHES, ContactArrays, MemoryRows, Search
 from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
@@ -297,10 +296,10 @@ class ContactExchange:
         memory, query, surface = state.memory, self.query, self.surface
         of_features = memory.triangle >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
-        check_indices(features, len(query.features.shape), "features")
-        check_indices(memory.triangle[of_features], len(surface.triangles), "triangles")
+        state_check.check_indices(features, len(query.features.shape), "features")
+        state_check.check_indices(memory.triangle[of_features], len(surface.triangles), "triangles")
         if state.planes is not None:
-            check_indices(state.planes.body, self.bodies.count, "bodies")
+            state_check.check_indices(state.planes.body, self.bodies.count, "bodies")
             surface.check_planes(state.planes)
 
     def _found(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
@@ -316,7 +315,7 @@ class ContactExchange:
     def _meet(self) -> None:
         """Have all kernels compiled, as something is near: many a film never comes so far."""
         if not self._meets:
-            compile_modules(logging.getLogger("cosim").warning, _WHERE_NEAR)
+            compilation.compile_modules(logging.getLogger("cosim").warning, _WHERE_NEAR)
             self._meets = True
             self.arrays = self.arrays._replace(calls=contact_calls(searching=False))
 

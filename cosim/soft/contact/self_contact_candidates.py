@@ -30,8 +30,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Masks, Matrix, Vector
 from cosim.base.kernels import allocating, copy_rows, device_function, kernel, small_matrix, small_vector
-from cosim.soft.contact.contact_law import fill_point, fill_slopes, plane_of
-from cosim.soft.contact.rigid_motion import deviation, fit_motion, rigid_difference
+from cosim.soft.contact import contact_law, rigid_motion
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 BEYOND_EDGES: Final = 0.02
@@ -215,7 +214,7 @@ def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: I
     near, total, limit = np.empty(triangles.shape[0], np.int64), 0, room * room
     columns, squares = np.empty((6, triangles.shape[0])), np.empty(triangles.shape[0])
     for k in range(points.shape[0]):  # boxes of points have no size
-        fill_point(x, rows.nodes[rows.order[k]], rows.weights[rows.order[k]], points[k])
+        contact_law.fill_point(x, rows.nodes[rows.order[k]], rows.weights[rows.order[k]], points[k])
         for r in range(3):
             points[k, 3 + r] = points[k, r]
     for k in range(triangles.shape[0]):
@@ -393,8 +392,8 @@ _FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what i
 def _measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
     """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
-    shrink = plane_of(x, corners, n)
-    fill_slopes(x, corners, n, shrink, slope)
+    shrink = contact_law.plane_of(x, corners, n)
+    contact_law.fill_slopes(x, corners, n, shrink, slope)
     side[12] = 1.0 / shrink
     for r in range(3):
         side[r], side[3 + r] = x[corners[0], r], n[r]
@@ -430,7 +429,7 @@ def _steepest_slope(side: Vector) -> float:
 def _fill_plane(x: Matrix, corners: Indices, lowest: Vector) -> None:
     """Fill a triangle's plane: normal, and its distance from the origin."""
     normal = lowest[:3]
-    plane_of(x, corners, normal)
+    contact_law.plane_of(x, corners, normal)
     lowest[3] = 0.0
     for r in range(3):
         lowest[3] += normal[r] * x[corners[0], r]
@@ -466,7 +465,7 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
         short.first[p], begin, end = count, long.first[rows.place[p]], long.first[rows.place[p] + 1]
         if begin == end:
             continue
-        fill_point(x, rows.nodes[p], rows.weights[p], place)
+        contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
         px, py, pz = place[0], place[1], place[2]
         for entry in range(begin, end):
             t = long.listed[entry]
@@ -509,19 +508,19 @@ def units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> bool
     minors, rigid = small_matrix(3, 3), lists.rigid
     units = start.shape[0] - 1
     for a in range(units):
-        fit_motion(x, before, nodes, _fitted(start, a), rigid[a], minors)
-        moved[a] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+        rigid_motion.fit_motion(x, before, nodes, _fitted(start, a), rigid[a], minors)
+        moved[a] = rigid_motion.deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(units):
         fits = False
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
-            went = moved[a] + moved[b] + rigid_difference(rigid[a], rigid[b], near.radius[b])
+            went = moved[a] + moved[b] + rigid_motion.rigid_difference(rigid[a], rigid[b], near.radius[b])
             if not went <= allowed:
                 if not fits:
-                    fit_motion(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
-                    moved[a] = deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+                    rigid_motion.fit_motion(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
+                    moved[a] = rigid_motion.deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
                     fits = True
-                went = moved[a] + deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
+                went = moved[a] + rigid_motion.deviation(x, before, nodes, start[b], start[b + 1], rigid[a])
             if not went <= allowed:
                 return False
             lists.went[a, b] = went
@@ -545,8 +544,8 @@ def stays_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
     if not (reach <= quiet.bounds[0] and behind <= quiet.bounds[1]):
         return False
     some = 0, nodes.shape[0], max(1, nodes.shape[0] // _FITTED)
-    fit_motion(x, lists.seen, nodes, some, rigid, small_matrix(3, 3))
-    if 2.0 * deviation(x, lists.seen, nodes, 0, nodes.shape[0], rigid) <= lists.slack[0]:
+    rigid_motion.fit_motion(x, lists.seen, nodes, some, rigid, small_matrix(3, 3))
+    if 2.0 * rigid_motion.deviation(x, lists.seen, nodes, 0, nodes.shape[0], rigid) <= lists.slack[0]:
         return True
     if not units_stay(x, lists, quiet, 0.0):
         return False
@@ -604,7 +603,7 @@ def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None
             quiet.allowed[a, b] = short.allowed[a, b] - lists.went[min(a, b), max(a, b)]
     for k in range(lists.counts[0]):
         p = lists.points[k]
-        fill_point(x, rows.nodes[p], rows.weights[p], place)
+        contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
         for entry in range(short.first[p], short.first[p + 1]):
             t = short.listed[entry]
             a, b = min(rows.homes[p, 1], rows.films[t, 1]), max(rows.homes[p, 1], rows.films[t, 1])

@@ -18,9 +18,8 @@ from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.film import step_arrays, strain_rates
-from cosim.soft.solve.film_step import FilmSide
+from cosim.soft.solve import film_step, newton_options
 from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, NewtonTask
-from cosim.soft.solve.newton_options import NewtonResult, Outcome
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import (
     BegunStep,
@@ -111,7 +110,7 @@ class FilmSides:
         apart = self._apart and numbers.complete and numbers.potential and not coupled
         return NewtonTask(loads, share, inertia, scheme.kind, numbers, self._clamp.held, apart)
 
-    def of(self, scheme: StepScheme, step_s: float, *, pressed: bool) -> FilmSide:
+    def of(self, scheme: StepScheme, step_s: float, *, pressed: bool) -> film_step.FilmSide:
         """Return what the kernel takes for steps of a scheme under plain loads.
 
         Args:
@@ -125,7 +124,7 @@ class FilmSides:
             last = self._last = scheme, step_s, pressed, task
         return self._solver.side(last[3])
 
-    def address(self, side: FilmSide) -> int:
+    def address(self, side: film_step.FilmSide) -> int:
         """Return where the kernels read it, until the next one."""
         return self._solver.store.address(side)
 
@@ -152,7 +151,7 @@ class FilmSides:
             earlier = None if state.earlier is None or not bed.two_steps else state.earlier[0]
             self._rates.fill(state.positions, earlier, state.memory, bed.span)
 
-    def take_over(self, side: FilmSide, scheme: StepScheme) -> None:
+    def take_over(self, side: film_step.FilmSide, scheme: StepScheme) -> None:
         """Take in how the kernel has left the factorisation after steps of a scheme."""
         self._solver.take_over(side.kept, scheme.kind)
 
@@ -210,7 +209,7 @@ class QuickStepper:
         scheme: StepScheme,
         step_s: float,
         start: Array | None = None,
-    ) -> tuple[SoftState, NewtonResult] | None:
+    ) -> tuple[SoftState, newton_options.NewtonResult] | None:
         """Return where a step ends, or None where its start or a tangent is not usable.
 
         Args:
@@ -233,7 +232,7 @@ class QuickStepper:
         films = loads.self_contact
         if begun is not None and begun.solved:
             solution.reused, solution.residual = begun.iterations, begun.residual
-            return self._end(motion, films), solution.result(Outcome.CONVERGED)
+            return self._end(motion, films), solution.result(newton_options.Outcome.CONVERGED)
         # a contact that is half solved would push with a force of its own making
         lenient = loads.contact is None and films is None
         place = self.begins(lenient=lenient)
@@ -244,15 +243,15 @@ class QuickStepper:
         if begun is not None:
             solution.reused, place = begun.iterations, place._replace(begins=step_arrays.GOES_ON)
         outcome = self._solver.go_on(solution, place)
-        if outcome is Outcome.ITERATION_LIMIT and lenient:
+        if outcome is newton_options.Outcome.ITERATION_LIMIT and lenient:
             if solution.residual <= self._bound_N and not self._jumps(motion, step_s):
                 velocities[:] = (x - velocities) / scheme.bed.span
             else:
                 more = place.tangents_max + options.newton.iterations_max
                 outcome = self._go_on(solution, place._replace(begins=step_arrays.GOES_ON, tangents_max=more))
-        elif outcome is not Outcome.CONVERGED:
+        elif outcome is not newton_options.Outcome.CONVERGED:
             return None
-        if outcome not in (Outcome.CONVERGED, Outcome.ITERATION_LIMIT):
+        if outcome not in (newton_options.Outcome.CONVERGED, newton_options.Outcome.ITERATION_LIMIT):
             return None
         return self._end(motion, films), solution.result(outcome)
 
@@ -262,13 +261,13 @@ class QuickStepper:
         memory = self._solver.system.advanced(x, motion.new_memory)
         return SoftState(x, motion.new_velocity, memory, (motion.x, motion.velocity), touching)
 
-    def _go_on(self, solution: NewtonProgress, place: step_arrays.StepPlace) -> Outcome:
+    def _go_on(self, solution: NewtonProgress, place: step_arrays.StepPlace) -> newton_options.Outcome:
         """Go on beyond what a step was given at first."""
         parts = self._solver.parts
         parts[parts[:, step_arrays.TO_DO] != 0.0, step_arrays.ASKS] = step_arrays.TANGENT
         parts[:, step_arrays.LEFT] = self._options.newton.reuse_max
         outcome = self._solver.go_on(solution, place)
-        return outcome if outcome is Outcome.CONVERGED else Outcome.NO_DESCENT
+        return outcome if outcome is newton_options.Outcome.CONVERGED else newton_options.Outcome.NO_DESCENT
 
     def _jumps(self, motion: step_arrays.StepMotion, step_s: float) -> bool:
         """Return whether the flange jumps in a step, off free flight."""
@@ -319,7 +318,7 @@ class ImplicitStepper:
         step_s: float,
         before: Pose | None = None,
         aim: StepAim | None = None,
-    ) -> tuple[SoftState, NewtonResult]:
+    ) -> tuple[SoftState, newton_options.NewtonResult]:
         """Advance by one step, with the flange at its new pose.
 
         Args:
@@ -357,7 +356,7 @@ class ImplicitStepper:
         step_s: float,
         before: Pose | None,
         aim: StepAim | None,
-    ) -> tuple[SoftState, NewtonResult]:
+    ) -> tuple[SoftState, newton_options.NewtonResult]:
         """Advance by one step with the films that may touch one another in it; see `step`."""
         scheme = self.scheme_of(state, step_s)
         begun = self.quick.has_begun(state)  # where the flange turns far, no step is
@@ -487,7 +486,7 @@ class ImplicitStepper:
         aim: StepAim | None,
         *,
         whole: bool,
-    ) -> NewtonResult:
+    ) -> newton_options.NewtonResult:
         options, frame = self.options, flange.rotation
         if aim is not None:
             coarse, fine = aim.newton(options)
@@ -501,7 +500,7 @@ class ImplicitStepper:
         if whole or loads.contact is not None or loads.self_contact is not None:
             return self.solver.solve(start, state.memory, loads, self._whole, inertia, frame)
         result = self.solver.solve(start, state.memory, loads, self._first, inertia, frame)
-        if result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result):
+        if result.outcome is not newton_options.Outcome.ITERATION_LIMIT or self._acceptable(result):
             return result
         spent = result.iterations
         memory = self.solver.system.unslid(result.memory, state.memory)
@@ -510,11 +509,11 @@ class ImplicitStepper:
 
     def _with_losses(
         self,
-        result: NewtonResult,
+        result: newton_options.NewtonResult,
         drive: tuple[SoftState, Pose, Loads],
         inertia: Inertia,
         aim: StepAim | None,
-    ) -> NewtonResult:
+    ) -> newton_options.NewtonResult:
         """Repeat while the shape changes the losses of cables of commanded length: stiff ones feel that."""
         (state, flange, loads), system = drive, self.solver.system
         if not losses_follow(system.body.cables, loads.cable_length_m):
@@ -536,10 +535,10 @@ class ImplicitStepper:
                 break
         return result
 
-    def _acceptable(self, result: NewtonResult, aim: StepAim | None = None) -> bool:
+    def _acceptable(self, result: newton_options.NewtonResult, aim: StepAim | None = None) -> bool:
         """Whether an ordinary step may end here: all iterations spent, residual within its bound."""
         if aim is not None:
             # below an ordinary step's tolerance rounding may leave no descent
             return result.residual_N <= self.options.tolerance_N
-        limit = result.outcome is Outcome.ITERATION_LIMIT
+        limit = result.outcome is newton_options.Outcome.ITERATION_LIMIT
         return limit and result.residual_N <= self.options.bound_N(self.solver.system.body.node_mass)
