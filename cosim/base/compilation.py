@@ -24,14 +24,19 @@ _PATIENCE_S = 300.0  # with a process that has taken its last number
 _OBJECTS_BETWEEN = 100_000  # two collections of garbage
 
 
-def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -> None:
+def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, ...]) -> None:
     """Compile the kernels of modules, not those that they import, or load them.
 
     Args:
         announce: called with one sentence, before the wait, when they have to be compiled.
-        modules: that hold them; and single kernels, where others of their modules are not needed.
+        modules: that hold them.
     """
-    found: dict[int, Any] = {id(kernel): kernel for entry in modules for kernel in _kernels_of(entry)}
+    found: dict[int, Any] = {
+        id(value): value
+        for module in modules
+        for value in vars(module).values()
+        if getattr(value, "fixed_signature", None) is not None and value.__module__ == module.__name__
+    }
     kernels = [kernel for kernel in found.values() if not kernel.overloads]
     missing = [k for k in kernels if k.cache is None or not k.cache.is_there(k.fixed_signature)]
     with _seldom_collecting():
@@ -43,13 +48,6 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -
     for kernel in missing:
         if kernel.cache is not None:
             kernel.cache.remove_old(kernel.fixed_signature)
-
-
-def _kernels_of(entry: Any) -> list[Any]:
-    if not isinstance(entry, ModuleType):
-        return [entry]
-    own = (value for value in vars(entry).values() if hasattr(value, "fixed_signature"))
-    return [value for value in own if value.__module__ == entry.__name__]
 
 
 def _sentence(kernels: int) -> str:

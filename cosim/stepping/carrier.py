@@ -109,7 +109,7 @@ class Carrier(ABC):
         return NOTHING_TOUCHED
 
     def linear_half(self) -> Array:
-        """Return the rigid half of a tick to first order, see `linear_rigid.rigid_slopes`.
+        """Return the rigid half of a tick to first order, see `interface.rigid_slopes`.
 
         Raises:
             InputError: the exchange has none.

@@ -210,7 +210,7 @@ def test_no_reader_of_a_scenarios_files_opens_them_itself() -> None:
     files = chain.from_iterable((root / room).rglob("*.py") for room in rooms)
     found = {
         str(path.relative_to(root))
-        for path in [*files, root / "base" / "triangle_mesh.py"]
+        for path in [*files, root / "base" / "solid.py"]
         if any(word in path.read_text(encoding="utf-8") for word in opening)
     }
     # what is rewritten, heads of files that are noted, figures that come with the code

@@ -70,15 +70,10 @@ _FIND, _SPAN, _NEAR, _FORESEE, FIND_TOUCHED, SETTLE_TOUCHED, MEET_TOUCHED, FASTE
 _find_near, _span, _fill_near_box, _foresee = map(caller, _CALLED)
 
 
-def contact_calls(*, searching: bool) -> IntArray:
-    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick.
-
-    Args:
-        searching: leave those at 0 that are called only where something is near.
-    """
+def contact_calls() -> IntArray:
+    """Return the addresses (9,) of the kernels of contact, for one another and for who takes a whole tick."""
     taken = *_CALLED, find_touched, settle_touched, meet_touched, fastest_touched, follow_touched
-    first = span, fill_near_box, find_touched
-    return np.array([0 if searching and called not in first else address_of(called) for called in taken])
+    return np.array([address_of(called) for called in taken])
 
 
 @device_function
@@ -266,8 +261,6 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     reach = rest + ahead * contact.speed[0]
     poses = ShapePoses(bounds.position, bounds.rotation)
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
-    if near > 0 and contact.calls[_FIND] == 0:  # who makes the lists has it compiled
-        return -1, -1
     for k in range(near + (contact.glue.point.shape[0] > 0)):
         b = body[bounds.near[k]] if k < near else contact.glue.body[0]
         if ahead > 0.0 and bodies.leads.ahead[b] > 0:
