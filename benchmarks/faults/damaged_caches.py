@@ -29,7 +29,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.section_energy import PressureSpline
-from cosim.trade import report
+from cosim.trade import measuring, report
 from cosim.trade.candidates import short_candidates
 from cosim.trade.measuring import Measured
 
@@ -130,13 +130,13 @@ def try_all(seed: int, folder: Path, ways: int = WAYS) -> list[str]:
     os.environ["XDG_CACHE_HOME"] = str(folder)
     scenario = load_scenario("ur5e_hexagon_arm")
     model = made_up_model(random)
-    replaced: tuple[Any, Any] = soft_model, report
+    replaced: tuple[Any, Any, Any] = soft_model, report, measuring
     replaced[0].build_model = lambda *_: model
     # numbers that a file holds in few digits
     figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_candidates(scenario)]
     rows = [Measured(member, *own) for member, own in zip(short_candidates(scenario), figures, strict=True)]
     replaced[1].measure = lambda *_, **__: rows
-    replaced[1].compile_for_trade = lambda *_: None
+    replaced[2].compile_for_trade = lambda *_: None
     section_result(scenario)
     trade_result(scenario, folder / "cosim")
     (section,) = (folder / "cosim").glob("section_*")

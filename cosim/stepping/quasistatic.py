@@ -223,13 +223,16 @@ class QuasistaticSimulation(SteppedRun):
         shapes = np.concatenate((self._shapes, local[None]))
         deflections = np.concatenate((self._deflections, carrier.deflection[None]))
         self._shapes, self._deflections = shapes[-_REMEMBERED:], deflections[-_REMEMBERED:]
+        if soft.obstacles is not None:  # what it touches holds it where the guess has put it: guess less
+            shapes, deflections = shapes[-2:], deflections[-1:]
         carrier.track(reference, next_of(deflections))
         pose = carrier.flange_pose
         try:
             found = soft.leave(here, soft.solve(here.state, pose, loads, pose.apply(next_of(shapes))))
             spent = found.iterations
         except ConvergenceError as error:
-            found = soft.follow(here, pose, loads)
+            carrier.track(reference, deflections[-1])
+            found = soft.follow(here, carrier.flange_pose, loads)
             spent = error.iterations + found.iterations
         return self._with_droop(found, reference, spent)
 

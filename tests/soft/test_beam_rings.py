@@ -247,7 +247,7 @@ def test_between_bare_film_and_the_rigid_frame() -> None:
     rigid = lifted(FrameRings.from_shape(drawn, rims, 1e8))
     stiff, usual, limp = (
         lifted(BeamRings.from_shape(drawn, rims, RectangularSection(2e-3, 2e-3, modulus)))
-        for modulus in (2e14, 2e9, 1e3)
+        for modulus in (1.2e14, 2e9, 1e3)  # rounding of stiffer ones is above the bound of the residual
     )
     bare = lifted()
     assert stiff == pytest.approx(rigid, rel=1e-4)
