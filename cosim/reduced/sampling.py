@@ -261,6 +261,7 @@ _STILL = (0.0, 0.0, 0.0)
 _ALMOST_STRAIGHT = 15  # first samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _LEAST_STEP = 0.1  # of the way to a sample
+_REUSE_MAX, _REUSE_BELOW_N = 8, 0.1  # of factorisations, near an equilibrium
 _FINER_OF = 5  # of so many poses one is sampled on the refined mesh as well
 _CRUMPLED_Pa = 500.0  # below: bent films of a refined mesh are not sampled
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
@@ -319,7 +320,13 @@ class Sampler:
         # square units are followed to where they fold; others stop where their film crumples
         iterations, shift_N_m = (60, 1e9) if frames.rims.size else (25, 1e6)
         options = newton_options.NewtonOptions(
-            tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=iterations, shift_max_N_m=shift_N_m
+            tolerance_N=1e-5,
+            start_tolerance_N=1e-5,
+            iterations_max=iterations,
+            shift_max_N_m=shift_N_m,
+            reuse_max=_REUSE_MAX,
+            reuse_below_N=_REUSE_BELOW_N,
+            sees_saddles=False,
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
         contact = None if films is None else SelfContact(body, films)
@@ -365,11 +372,13 @@ class Sampler:
             parents: (n, 2) nodes of it that each node lies halfway between.
         """
         free = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
-        rows, failures = list[Sample](), 0
+        rows, failures, off = list[Sample](), 0, np.zeros_like(free.state.positions)
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):
-            others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()[1:]  # but the free shape
-            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
+            first, *others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()
+            here = coarse.positions[first][parents].mean(axis=1)
+            free = self._freed(free, pressure, here + off)
             rows.append(self._sample(free))
+            off = free.state.positions - here
             most = len(others) if pressure > _CRUMPLED_Pa else _ALMOST_STRAIGHT
             for k in others[level % _FINER_OF : most : _FINER_OF]:
                 start = coarse.positions[k][parents].mean(axis=1)
@@ -378,6 +387,14 @@ class Sampler:
                 except ConvergenceError:
                     failures += 1
         return Samples.of(rows, coarse.length_m, failures)
+
+    def _freed(self, free: state.Equilibrium, pressure_Pa: float, start: Array) -> state.Equilibrium:
+        """Return the film without load at another pressure, from a start (n, 3) [m] where that serves."""
+        loads = replace(self._slack, pressure_Pa=(pressure_Pa,))
+        try:
+            return self._solver.solve(free.state, Pose(), loads, start)
+        except ConvergenceError:
+            return self._solver.follow(free, Pose(), loads)
 
     def _still_lengths(self, free: state.Equilibrium, pressure_Pa: float) -> Array:
         """Return the lengths (s,) [m] of the sections without load; of squares, others need none."""

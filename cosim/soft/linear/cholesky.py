@@ -340,7 +340,7 @@ class DissectedCholesky(linear_solver.LinearSolver):
         tree = self._tree
         row, column, source = linear_solver.lower_entries(self.pattern, number)
         front, place = tree.place(row, column)
-        order = np.lexsort((place, front))
+        order = np.argsort(tree.start[front] + place)
         self._source, self._place = (part[order].astype(np.uint64) for part in (source, place))
         entry_first = np.searchsorted(front[order], np.arange(len(tree.first)))
         starts = (tree.first, tree.start, tree.rest_first, tree.child_first, tree.run_first, entry_first)

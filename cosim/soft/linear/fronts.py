@@ -227,15 +227,16 @@ class FrontTree:
             _rows(rest, int(first[k]), int(own[k]), rests[k]) if k >= 0 else np.zeros(0, np.int64)
             for rest, k in zip(rests, parent, strict=True)
         ]
-        runs = [_runs(place, int(own[k]), int(count[k])) for place, k in zip(rows, parent, strict=True)]
+        rest_first, place = np.cumsum([0, *count]), np.concatenate(rows)
+        run_first, runs = _runs(place, rest_first, own[parent], count[parent])
         by_parent = np.argsort(parent, kind="stable")
         by_parent = by_parent[parent[by_parent] >= 0]
         left, stack = _stacked(count, parent)
         padded = COLUMNS * -(-count // COLUMNS)
         return cls(
-            first, np.cumsum([0, *(own * (own + padded))]), np.cumsum([0, *count]), np.concatenate(rests),
-            np.concatenate(rows), np.searchsorted(parent[by_parent], np.arange(len(groups) + 1)), by_parent,
-            left, np.cumsum([0, *(len(run) for run in runs)]), np.concatenate(runs), stack,
+            first, np.cumsum([0, *(own * (own + padded))]), rest_first, np.concatenate(rests), place,
+            np.searchsorted(parent[by_parent], np.arange(len(groups) + 1)), by_parent, left, run_first, runs,
+            stack,
         )  # fmt: skip
 
     def place(self, row: IntArray, column: IntArray) -> tuple[IntArray, IntArray]:
@@ -254,14 +255,13 @@ def _present(number: IntArray) -> IntArray:
 
 def _rests(graph: csr_matrix, groups: list[IntArray]) -> tuple[list[IntArray], IntArray]:
     """Return the rest of each group, as places in the order of elimination, and its parent; -1 for none."""
-    order = np.concatenate(groups)
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
-    ends = np.cumsum([len(group) for group in groups])
+    order, ends = np.concatenate(groups), np.cumsum([len(group) for group in groups])
+    ordered = graph[order][:, order]
+    places, begins = ordered.indices.astype(np.int64), ordered.indptr[[0, *ends]]
     handed: list[list[IntArray]] = [[] for _ in groups]
     rests, parent = [], np.full(len(groups), -1)
-    for k, group in enumerate(groups):
-        tied = np.unique(np.concatenate([place[graph[group].indices], *handed[k]]))
+    for k in range(len(groups)):
+        tied = np.unique(np.concatenate([places[begins[k] : begins[k + 1]], *handed[k]]))
         rest = tied[np.searchsorted(tied, ends[k]) :]
         if len(rest):
             parent[k] = np.searchsorted(ends, rest[0], side="right")
@@ -275,7 +275,7 @@ def _rows(rest: IntArray, first: int, own: int, parents_rest: IntArray) -> IntAr
     return np.asarray(np.where(rest < first + own, rest - first, own + np.searchsorted(parents_rest, rest)))
 
 
-def column_places(columns: IntArray, count: int) -> IntArray:
+def column_places(columns: IntArray, count: int | IntArray) -> IntArray:
     """Return where what is left of `count` components has the entries (0, column), were they stored."""
     group, within = columns // COLUMNS, columns % COLUMNS
     # the group begins with its row group * COLUMNS, after sum_h<g COLUMNS (count - COLUMNS h)
@@ -283,17 +283,26 @@ def column_places(columns: IntArray, count: int) -> IntArray:
     return np.asarray(begin - COLUMNS * COLUMNS * group + within)
 
 
-def _runs(place: IntArray, own: int, count: int) -> IntArray:
-    """Return the runs of a rest with these rows in a parent of `own` and `count` components."""
-    columns = np.arange(len(place))
-    owned = place < own
-    here = column_places(columns, len(place))
+def _runs(place: IntArray, first: IntArray, own: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
+    """Return where the runs of each rest begin, and all runs.
+
+    Args:
+        place: rows of all rests in their parents.
+        first: (fronts + 1,) where those of each rest begin.
+        own: (fronts,) components that the parent of each owns.
+        count: (fronts,) components of the parent's rest.
+    """
+    size = np.diff(first)
+    size, begin, own, count = (np.repeat(part, size) for part in (size, first[:-1], own, count))
+    columns, owned = np.arange(len(place)) - begin, place < own
+    here = column_places(columns, size)
     there = np.where(owned, place, column_places(place - own, count))
-    new = np.ones(len(place), dtype=bool)
-    new[1:] = (np.diff(here) != 1) | (np.diff(there) != 1) | (np.diff(owned) != 0)
-    begin = np.flatnonzero(new)
-    end = np.append(begin[1:], len(place))[: len(begin)]
-    return np.stack([begin, end, here[begin], there[begin], owned[begin]], axis=1).astype(np.int64)
+    new = columns == 0
+    new[1:] |= (np.diff(here) != 1) | (np.diff(there) != 1) | (np.diff(owned) != 0)
+    start = np.flatnonzero(new)
+    end = columns[np.append(start[1:], len(place))[: len(start)] - 1] + 1
+    runs = np.stack([columns[start], end, here[start], there[start], owned[start]], axis=1)
+    return np.searchsorted(start, first), runs.astype(np.int64)
 
 
 def length_left(count: int) -> int:

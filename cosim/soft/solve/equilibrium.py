@@ -190,9 +190,10 @@ class EquilibriumSolver:
         )  # fmt: skip
 
     def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
-        """Return in how many directions the potential falls; None where there is none."""
+        """Return in how many directions the potential falls; None where there is none, or nobody looks."""
         solver, here = self.solver, (result.positions, result.memory, loads)
-        if result.negative_pivots is not None or not solver.system.conservative:
+        looks = self.options.sees_saddles and solver.system.conservative
+        if result.negative_pivots is not None or not looks:
             return result.negative_pivots
         x, known = result.positions, self._stable
         if known is not None and known[1] is loads and np.array_equal(known[0], x):

@@ -44,6 +44,7 @@ class NewtonOptions:
         step_max_m: longest nodal displacement in one iteration.
         search_iterations_max: iterations of all solutions of one search, see `SearchEffort`.
         leaves_saddles: whether equilibria that are not stable are left for stable ones.
+        sees_saddles: whether it is looked at what the iterations leave open: if an equilibrium is stable.
     """
 
     tolerance_N: float = 1e-6
@@ -58,6 +59,7 @@ class NewtonOptions:
     reuse_below_N: float = math.inf
     search_iterations_max: int = 3000
     leaves_saddles: bool = False
+    sees_saddles: bool = True
 
 
 @final
