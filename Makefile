@@ -6,6 +6,8 @@ DEMO_DIR := runs/demo
 
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# what Python compiles is kept: otherwise each process that a test starts compiles all that it imports
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test kernels check docs site format lint types benchmark clean
 
