@@ -64,9 +64,9 @@ TESTED_ELSEWHERE = {
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
     "own_arm_and_cell": "tests/app/test_own_arm_and_cell.py",
     "two_arms": "tests/app/test_run_arms.py",
-    "tutorial": "tests/docs/test_notebook.py",
-    "own_robot": "make site, which runs every notebook",
-    "identify_robot": "make site, which runs every notebook",
+    "tutorial": "tests/docs/test_site.py",
+    "own_robot": "tests/docs/test_site.py, which runs every notebook",
+    "identify_robot": "tests/docs/test_site.py, which runs every notebook",
     "contributing": "what it names are the Makefile's targets",
 }
 
