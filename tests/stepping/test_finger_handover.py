@@ -78,7 +78,7 @@ def changes_of(shots: list[Snapshot]) -> list[Handover]:
 
 def test_what_fingers_hold_is_neither_dropped_nor_kicked_as_the_film_takes_over() -> None:
     shots, place, force = lifted(0.9, "lift")
-    whole, expected, pressed = lifted(1.5, "close")
+    whole, expected, pressed = lifted(1.5, "lift")
     early, back, change = changes_of(shots)
     assert [each.to for each in (early, back, change)] == ["film", "section", "film"]
     assert "is stretched by" in early.why
