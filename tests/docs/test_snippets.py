@@ -20,7 +20,7 @@ import cosim
 from cosim.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
-INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
+INCREMENTS = {"hang": 1, "inflate": 5, "turn": 5, "lift": 4, "reach": 2}
 LONG: dict[str, dict[str, Any]] = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},

@@ -44,7 +44,7 @@ def finger() -> tuple[SectionModel, SoftBody, FilmContactLaw]:
     law = film_law(scenario)
     assert law is not None
     smooth = replace(law, friction=0.0, throughout=True)
-    effort = Effort(levels=7, samples=45, intervals=5)
+    effort = Effort(levels=6, samples=24, intervals=4)
     return build_model(body, PRESSURE_Pa, smooth, effort=effort, folds=True), body, smooth
 
 
