@@ -1,7 +1,7 @@
 """The documentation is built without a warning, and shows and finds what it should.
 
-It stays in build/docs. Its notebooks are run as it is built. Its search, by its own scripts, has the right page
-first for what users type.
+It stays in build/docs. Its notebooks are run as it is built. Its search, by its own scripts, has the right
+page first for what users type.
 """
 
 from __future__ import annotations
