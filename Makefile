@@ -6,6 +6,8 @@ DEMO_DIR := runs/demo
 
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# what Python compiles is kept: otherwise each process that a test starts compiles all that it imports
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test kernels check docs site format lint types benchmark clean
 
@@ -15,7 +17,7 @@ help:
 	@echo "make kernels    compile all kernels, once; make test and make site do it first"
 	@echo "make check      format, lint and types only"
 	@echo "make docs       the documentation, from build/docs/index.html; what it shows is run"
-	@echo "make site       the documentation alone; its snippets are run by make test as well"
+	@echo "make site       the same without running its snippets; make test makes it as well"
 	@echo "make format     format the code"
 	@echo "make lint       ruff, and the order of the rooms"
 	@echo "make types      mypy"
@@ -31,15 +33,16 @@ demo: .venv/installed
 test: check kernels
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
-docs: site
+docs: kernels
 	$(BIN)/python -m pytest --quiet tests/docs
+	@echo "The documentation is build/docs/index.html."
 
 # once, before the tests and the notebooks would each compile them
 kernels: .venv/installed-dev
 	$(BIN)/python -c 'from cosim.base.compilation import compile_modules; from tests.compiled import all_modules; compile_modules(print, all_modules())'
 
 site: kernels
-	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
+	$(BIN)/python -m pytest --quiet tests/docs/test_site.py
 	@echo "The documentation is build/docs/index.html."
 
 check: lint types

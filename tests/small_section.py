@@ -1,19 +1,24 @@
-"""The section model of a small arm, built once for all tests."""
+"""Section models of small arms, built once for all tests and all their processes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
+from cosim.base.files import keep, kept
+from cosim.base.kept_parts import code_identity, content_name
+from cosim.base.state_archive import packed, unpacking
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
 from cosim.reduced.fitting import Effort, build_model
-from cosim.reduced.section_model import SectionBody
+from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.self_contact import FilmContactLaw
 
+FOLDER = Path(__file__).resolve().parents[1] / "build" / "section_models"
 UNITS = 3
 ROBOT = (
     f'{{ file = "hexagon_arm", stack = {{ units = {UNITS} }}, cable = ['
@@ -39,6 +44,18 @@ pressure_Pa = {pressure_Pa}
 {phases}"""
 
 
+def kept_model(
+    of: SoftBody, largest_Pa: float, films: FilmContactLaw | None, effort: Effort, folds: bool = False
+) -> SectionModel:
+    """Return a section model from disk, or newly built by the same program; see `build_model`."""
+    path = FOLDER / f"{content_name(of, largest_Pa, films, effort, folds, code_identity())}.kept"
+    model = kept(path, unpacking(SectionModel))
+    if model is None:
+        model = build_model(of, largest_Pa, films, effort=effort, folds=folds)
+        keep(path, packed(model))
+    return model
+
+
 @cache
 def body() -> SoftBody:
     """Return the arm."""
@@ -52,7 +69,8 @@ def body() -> SoftBody:
 @cache
 def section() -> SectionBody:
     """Return its section model, up to 40 kPa."""
-    return SectionBody(body(), build_model(body(), 40e3, effort=Effort(levels=12, samples=24, intervals=7)))
+    effort = Effort(levels=12, samples=24, intervals=7)
+    return SectionBody(body(), kept_model(body(), 40e3, None, effort))
 
 
 FRAMED = """{ file = "hexagon_arm", stack = { units = 2 }, cable = [
@@ -71,4 +89,4 @@ def framed_section() -> SectionBody:
     small = replace(robot, stack=replace(robot.stack, units=2), cables=cables)
     film = build_soft_body(small, scenario.model)
     effort = Effort(levels=8, samples=24, intervals=4)
-    return SectionBody(film, build_model(film, 33e3, LAW, effort=effort))
+    return SectionBody(film, kept_model(film, 33e3, LAW, effort))

@@ -14,7 +14,7 @@ from tests.derivatives import differences, relative_error
 
 SWING: dict[str, Any] = {
     "name": "swing",
-    "duration_s": 0.4,
+    "duration_s": 0.1,
     "pressure_Pa": 9e3,
     "cable_tension_N": [0.4, 0.8],
 }

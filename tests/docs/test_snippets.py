@@ -20,7 +20,7 @@ import cosim
 from cosim.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
-INCREMENTS = {"hang": 2, "inflate": 10, "turn": 10, "lift": 8, "reach": 4}
+INCREMENTS = {"hang": 1, "inflate": 5, "turn": 5, "lift": 4, "reach": 2}
 LONG: dict[str, dict[str, Any]] = {
     "ur5e_hexagon_arm": {"mode": "quasistatic", "model.published": True}
     | {f"phase.{name}.increments": count for name, count in INCREMENTS.items()},
@@ -64,9 +64,9 @@ TESTED_ELSEWHERE = {
     "snapshots": "tests/app/test_simulation.py, tests/cli/test_resume.py",
     "own_arm_and_cell": "tests/app/test_own_arm_and_cell.py",
     "two_arms": "tests/app/test_run_arms.py",
-    "tutorial": "tests/docs/test_notebook.py",
-    "own_robot": "make site, which runs every notebook",
-    "identify_robot": "make site, which runs every notebook",
+    "tutorial": "tests/docs/test_site.py",
+    "own_robot": "tests/docs/test_site.py, which runs every notebook",
+    "identify_robot": "tests/docs/test_site.py, which runs every notebook",
     "contributing": "what it names are the Makefile's targets",
 }
 

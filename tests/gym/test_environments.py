@@ -24,7 +24,7 @@ from cosim.gym.policy import LinearPolicy, policy_of
 from cosim.gym.recorder import EpisodeRecorder
 from cosim.gym.tasks import GraspLift
 
-RIGID: dict[str, Any] = {"fidelity": "rigid"}
+RIGID: dict[str, Any] = {"fidelity": "rigid", "kept": cosim.KeptParts()}  # brought to rest once
 ARMS = ("cosim/TipReach-v0", "cosim/TipFollow-v0")
 STEPS = 4
 
@@ -180,7 +180,7 @@ def test_what_a_reset_cannot_take_is_refused_by_name(given: dict[str, Any], mess
 def many() -> Iterator[Any]:
     """Two environments in processes."""
     found: Any = gymnasium.make_vec(
-        ARMS[0], num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **RIGID
+        ARMS[0], 2, "vector_entry_point", autoreset_mode="SameStep", fidelity="rigid"
     )
     yield found
     found.close()

@@ -12,7 +12,7 @@ from cosim.base.frames import Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
-from cosim.reduced.fitting import Effort, build_model
+from cosim.reduced.fitting import Effort
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
@@ -25,6 +25,7 @@ from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
 from cosim.stepping.parts import film_law
+from tests.small_section import kept_model
 
 UNITS = 3
 PRESSURE_Pa = 40e3  # the end of the small model: its splines over pressure are coarse
@@ -44,8 +45,8 @@ def finger() -> tuple[SectionModel, SoftBody, FilmContactLaw]:
     law = film_law(scenario)
     assert law is not None
     smooth = replace(law, friction=0.0, throughout=True)
-    effort = Effort(levels=7, samples=45, intervals=5)
-    return build_model(body, PRESSURE_Pa, smooth, effort=effort, folds=True), body, smooth
+    effort = Effort(levels=6, samples=24, intervals=4)
+    return kept_model(body, PRESSURE_Pa, smooth, effort, folds=True), body, smooth
 
 
 def film_of_finger() -> EquilibriumSolver:

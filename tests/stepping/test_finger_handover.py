@@ -16,11 +16,12 @@ from cosim.build import soft_model
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.reduced.fitting import Effort, build_model
+from cosim.reduced.fitting import Effort
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.section_energy import BENT
 from cosim.stepping.parts import film_law
 from cosim.telemetry.snapshot import Snapshot
+from tests.small_section import kept_model
 
 CHANGES = {
     "fidelity": "section",
@@ -42,7 +43,7 @@ def model() -> SectionModel:
     law = film_law(scenario)
     assert law is not None
     films = replace(law, friction=0.0, throughout=True)
-    return build_model(body, 45e3, films, effort=Effort(levels=6, samples=8, intervals=4), folds=True)
+    return kept_model(body, 45e3, films, Effort(levels=6, samples=8, intervals=4), folds=True)
 
 
 @cache
@@ -78,7 +79,7 @@ def changes_of(shots: list[Snapshot]) -> list[Handover]:
 
 def test_what_fingers_hold_is_neither_dropped_nor_kicked_as_the_film_takes_over() -> None:
     shots, place, force = lifted(0.9, "lift")
-    whole, expected, pressed = lifted(1.5, "close")
+    whole, expected, pressed = lifted(1.5, "lift")
     early, back, change = changes_of(shots)
     assert [each.to for each in (early, back, change)] == ["film", "section", "film"]
     assert "is stretched by" in early.why

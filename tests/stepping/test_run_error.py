@@ -114,9 +114,10 @@ def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
 
 def test_tensions_for_a_target_are_found_again_on_the_refined_mesh(arm: Path) -> None:
     # of one cable there is one tension
-    one = '{ name = "one", corner = 1, units = [1, 5], capstan_factor = 0.86 }'
-    alone = ARM.replace('"square_core_cables"', f'{{ file = "hexagon_arm_five", cable = [{one}] }}')
-    sideways = (alone + LIFT).replace("[0.3, 0.0, -1.0]", "[1.0, 0.0, 0.0]").replace("0.472", "0.491")
+    one = '{ name = "one", corner = 1, units = [1, 3], capstan_factor = 0.86 }'
+    arm_of_three = f'{{ file = "hexagon_arm_five", stack.units = 3, cable = [{one}] }}'
+    alone = ARM.replace('"square_core_cables"', arm_of_three)
+    sideways = (alone + LIFT).replace("[0.3, 0.0, -1.0]", "[1.0, 0.0, 0.0]").replace("0.472", "0.501")
     arm.write_text(sideways, encoding="utf-8")
     coarse, fine = phases(arm)[-1], phases(arm, error=False, fidelity="refined")[-1]
     away = float(np.abs(np.subtract(coarse["cable_tension_N"], fine["cable_tension_N"])).max())

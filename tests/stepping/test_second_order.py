@@ -24,8 +24,8 @@ pressure_Pa = 10e3
 
 [[phase]]
 name = "move"
-duration_s = 0.2
-flange_shift_m = [0.025, 0.0, 0.0]
+duration_s = 0.12
+flange_shift_m = [0.013, 0.0, 0.0]
 """
 EVERY_s = 0.004
 
