@@ -221,9 +221,7 @@ class Bodies:
         resisting = self._damping()
         if held:
             self._hold(resisting)
-        return mobility(
-            self._model, self._data, jacobian_of(self._model, self._data, bodies), resisting
-        )
+        return mobility(self._model, self._data, jacobian_of(self._model, self._data, bodies), resisting)
 
     def mobilities(self, bodies: IntArray) -> tuple[Array, Array]:
         """Return both mobilities (6 b, 6 b) of bodies (b,): with what holds them, and without it."""
