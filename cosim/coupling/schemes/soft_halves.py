@@ -269,9 +269,8 @@ class SectionHalves(SoftHalves):
                 float(commands.pressure[done - 1]),
             )  # fmt: skip
             soft.go_to(step, ticks.flange(done), loads[done - 1])
-        if (commands.pressure[: last + 1] != commands.pressure[0]).any():
-            # what was computed for a pressure is kept with it
-            stepper.side(soft.clamp, loads[last], soft.last.frames)
+        # what was computed for a pressure is kept with it
+        stepper.side(soft.clamp, loads[max(last, 0)], soft.last.frames)
         return done, ending
 
 
