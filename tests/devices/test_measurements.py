@@ -15,6 +15,7 @@ from cosim.app.driver import build_simulation
 from cosim.base.state_archive import read_archive, write_archive
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from cosim.devices.command_source import ring_twist
 from tests.devices import device_parts
 
 PRESS = """
@@ -119,3 +120,16 @@ def test_after_a_saved_state_a_controller_sees_the_same(tmp_path: Path, scene: A
         for expected, found in zip(first.heard, second.heard, strict=True):
             for name in (entry.name for entry in fields(cosim.Measurement)):
                 assert repr(getattr(found, name)) == repr(getattr(expected, name)), name
+
+
+@pytest.mark.parametrize("flat", [1.0, 0.0], ids=["a ring", "nodes in a line"])
+def test_the_twist_of_a_ring_is_the_nearest_to_how_its_nodes_move(flat: float) -> None:
+    random = np.random.default_rng(2)
+    positions = random.normal(size=(12, 3)) * (0.03, 0.03 * flat, 1e-3 * flat)
+    moving = random.normal(size=(12, 3))
+    away = positions - positions.mean(axis=0)
+    columns = np.concatenate([np.cross(np.eye(3)[k], away)[..., None] for k in range(3)], axis=-1)
+    turning = np.linalg.lstsq(columns.reshape(36, 3), (moving - moving.mean(axis=0)).ravel(), rcond=1e-9)[0]
+    found = ring_twist(positions, moving)
+    np.testing.assert_allclose(found[:3], moving.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(found[3:], turning, rtol=1e-9, atol=1e-9)

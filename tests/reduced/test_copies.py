@@ -13,7 +13,7 @@ from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.errors import InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.clamp import FrameClamp
-from cosim.reduced.solve.newton import ChainSolver
+from cosim.reduced.solve.newton import ChainSolver, ChainTangent
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -88,3 +88,18 @@ def test_copies_have_one_pressure() -> None:
     assert gripper().pressure(together()) == PRESSURE_Pa
     with pytest.raises(InputError, match="pressures of copies are 2000 to 3000 Pa"):
         gripper().pressure(Loads((2e3, 3e3, 3e3)))
+
+
+def test_the_band_of_a_tangent_is_the_whole_of_it() -> None:
+    chain, solver = gripper(), ChainSolver(gripper())
+    frames, _ = solved(chain, together())
+    free = FrameClamp.of_base(chain).free.copy()
+    free[5] = False  # in the middle of a copy
+    whole = np.zeros((6 * len(frames),) * 2)
+    band, dense = (
+        ChainTangent(solver, frames, free, (together(), extra), PRESSURE_Pa) for extra in (None, whole)
+    )
+    load = np.random.default_rng(0).normal(size=(4, len(frames), 6))
+    moved = dense.solve(load)
+    assert np.abs(moved[:, ~free]).max() == 0.0
+    np.testing.assert_allclose(band.solve(load), moved, atol=1e-9 * float(np.abs(moved).max()))

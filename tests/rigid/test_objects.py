@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
@@ -119,6 +120,37 @@ def test_the_inertia_of_a_mesh_is_that_of_its_solid() -> None:
     of_mesh, of_cylinders = np.diag(scene.bodies.mobility(bodies, held=True)).reshape(2, 6)
     # a 32-gon has 0.6 % less inertia per area than its circle
     np.testing.assert_allclose(of_mesh, of_cylinders, rtol=0.01)
+
+
+def test_both_mobilities_are_those_of_a_held_and_of_a_free_body() -> None:
+    table = SceneObject("table", "box", (0.2, 0.2, 0.1), (1.0, 0.0, -0.05))
+    block = SceneObject("block", "box", (0.02, 0.02, 0.02), (1.0, 0.0, 0.01), mass_kg=0.2)
+    scene = scene_of(table, block)
+    for _ in range(50):
+        scene.finish_step()
+        scene.begin_step()
+    bodies = np.array([scene.body_names.index("block")])
+    held, free = scene.bodies.mobilities(bodies)
+    np.testing.assert_allclose(held, scene.bodies.mobility(bodies, held=True), rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(free, scene.bodies.mobility(bodies, held=False))
+    assert held[2, 2] < 0.1 * free[2, 2]
+
+
+def test_one_object_of_a_gripper_moves_alike_with_and_without_islands_of_constraints() -> None:
+    table = SceneObject("table", "box", (0.2, 0.2, 0.1), (1.0, 0.0, -0.05))
+    block = SceneObject("block", "box", (0.02, 0.02, 0.02), (1.0, 0.0, 0.015), mass_kg=0.2)
+    palm = SceneObject("palm", "cylinder", (0.05, 0.01))
+    model = CompiledScene(SceneDescription(ARM, mounted=(palm,), objects=(table, block))).model()
+    islands = mujoco.mjtDisableBit.mjDSBL_ISLAND
+    ends = []
+    assert model.opt.disableflags & islands
+    for disabled in (islands, 0):
+        model.opt.disableflags = disabled
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 100)
+        ends.append(np.concatenate([data.qpos, data.qvel]))
+        assert data.ncon
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-9)
 
 
 def corners_of(mesh: TriangleMesh) -> Array:

@@ -190,10 +190,6 @@ class ContactExchange:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
         return float(contact_kernels.fastest_touched(self.at, state.positions, state.velocities))
 
-    def free_way(self, bodies: IntArray, tick_s: float) -> Array:
-        """Return how bodies (b,) give way in a tick (6 b, 6 b) where nothing else holds them."""
-        return self.bodies.way_s2(tick_s) * self.bodies.mobility(bodies, held=False)
-
     @property
     def rest_reach_m(self) -> float:
         """How far a film at rest looks for shapes."""

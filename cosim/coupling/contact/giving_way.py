@@ -334,7 +334,7 @@ class LightBodies:
             if len(touched) and new:
                 self._learn(step)
                 self._counts[MET] = 0
-                if self._are_heavy(self._known, self._stiffness):
+                if self._are_heavy(self._stiffness, self._exchange.bodies.mobilities(self._known)):
                     self._heavy[np.isin(self._movable, touched)] = 1
                     self._meet_ahead()
                     self._soft.restore(step.before)
@@ -389,7 +389,7 @@ class LightBodies:
                 found = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
                 self._known, self._stiffness, self._held, before = touched, found, 0.0, held
                 self._yields = np.zeros_like(found)
-            if not self._are_heavy(touched, self._known_stiffness(touched)):
+            if not self._are_heavy(self._known_stiffness(touched), exchange.bodies.mobilities(touched)):
                 self._heavy[:] = 0
         self._touching[:] = np.where(self._heavy, before * self._room / RENEW_ABOVE, 0.0)
         self._meet_ahead()
@@ -407,13 +407,13 @@ class LightBodies:
         if not self._held / _OTHER < held < self._held * _OTHER:
             self._stiffness = levers.stiffness(planes, tangents, self._soft, self._tick_s)
             self._held = held
-        loads = exchange.bodies.applied[known].ravel()
-        self._yields = _yields(self._stiffness, exchange.held_way(known, loads, self._tick_s))
-        if self._are_heavy(known, self._stiffness):
+        mobilities = exchange.bodies.mobilities(known)
+        self._yields = _yields(self._stiffness, exchange.bodies.way_s2(self._tick_s) * mobilities[0])
+        if self._are_heavy(self._stiffness, mobilities):
             self._heavy[np.isin(self._movable, touched)] = 1
             self._meet_ahead()
         else:
-            self._tell_kernels()
+            self._tell_kernels(mobilities[1])
 
     def save_state(self) -> LightBodiesState:
         """Return what the next tick depends on."""
@@ -441,36 +441,39 @@ class LightBodies:
         self._ahead[self._movable] = 1 - 2 * self._heavy
         self._tell_kernels()
 
-    def _tell_kernels(self) -> None:
+    def _tell_kernels(self, free: Array | None = None) -> None:
         """Let kernels take ticks in which known bodies go where the film has met them, unless held.
 
         What else holds them only makes them go less far.
+
+        Args:
+            free: (6 b, 6 b), mobility of the known bodies where nothing else holds them, where it is known.
         """
         self._gives[:] = UNKNOWN
         if not len(self._known) or self.ratio > _VERY_LIGHT:
             return
-        mobility = self._exchange.free_way(self._known, self._tick_s)
+        bodies = self._exchange.bodies
+        if free is None:
+            free = bodies.mobility(self._known, held=False)
+        mobility = bodies.way_s2(self._tick_s) * free
         for k, body in enumerate(self._known.tolist()):
             own = slice(6 * k, 6 * k + 3)
-            free = np.zeros_like(mobility[own])
-            free[:, own] = mobility[6 * k, 6 * k] * np.eye(3)
+            alone = np.zeros_like(mobility[own])
+            alone[:, own] = mobility[6 * k, 6 * k] * np.eye(3)
             # on joints, or as one of several, it goes where others go
-            if np.abs(mobility[own] - free).max() < 1e-9 * mobility[6 * k, 6 * k]:
+            if np.abs(mobility[own] - alone).max() < 1e-9 * mobility[6 * k, 6 * k]:
                 turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
                 largest = float(np.linalg.eigvalsh(turn)[-1])
                 self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
                 one = slice(6 * k, 6 * k + 6)
                 self._exchange.arrays.yields[body] = self._yields[one, one]
 
-    def _are_heavy(self, bodies: IntArray, stiffness: Array) -> bool:
-        """Return whether bodies (b,) need not give way, by S (6 b, 6 b).
+    def _are_heavy(self, stiffness: Array, mobilities: tuple[Array, Array]) -> bool:
+        """Return whether bodies need not give way, by S and both mobilities (6 b, 6 b), held and free.
 
         What holds them may let go of them: so they need some mass of their own.
         """
-        held, free = (
-            _ratio(stiffness, self._tick_s**2 * self._exchange.bodies.mobility(bodies, held=held))
-            for held in (True, False)
-        )
+        held, free = (_ratio(stiffness, self._tick_s**2 * mobility) for mobility in mobilities)
         self.ratio = free
         most = min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9))
         self._room = max(RENEW_ABOVE, most)

@@ -150,10 +150,13 @@ class SectionHalves(SoftHalves):
         if contact.arrays.bodies.loaded.any() or contact.planes is not None:
             return False
         query, origin = contact.query, self.interface.scene.flange_pose.translation
-        reach = self._soft.reach_m + _FREE_ROOM_M
+        reach, bodies = self._soft.reach_m + _FREE_ROOM_M, contact.bodies
+        away = bodies.mass_centers[contact.arrays.movable] - origin
+        if ((away * away).sum(axis=1) < reach * reach).any():
+            return False  # found without a search
         query.update()
         hits = query.distances(origin[None], reach, query.near(origin, origin, reach))
-        free = contact.bodies.movable(query.body[hits.shape])
+        free = bodies.movable(query.body[hits.shape])
         return not (free | (hits.distance < self._soft.reach_m + _ROOM_M)).any()
 
     @cached_property

@@ -424,20 +424,19 @@ class SectionArm(soft_side.SoftSide):
         except LinAlgError:
             return None
         weights, before = self.section.node_weights(pressure), self.section.frames.before
-        # of nodes on both frames that each is between; few bear forces, all move
-        sides = [(weights[:, s], before + s) for s in (0, 1)]
-        arms = [np.einsum("na,nar->nr", w[:, 1:], frames[at, 1:]) for w, at in sides]
-        pressed, pushed = np.flatnonzero(forces.any(axis=(0, 2))), np.zeros((len(forces), len(frames), 6))
-        for (w, at), arm in zip(sides, arms, strict=True):
-            force = forces[:, pressed]
-            torque = cross(np.broadcast_to(arm[pressed], force.shape), force)
-            load = np.concatenate([w[pressed, :1] * force, torque], axis=2)
-            for total, part in zip(pushed, load, strict=True):
-                np.add.at(total, at[pressed], part)
-        step, moved = tangent.solve(pushed), np.zeros_like(forces)
-        for (w, at), arm in zip(sides, arms, strict=True):
-            moved += w[:, :1] * step[:, at, :3] + cross(step[:, at, 3:], np.broadcast_to(arm, moved.shape))
-        return moved
+        # nodes are on the frames on both sides of them; few bear forces, all move
+        pressed, pushed = np.flatnonzero(forces.any(axis=(0, 2))), np.zeros((len(frames), len(forces), 6))
+        force = forces[:, pressed].swapaxes(0, 1)
+        for side in (0, 1):
+            w, at = weights[pressed, side], before[pressed] + side
+            arm = np.einsum("na,nar->nr", w[:, 1:], frames[at, 1:])
+            torque = cross(np.broadcast_to(arm[:, None], force.shape), force)
+            np.add.at(pushed, at, np.concatenate([w[:, :1, None] * force, torque], axis=2))
+        step, rates = tangent.solve(pushed.swapaxes(0, 1)), np.empty((len(forces), *frames.shape))
+        axes = np.broadcast_to(frames[:, 1:], rates[:, :, 1:].shape)
+        rates[:, :, 0] = step[:, :, :3]
+        rates[:, :, 1:] = cross(np.broadcast_to(step[:, :, None, 3:], axes.shape), axes)
+        return self.section.films(rates, np.full(len(rates), pressure))
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""

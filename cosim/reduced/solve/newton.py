@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, final
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_types import Blocks, Indices, Matrix
@@ -414,9 +414,29 @@ def whole_tangent(
     return matrix if extra is None else matrix + extra
 
 
+_ROW, _COLUMN = np.tril_indices(6)
+_BELOW, _BESIDE = np.indices((6, 6)).reshape(2, -1)
+
+
+def _band_of(work: ChainWork, count: int, free: Mask) -> Array:
+    """Return the lower band (12, 6 f) of the tangent in a chain's workspace; held frames are rows of one.
+
+    Args:
+        work: with the blocks of the first `count` frames.
+        count: f.
+        free: (f,) frames that can move.
+    """
+    band, beside = np.zeros((12, count, 6)), (free[1:] & free[:-1])[:, None]
+    band[_ROW - _COLUMN, :, _COLUMN] = np.where(
+        free[:, None], work.diagonal[:count, _ROW, _COLUMN], _ROW == _COLUMN
+    ).T
+    band[6 + _BELOW - _BESIDE, :-1, _BESIDE] = (beside * work.off[1:count, _BELOW, _BESIDE]).T
+    return band.reshape(12, -1)
+
+
 @final
 class ChainTangent:
-    """The factorised tangent of a chain.
+    """The factorised tangent of a chain: a band, unless something else is added to it.
 
     Args:
         solver: of the chain.
@@ -439,13 +459,22 @@ class ChainTangent:
         pressure_Pa: float,
         bed: Bed | None = None,
     ) -> None:
-        self._free = np.repeat(free, 6)
+        self._free, (loads, extra) = np.repeat(free, 6), acting
+        self._band: Array | None = None
+        if extra is None:
+            solver.evaluate(frames, loads, pressure_Pa, bed, hessian=True)
+            band = _band_of(solver.work, len(frames), free)
+            self._band = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+            return
         matrix = whole_tangent(solver, frames, acting, pressure_Pa, bed)
         self._factor = cho_factor(matrix[np.ix_(self._free, self._free)])
 
     def solve(self, load: Array) -> Array:
         """Return the steps (k, f, 6) under loads (k, f, 6); zero where held."""
         flat = load.reshape(len(load), -1)
+        if self._band is not None:
+            given = np.where(self._free, flat, 0.0).T
+            return cho_solve_banded((self._band, True), given, check_finite=False).T.reshape(load.shape)
         result = np.zeros_like(flat)
         result[:, self._free] = cho_solve(self._factor, flat[:, self._free].T).T
         return result.reshape(load.shape)

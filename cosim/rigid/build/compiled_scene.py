@@ -349,6 +349,7 @@ _SEARCHES_MAX = 500
 # it, which kept searches from ending: a sixth of a step.
 _SEARCH_TOLERANCE = 100.0
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
+_FEW_TREES = 2  # as of a gripper and one object: finding islands costs more than solving all at once
 _MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
 
@@ -403,6 +404,8 @@ def _compiled(description: SceneDescription, arms: tuple[SceneDescription, ...] 
     names, wires = ([item.name for item in items] for items in (mounted, description.wires))
     description.friction.add_contacts(spec, names, wires)
     model = spec.compile()
+    if mounted and model.ntree <= _FEW_TREES:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     for wire in description.wires:
         object_bodies.relax_wire(model, wire)
     mjcf_files.check_finite(model)

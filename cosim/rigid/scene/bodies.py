@@ -218,15 +218,35 @@ class Bodies:
             bodies: (b,).
             held: whether constraints that act under the present loads count as well.
         """
+        resisting = self._damping()
+        if held:
+            self._hold(resisting)
+        return mobility(self._model, self._data, jacobian_of(self._model, self._data, bodies), resisting)
+
+    def mobilities(self, bodies: IntArray) -> tuple[Array, Array]:
+        """Return both mobilities (6 b, 6 b) of bodies (b,): with what holds them, and without it."""
         model, data = self._model, self._data
-        resisting = np.diag(model.opt.timestep * model.dof_damping)
-        if held and data.nefc:
-            before = np.array(data.qacc)
-            mujoco.mj_fwdAcceleration(model, data)
-            mujoco.mj_fwdConstraint(model, data)
-            data.qacc[:] = before
-            resisting += active_constraints(model, data)
-        return mobility(model, data, jacobian_of(model, data, bodies), resisting)
+        jacobian, resisting = jacobian_of(model, data, bodies), self._damping()
+        free = mobility(model, data, jacobian, resisting)
+        if not self._hold(resisting):
+            return free, free
+        return mobility(model, data, jacobian, resisting), free
+
+    def _damping(self) -> Array:
+        """Return by how much the joints' damping resists in a step (nv, nv)."""
+        return np.diag(self._model.opt.timestep * self._model.dof_damping)
+
+    def _hold(self, resisting: Array) -> bool:
+        """Add what constraints resist with under the present loads (nv, nv); return whether there are any."""
+        model, data = self._model, self._data
+        if not data.nefc:
+            return False
+        before = np.array(data.qacc)
+        mujoco.mj_fwdAcceleration(model, data)
+        mujoco.mj_fwdConstraint(model, data)
+        data.qacc[:] = before
+        resisting += active_constraints(model, data)
+        return True
 
 
 def active_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
