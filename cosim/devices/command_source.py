@@ -338,29 +338,15 @@ def ring_twist(positions: Array, velocities: Array) -> Array:
     away, moving = positions - positions.sum(axis=0) / count, velocities - linear
     spread = float((away * away).sum()) * np.eye(3) - away.T @ away
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = (away.T @ moving).tolist()  # the sum of r v^T
-    turning = _turning(spread, (yz - zy, zx - xz, xy - yx))
-    return np.concatenate([linear, turning])
-
-
-def _turning(spread: Array, moment: tuple[float, float, float]) -> Array:
-    """Return the smallest w (3,) [rad/s] that solves a symmetric A w = b; A is singular for nodes in a line.
-
-    Args:
-        spread: A (3, 3) [m^2].
-        moment: b [m^2/s].
-    """
-    (a, b, c), (_, d, e), (_, _, f) = spread.tolist()
-    u, v, w = d * f - e * e, c * e - b * f, b * e - c * d  # rows of its adjugate
-    determinant, (x, y, z) = a * u + b * v + c * w, moment
-    if determinant <= _FLAT * (a + d + f) ** 3:
-        return np.asarray(np.linalg.lstsq(spread, np.array(moment), rcond=1e-9)[0])
-    s, t, r = a * f - c * c, b * c - a * e, a * d - b * b
-    solved = u * x + v * y + w * z, v * x + s * y + t * z, w * x + t * y + r * z
-    return np.array(solved) / determinant
+    moment = np.array([yz - zy, zx - xz, xy - yx])
+    if np.linalg.det(spread) > _FLAT * spread.trace() ** 3:
+        return np.concatenate([linear, np.linalg.solve(spread, moment)])
+    # nodes in a line say nothing of turns about it
+    return np.concatenate([linear, np.linalg.lstsq(spread, moment, rcond=1e-9)[0]])
 
 
 _FLAT: Final = 1e-6
-"""Of det A to the cube of its trace, at most 1/27, below which A counts as near a singular one."""
+"""Of the determinant of nodes' spread to the cube of its trace, at most 1/27: below, they are in a line."""
 _SMALLEST: Final = 1e-2
 """Of a Jacobian's singular values to its largest, below which no motion of the joints is asked for."""
 _MISSED: Final = 1e-6
