@@ -130,8 +130,15 @@ def contact_modules() -> tuple[ModuleType, ...]:
     return contact_kernels, contact_arrays, search_kernels, shapes, film_distance, signed_distance
 
 
-def compile_contact(tell: Callable[[str], None]) -> None:
-    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
-    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+def compile_contact(tell: Callable[[str], None], scenario: Scenario) -> None:
+    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept.
 
-    compile_modules(tell, contact_modules())
+    Where there is nothing to touch but the arm that holds the film, only those that look for it: the others
+    are compiled by the first search that finds something near.
+    """
+    from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+    from cosim.coupling.contact.contact_kernels import find_touched
+    from cosim.rigid.distance import shapes, signed_distance
+
+    more = scenario.objects or scenario.wires or scenario.scene is not None
+    compile_modules(tell, contact_modules() if more else (find_touched, shapes, signed_distance))
