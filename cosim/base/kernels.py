@@ -1,6 +1,7 @@
 """How functions become numba kernels: one signature each, read from their annotations, without fast-math.
 
-Importing a kernel compiles nothing: `compile_modules` does, once, and says so.
+Importing a kernel compiles nothing: `compile_modules` does, once, and says so. So does the first call of a
+kernel that was not compiled beforehand.
 
 A device function is compiled as a part of each kernel that calls it. Kernels call one another by address:
 each is compiled once, and only where it is needed.

@@ -25,6 +25,7 @@ from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, 
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.rigid.distance import film_distance, signed_distance
 from cosim.rigid.scene.bodies import Bodies
+from cosim.soft.contact import obstacle_contact
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows, TouchedPlanes, add_contacts
@@ -38,7 +39,7 @@ RENEW_ABOVE: Final = 1.2
 """Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 GLUE_N_m: Final = 1e5
 """Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
-_WHERE_NEAR = contact_arrays, contact_kernels, film_distance, search_kernels  # kernels of contact
+_WHERE_NEAR = contact_arrays, contact_kernels, film_distance, obstacle_contact, search_kernels  # kernels
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often

@@ -62,10 +62,9 @@ class FilmActing(NamedTuple):
     bed: StepBed
 
 
-def term_calls(*, beams: bool, frames: bool) -> list[int]:
-    """Return the addresses (12,) of the kernels of the terms; of beams and frames 0 where there are none."""
-    some = (add_beam_rings, beams), (frame_ring.add_frames, frames)
-    return [*map(address_of, _CALLED), *(address_of(called) if there else 0 for called, there in some)]
+def term_calls() -> list[int]:
+    """Return the places (12,) of the kernels of the terms."""
+    return [address_of(called) for called in (*_CALLED, add_beam_rings, frame_ring.add_frames)]
 
 
 @kernel
