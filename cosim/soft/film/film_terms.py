@@ -105,7 +105,7 @@ def film_terms(at: int, slots: FilmSlots, acting: FilmActing, part: int, point: 
             level -= force[i, r] * x[i, r]
     energy += level
     planes = acting.touching.planes
-    if planes.call != 0:
+    if planes.own.shape[0] > 0:
         contacts = x, planes.planes, planes.widths, begin, end, gradient, blocks, planes.own, planes.pressing
         energy += _add_contacts(planes.call, contacts)
     if moves:
