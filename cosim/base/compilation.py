@@ -24,19 +24,14 @@ _PATIENCE_S = 300.0  # with a process that has taken its last number
 _OBJECTS_BETWEEN = 100_000  # two collections of garbage
 
 
-def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, ...]) -> None:
+def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -> None:
     """Compile the kernels of modules, not those that they import, or load them.
 
     Args:
         announce: called with one sentence, before the wait, when they have to be compiled.
-        modules: that hold them.
+        modules: that hold them; and single kernels, where others of their modules are not needed.
     """
-    found: dict[int, Any] = {
-        id(value): value
-        for module in modules
-        for value in vars(module).values()
-        if getattr(value, "fixed_signature", None) is not None and value.__module__ == module.__name__
-    }
+    found: dict[int, Any] = {id(kernel): kernel for entry in modules for kernel in _kernels_of(entry)}
     kernels = [kernel for kernel in found.values() if not kernel.overloads]
     missing = [k for k in kernels if k.cache is None or not k.cache.is_there(k.fixed_signature)]
     with _seldom_collecting():
@@ -48,6 +43,14 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[ModuleType, 
     for kernel in missing:
         if kernel.cache is not None:
             kernel.cache.remove_old(kernel.fixed_signature)
+
+
+def _kernels_of(entry: Any) -> list[Any]:
+    """Return the kernels that a module defines, or the one kernel that is given."""
+    if not isinstance(entry, ModuleType):
+        return [entry]
+    own = (value for value in vars(entry).values() if getattr(value, "fixed_signature", None) is not None)
+    return [value for value in own if value.__module__ == entry.__name__]
 
 
 def _sentence(kernels: int) -> str:

@@ -1,6 +1,7 @@
 """How functions become numba kernels: one signature each, read from their annotations, without fast-math.
 
-Importing a kernel compiles nothing: `compile_modules` does, once, and says so.
+Importing a kernel compiles nothing: `compile_modules` does, once, and says so. So does the first call of a
+kernel that was not compiled beforehand.
 
 A device function is compiled as a part of each kernel that calls it. Kernels call one another by address:
 each is compiled once, and only where it is needed.
@@ -9,6 +10,8 @@ Machine code is kept under a hash of all source that it comes from. It is read b
 its folder can run code: a folder is used only if nobody else owns it or may write to it.
 """
 
+import _thread
+import logging
 import os
 import re
 import sys
@@ -16,7 +19,7 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from ctypes import addressof, c_char
+from ctypes import addressof, c_char, c_int64
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -28,7 +31,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from cosim.base import files, numba_insides
+from cosim.base import compilation, files, numba_insides
 from cosim.base.kernel_types import Matrix, Vector, numba_type
 from cosim.base.numba_insides import KNOWN, from_bytes, has_arrays, processor, stack_array, to_bytes
 from cosim.base.numba_insides import call_native as call_native
@@ -301,11 +304,34 @@ def handing_on_views(function: Function) -> Function:
 
 @cache
 def address_of(kernel: Any) -> int:
-    """Return where a kernel's machine code is, compiled or loaded if need be; it stays there."""
-    signature = kernel.fixed_signature
-    kernel.compile(signature)
-    compiled = kernel.overloads[tuple(signature.args)]
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    """Return the place of a kernel, by which others call it, see `caller`: it need not be compiled yet."""
+    place = c_int64(0)
+    _PLACES[addressof(place)] = kernel, place
+    return addressof(place)
+
+
+def _code_at(at: int) -> int:
+    """Return where the code of the kernel of a place is, and keep it there; 0 if it cannot be compiled.
+
+    With it the other kernels of its module are compiled, which is announced as before a run.
+    """
+    kernel, place = _PLACES[at]
+    signature, log = kernel.fixed_signature, logging.getLogger("cosim")
+    try:
+        if not kernel.overloads:
+            compilation.compile_modules(log.warning, (sys.modules[kernel.__module__],))
+        kernel.compile(signature)
+        compiled = kernel.overloads[tuple(signature.args)]
+        place.value = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    except KeyboardInterrupt:
+        _thread.interrupt_main()  # raised where compiled code ends, as it cannot be within
+    except Exception:
+        log.exception("%s() could not be compiled", kernel.__name__)
+    return place.value
+
+
+_PLACES: dict[int, tuple[Any, c_int64]] = {}
+_FINDS = numba_insides.find_kernels_by(_code_at)
 
 
 @final

@@ -16,6 +16,7 @@ Any numba other than `KNOWN` compiles in its public way instead; results are the
 
 import pickle
 from collections.abc import Callable
+from ctypes import CFUNCTYPE, c_int64, c_void_p, cast
 from types import SimpleNamespace
 from typing import Any, Final, NoReturn, final
 
@@ -30,6 +31,7 @@ from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models
 
 KNOWN: Final = str(numba.__version__).startswith("0.68.")  # its insides are as the code below expects
 _ALIGNMENT = 32  # [bytes], of the widest loads
+_FIND = "cosim_code_at"  # the name of what finds kernels, in compiled code
 processor: Any = llvm.get_host_cpu_name
 untyped_intrinsic: Callable[..., Any] = intrinsic  # as those that follow: typed for mypy
 _lower_cast: Callable[..., Callable[..., Any]] = lower_cast
@@ -68,7 +70,7 @@ def has_arrays(kind: Any) -> bool:
 
 
 if KNOWN:
-    from numba.core.cgutils import pack_array, unpack_tuple
+    from numba.core.cgutils import get_or_insert_function, if_unlikely, pack_array, unpack_tuple
     from numba.core.codegen import CPUCodeLibrary
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
@@ -221,23 +223,55 @@ def reference(address: Any, kind: Any, record: Any) -> Any:
     return RecordAt(record)(address, kind), generate
 
 
-def caller(kernel: Any) -> Any:
-    """Return what calls a kernel that does not raise from within others: call(address, tuple of arguments).
+def find_kernels_by(find: Callable[[int], int]) -> Any:
+    """Let compiled code ask for a kernel that is called for the first time; return what has to stay for it.
 
-    A kernel called by name is compiled within each that calls it: 128 instead of 86 s.
+    Args:
+        find: takes a kernel's place, see `caller`; returns the address of its code, 0 if there is none.
+    """
+    kept = CFUNCTYPE(c_int64, c_int64)(find)
+    llvm.add_symbol(_FIND, cast(kept, c_void_p).value)
+    return kept
+
+
+def _code_at(context: Any, builder: Any, place: Any) -> Any:
+    """Return the address of the code of the kernel of a place; raise if it cannot be compiled."""
+    begin, word = builder.block, ir.IntType(64)
+    known = builder.load(builder.inttoptr(place, word.as_pointer()))
+    with if_unlikely(builder, builder.icmp_unsigned("==", known, word(0))):
+        find = get_or_insert_function(builder.module, ir.FunctionType(word, [word]), _FIND)
+        found = builder.call(find, [place])
+        with if_unlikely(builder, builder.icmp_unsigned("==", found, word(0))):
+            context.call_conv.return_user_exc(builder, RuntimeError, ("a kernel could not be compiled",))
+        late = builder.block
+    code = builder.phi(word)
+    code.add_incoming(known, begin)
+    code.add_incoming(found, late)
+    return code
+
+
+def caller(kernel: Any) -> Any:
+    """Return what calls a kernel from within others: call(place, tuple of arguments).
+
+    The place is memory that holds the address of the kernel's code, 0 until it is first called: what a run
+    does not call needs no compilation, and nothing is called that is not there. A kernel called by name is
+    compiled within each that calls it: 128 instead of 86 s.
     """
     if not KNOWN:
-        return numba.njit(lambda _address, given: kernel(*given))
+        return numba.njit(lambda _place, given: kernel(*given))
     wanted, returned = types.Tuple(kernel.fixed_signature.args), kernel.fixed_signature.return_type
 
-    def call(_typing: Any, address: Any, given: Any) -> Any:
+    def call(_typing: Any, place: Any, given: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-            convention = context.call_conv
+            convention, at = context.call_conv, _code_at(context, builder, values[0])
             code = convention.get_function_type(returned, wanted.types)
-            function = builder.inttoptr(values[0], ir.PointerType(code))
+            function = builder.inttoptr(at, ir.PointerType(code))
             pairs = zip(unpack_tuple(builder, values[1]), given.types, wanted.types, strict=True)
-            cast = [_as_value(context, builder, value, from_, to) for value, from_, to in pairs]
-            return convention.call_function(builder, function, returned, wanted.types, cast)[1]
+            as_wanted = [_as_value(context, builder, value, from_, to) for value, from_, to in pairs]
+            status, result = convention.call_function(builder, function, returned, wanted.types, as_wanted)
+            with if_unlikely(builder, status.is_error):
+                convention.return_status_propagate(builder, status)
+            return result
 
         return returned(types.int64, given), generate
 

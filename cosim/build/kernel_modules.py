@@ -27,19 +27,26 @@ def _has_losses(robot: AnySoftRobot) -> bool:
     return robot.film.loss_factor > 0.0 or any(_has_losses(part.robot) for part in robot.attachments)
 
 
+def _has_frames(robot: AnySoftRobot) -> bool:
+    if not isinstance(robot, SoftRobotTable):
+        return False  # of a body that is given, when first needed
+    return robot.stiffener.kind == "stiff" or robot.copies is not None or len(robot.attachments) > 0
+
+
 def common_modules() -> tuple[ModuleType, ...]:
-    """Return the modules with kernels of every run: those of all known elements, and of what sums them."""
+    """Return the modules with kernels of every run: those of most elements, and of what sums them."""
     from cosim.soft.body import places
-    from cosim.soft.contact import contact_law, obstacle_contact
-    from cosim.soft.elements import element, mass_terms, pressure
+    from cosim.soft.contact import contact_law
+    from cosim.soft.elements import element, eyelets, frame_ring, mass_terms, pressure
     from cosim.soft.film import film_terms
     from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
     from cosim.soft.solve import film_step, state, step_begin
 
+    elements = dict.fromkeys(sys.modules[kind.__module__] for kind in element.kinds_known())
     return (
-        places, obstacle_contact, contact_law, envelope_kernels, film_step, film_terms, state, mass_terms,
+        places, contact_law, envelope_kernels, film_step, film_terms, state, mass_terms,
         pattern, pressure, secant_pairs, step_begin,
-        *dict.fromkeys(sys.modules[kind.__module__] for kind in element.kinds_known()),
+        *(module for module in elements if module not in (eyelets, frame_ring)),
     )  # fmt: skip
 
 
@@ -82,6 +89,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         from cosim.soft.beams import ring_kernels
 
         modules += (ring_kernels,)
+    if _has_frames(scenario.soft_robot):
+        from cosim.soft.elements import frame_ring
+
+        modules += (frame_ring,)
     if _has_sliding_cables(scenario.soft_robot):
         from cosim.soft.elements import eyelets
 
@@ -109,10 +120,9 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     if scenario.mode != "dynamic":
         return (shapes,)
     from cosim.coupling import film_ticks, half_ticks, section_ticks
-    from cosim.soft.elements import eyelets  # whose losses rows of ticks add up
 
     film = scenario.fidelity in ("lumped", "refined") or scenario.hands_over
-    of_film = (film_ticks, eyelets) if film else ()
+    of_film = (film_ticks,) if film else ()
     of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
     return (shapes, half_ticks, *of_film, *of_chain)
 
@@ -126,12 +136,21 @@ def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
     from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
     from cosim.rigid.distance import film_distance, shapes, signed_distance
+    from cosim.soft.contact import obstacle_contact
 
-    return contact_kernels, contact_arrays, search_kernels, shapes, film_distance, signed_distance
+    near = contact_kernels, contact_arrays, search_kernels, obstacle_contact
+    return (*near, shapes, film_distance, signed_distance)
 
 
-def compile_contact(tell: Callable[[str], None]) -> None:
-    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept."""
+def compile_contact(tell: Callable[[str], None], scenario: Scenario) -> None:
+    """Compile the kernels of contact with a scene, and tell so beforehand where they are not kept.
+
+    Where there is nothing to touch but the arm that holds the film, only those that look for it: the others
+    are compiled by the first search that finds something near.
+    """
     from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
+    from cosim.coupling.contact.contact_kernels import find_touched
+    from cosim.rigid.distance import shapes, signed_distance
 
-    compile_modules(tell, contact_modules())
+    more = scenario.objects or scenario.wires or scenario.scene is not None
+    compile_modules(tell, contact_modules() if more else (find_touched, shapes, signed_distance))

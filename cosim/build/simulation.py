@@ -112,7 +112,7 @@ def build(
     arranged = (
         _held_base(scenario, model, soft)
         if scenario.robot == NO_ARM
-        else _arm(scenario, model, soft, before, partial(kernel_modules.compile_contact, tell))
+        else _arm(scenario, model, soft, before, partial(kernel_modules.compile_contact, tell, scenario))
     )
     parts, stage = _joined(scenario, model, soft, actuation, arranged)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
@@ -149,8 +149,9 @@ def build_arms(
     runs = {}
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
+        compile_own = partial(kernel_modules.compile_contact, tell, one.scenario)
         with several_arms.of_arm(name):
-            arranged = _carried(one, None, partial(kernel_modules.compile_contact, tell), SharedArm, rest)
+            arranged = _carried(one, None, compile_own, SharedArm, rest)
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     for run in runs.values():  # each begins, and is shown, with the others where they begin

@@ -7,6 +7,8 @@ from pathlib import Path
 from cosim.build.kernel_modules import compile_kernels
 from cosim.errors import InputError
 from cosim.soft.beams import ring_kernels
+from cosim.soft.contact import obstacle_contact
+from cosim.soft.elements import eyelets, frame_ring
 from cosim.soft.linear import fronts
 from cosim.verification.case import Case
 from cosim.verification.suite import CASES, as_json, case_lines, closing_line, header_line, run_case, select
@@ -26,7 +28,8 @@ def verify_command(names: Sequence[str], json_path: Path | None, *, cases: Seque
     chosen = select(names, cases)
     if json_path is not None:
         _check_writable(json_path)
-    compile_kernels(lambda text: print(text, file=sys.stderr), (fronts, ring_kernels))
+    some = fronts, ring_kernels, frame_ring, eyelets, obstacle_contact
+    compile_kernels(lambda text: print(text, file=sys.stderr), some)
     print(header_line(), flush=True)
     results = []
     for case in chosen:

@@ -121,10 +121,14 @@ _pair_work = caller(pair_work)
 
 
 def film_calls(rigid_half: Any) -> IntArray:
-    """Return the addresses (7,) of the kernels that a row of ticks calls, a rigid half among them."""
-    called: list[Any] = [*_CALLED]
-    called[_RIGID] = rigid_half
-    return np.array([address_of(each) for each in called])
+    """Return the places (7,) of the kernels that a row of ticks calls.
+
+    Args:
+        rigid_half: kernel that takes rigid halves, see `take_rigid_half`; None where they have been taken.
+    """
+    calls = np.array([address_of(called) for called in _CALLED])
+    calls[_RIGID] = 0 if rigid_half is None else address_of(rigid_half)
+    return calls
 
 
 @device_function
@@ -265,7 +269,8 @@ def _fill_figures(
         _add_damping(calls[_DAMPING], (damped, x, way.velocity[k + 2], flange, figures[:CENTER]))
     total = _mass_moments(calls[_MOMENTS], (row.mass, x.reshape((x.shape[0], 1, 3)), moments))
     fill_center_and_inertia(total, moments, flange[0], figures)
-    if way.memory.shape[1] > 0:
+    ticks.work[k, 2] = 0.0
+    if side.work.more.eyelets.shape[0] > 0:
         given = x, side.film.eyelets, way.memory[k], way.memory[k + 1]
         ticks.work[k, 2] = _eyelet_loss(calls[_LOSS], given)
 
@@ -285,7 +290,7 @@ def _take_tick(
         scratch: (4, 3) and (9,).
     """
     (rigid, servos, commands), (ticks, way), (flange, moments) = asked, done, scratch
-    if not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
+    if row.calls[_RIGID] != 0 and not _take_rigid_half(row.calls[_RIGID], (rigid, servos, ticks, k)):
         return half_ticks.RIGID_SIDE_WARNS
     fill_flange(ticks, k, flange)
     found, ended = _solve(commands, row, done, k, flange)

@@ -69,6 +69,9 @@ def check_runs(folder: Path) -> None:
     driver.drive = watched
     path = folder / "press.toml"
     path.write_text(PRESS, encoding="utf-8")
+    cosim.run(path, overrides={"object": [], "contact.only_in_reach": False})  # only the arm is there
+    assert_nothing_came(before)
+    assert compiled()["cosim.coupling.contact.contact_kernels.settle_touched"] == 0
     force = cosim.run(path, out=folder / "press", recording=True).contact_force_N
     assert force.max() > 0.0
     assert_nothing_came(before)
@@ -94,7 +97,9 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     cables = tuple(replace(cable, losses="directed") for cable in arm.soft_robot.cables)
     others += (replace(lumped, soft_robot=replace(arm.soft_robot, cables=cables)),)
     lossy = replace(arm.soft_robot, film=replace(arm.soft_robot.film, loss_factor=0.05))
+    stiff = replace(arm.soft_robot, stiffener=replace(arm.soft_robot.stiffener, kind="stiff"))
     others += replace(lumped, soft_robot=lossy), replace(lumped, fidelity="refined")
+    others += (replace(lumped, soft_robot=stiff),)
     some = (*kernel_modules(lumped), *(module for other in others for module in kernel_modules(other)))
     named: list[str] = []
     for module in (*common_modules(), *some, *contact_modules(), open_ticks, colours):

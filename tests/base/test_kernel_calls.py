@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base import numba_insides
+from cosim.base import compilation, numba_insides
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Indices, Matrix, Vector, nothing_of
 from cosim.base.kernels import (
@@ -139,6 +139,36 @@ def check() -> None:
 def test_kernels_call_others_by_their_addresses() -> None:
     assert numba_insides.KNOWN
     check()
+
+
+def check_first_calls() -> None:
+    """Check a kernel that is not compiled when it is called: at first it cannot be, then it is."""
+    gradient = np.zeros((5, 3))
+    weights = Weights(np.ones((5, 3)), np.ones(5), np.array([0.0, 0.0, -10.0]), gradient, 1.0)
+    calls = np.array([address_of(add_gravity), address_of(weight_of_some), 0, 0])
+    weight_of_some.compile(weight_of_some.fixed_signature)  # type: ignore[attr-defined]
+    compile_modules, note = compilation.compile_modules, ctypes.CFUNCTYPE(None, *[ctypes.c_size_t] * 2)
+    native = note(lambda _first, _second: None)
+
+    def fail(*_given: object) -> None:
+        raise OSError("no room")
+
+    compilation.compile_modules = fail
+    with pytest.raises(RuntimeError, match="could not be compiled"):  # two calls further in
+        weight_and_mass(calls, weights, ctypes.cast(native, ctypes.c_void_p).value or 0)
+    compilation.compile_modules = compile_modules
+    assert not add_gravity.overloads  # type: ignore[attr-defined]
+    assert weight_of_some(calls, weights) == 40.0
+    assert add_gravity.overloads  # type: ignore[attr-defined]
+
+
+def test_what_is_called_first_is_compiled_then_and_told(tmp_path: Path) -> None:
+    code = "import tests.base.test_kernel_calls as t; t.check_first_calls()"
+    done = run_forked(code, ROOT, NUMBA_CACHE_DIR=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "add_gravity() could not be compiled" in done.stderr
+    assert "OSError: no room" in done.stderr
+    assert "Compiling 3 kernels, once per machine" in done.stderr
 
 
 def test_another_numba_does_the_same_by_their_names() -> None:

@@ -8,13 +8,14 @@ ticks that they take by themselves as well; here is what they act on, and the li
 again where they are no longer valid.
 """
 
+import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base import state_check
+from cosim.base import compilation, state_check
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
@@ -24,6 +25,7 @@ from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, 
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.rigid.distance import film_distance, signed_distance
 from cosim.rigid.scene.bodies import Bodies
+from cosim.soft.contact import obstacle_contact
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows, TouchedPlanes, add_contacts
@@ -37,6 +39,7 @@ RENEW_ABOVE: Final = 1.2
 """Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 GLUE_N_m: Final = 1e5
 """Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
+_WHERE_NEAR = contact_arrays, contact_kernels, film_distance, obstacle_contact, search_kernels  # kernels
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
@@ -99,6 +102,7 @@ class ContactExchange:
         nothing: contact_arrays.ListRows = nothing_of(contact_arrays.ListRows)
         nowhere = nothing._replace(row=np.full(len(query), -1))
         self._store = RecordStore(ContactArrays)
+        self._meets = len(nodes) > 0
         self.arrays = self._first_arrays(self._searching(nowhere))
 
     @property
@@ -139,7 +143,8 @@ class ContactExchange:
             before: (n, 3) [m], of the nodes at the beginning of the step.
             positions: (n, 3) [m], the same at its end.
         """
-        settle_touched(self.at, before, positions)
+        if self._meets:
+            settle_touched(self.at, before, positions)
         planes = self.planes
         self.forget()
         self.planes = planes
@@ -188,6 +193,8 @@ class ContactExchange:
 
     def fastest_m_s(self, state: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
+        if not self._meets:
+            return 0.0
         return float(contact_kernels.fastest_touched(self.at, state.positions, state.velocities))
 
     @property
@@ -264,6 +271,8 @@ class ContactExchange:
         """Return to a state of `save_state`; the scene has been restored before."""
         self.forget()
         self.planes, count = state.planes, len(state.memory.key)
+        if count or state.planes is not None or self.bodies.applied[self.query.body].any():
+            self._meet()
         if count > len(self.arrays.memory.key):
             self.arrays = self._with_room(self.arrays.search, count)
         for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
@@ -273,7 +282,7 @@ class ContactExchange:
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
-        counts[REMEMBERED], counts[AGE], counts[contact_arrays.LEFT] = count, state.age, 1
+        counts[REMEMBERED], counts[AGE], counts[contact_arrays.LEFT] = count, state.age, self._meets
 
     def check_state(self, state: ContactState) -> None:
         """Check what a saved state names: `restore_state` takes it for granted.
@@ -300,6 +309,12 @@ class ContactExchange:
             find_touched(self.at, x, velocity, rest_m, ahead_s)
         return self.planes
 
+    def _meet(self) -> None:
+        """Have all kernels compiled, as something is near: many a film never comes so far."""
+        if not self._meets:
+            compilation.compile_modules(logging.getLogger("cosim").warning, _WHERE_NEAR)
+            self._meets = True
+
     def search_around(self, positions: Array, extent: Extent, reach_m: float, behind_m: float) -> Search:
         """Return a search by lists that hold to such distances at present.
 
@@ -309,6 +324,7 @@ class ContactExchange:
             reach_m: bound on the distance.
             behind_m: how far behind the film a feature still counts.
         """
+        self._meet()
         query, room = self.query, max(reach_m, behind_m)
         shapes = query.near(extent.low, extent.high, reach_m)
         local = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]

@@ -316,7 +316,7 @@ class FilmHalves(SoftHalves):
     @cached_property
     def _soft_calls(self) -> IntArray:
         """The same for a tick whose rigid half has been taken."""
-        return film_calls(half_ticks.keep_rigid_half)
+        return film_calls(None)
 
     @cached_property
     def _nothing(self) -> ContactArrays:
@@ -506,7 +506,7 @@ class OpenRow:
         k, row = self.done, self._ticks
         self.in_tick = False
         if not loads.plain:
-            half_ticks.read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
+            open_ticks.read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
             self._ending = SOFT_HALF_LEFT
             return False
         if loads is not self._loads:

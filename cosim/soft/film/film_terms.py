@@ -62,10 +62,9 @@ class FilmActing(NamedTuple):
     bed: StepBed
 
 
-def term_calls(*, beams: bool, frames: bool) -> list[int]:
-    """Return the addresses (12,) of the kernels of the terms; of beams and frames 0 where there are none."""
-    some = (add_beam_rings, beams), (frame_ring.add_frames, frames)
-    return [*map(address_of, _CALLED), *(address_of(called) if there else 0 for called, there in some)]
+def term_calls() -> list[int]:
+    """Return the places (12,) of the kernels of the terms."""
+    return [address_of(called) for called in (*_CALLED, add_beam_rings, frame_ring.add_frames)]
 
 
 @kernel
@@ -106,7 +105,7 @@ def film_terms(at: int, slots: FilmSlots, acting: FilmActing, part: int, point: 
             level -= force[i, r] * x[i, r]
     energy += level
     planes = acting.touching.planes
-    if planes.call != 0:
+    if planes.own.shape[0] > 0:
         contacts = x, planes.planes, planes.widths, begin, end, gradient, blocks, planes.own, planes.pressing
         energy += _add_contacts(planes.call, contacts)
     if moves:

@@ -316,7 +316,7 @@ def film_arrays(body: SoftBody, apart: IntArray) -> step_arrays.FilmArrays:
     listed = hinges.coupled[:, None], segments[:, None]  # row by row
     rows = triangles, *listed, _rings(beams), _rings(frames), gas
     return step_arrays.FilmArrays(
-        np.array(term_calls(beams=len(beams.groups) > 0, frames=len(frames.groups) > 0)),
+        np.array(term_calls()),
         np.concatenate(triangles), np.concatenate(shapes), np.concatenate(areas), np.concatenate(drawn),
         np.array(stiffness), np.array(laws), np.array(compression), np.concatenate(forces),
         np.array(yarns),
