@@ -36,7 +36,7 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -
     missing = [k for k in kernels if k.cache is None or not k.cache.is_there(k.fixed_signature)]
     with _seldom_collecting():
         if missing:
-            announce(_sentence(len(missing)))
+            announce(_sentence(missing))
             _compile_side_by_side(missing)
         for kernel in kernels:
             kernel.compile(kernel.fixed_signature)
@@ -53,10 +53,9 @@ def _kernels_of(entry: Any) -> list[Any]:
     return [value for value in own if value.__module__ == entry.__name__]
 
 
-def _sentence(kernels: int) -> str:
-    from cosim.base import numba_insides  # here: numba takes long to load
-
-    each_s = _SECONDS_EACH if numba_insides.KNOWN else _SECONDS_EACH_BY_NAME
+def _sentence(missing: list[Any]) -> str:
+    kernels, apart = len(missing), any(kernel.by_address for kernel in missing)
+    each_s = _SECONDS_EACH if apart else _SECONDS_EACH_BY_NAME
     tens_of_s = [max(1, round(0.1 * each_s * kernels / count)) for count in (1, processes())]
     return (
         f"Compiling {kernels} kernel{'s' if kernels > 1 else ''}, once per machine: about "

@@ -236,10 +236,10 @@ def kernel(
         if KNOWN:
             options |= {"_nrt": allocates, "no_cfunc_wrapper": True}
         result: Any = numba.njit(function, **options)
-        by_address = KNOWN and not taken_in
-        if by_address:
+        result.by_address = KNOWN and not taken_in
+        if result.by_address:
             result.__class__ = numba_insides.Kernel
-        result.fixed_signature, result.cache = fixed, cache_of(function, alone=by_address)
+        result.fixed_signature, result.cache = fixed, cache_of(function, alone=result.by_address)
         # a first call asks for its types of arguments alone: a second copy, kept in another file
         compile_as = result.compile
         result.compile = lambda asked: compile_as(fixed if asked == fixed.args else asked)

@@ -113,7 +113,7 @@ def _carry(scene: NativeScene, inertia: Matrix) -> None:
 
 
 @device_function
-def momentum_error(scene: NativeScene, bodies: BodyLoads, handed: Vector) -> float:
+def _momentum_error(scene: NativeScene, bodies: BodyLoads, handed: Vector) -> float:
     """Return how far what acts on flange or touched bodies is from what was handed over, see `interface`."""
     flange, touched, acts, center, given = 0.0, 0.0, scene.applied, scene.center, bodies.handed
     for r in range(3):
@@ -131,7 +131,7 @@ def momentum_error(scene: NativeScene, bodies: BodyLoads, handed: Vector) -> flo
 
 
 @device_function
-def read_scene(scene: NativeScene, bodies: BodyLoads, ticks: Any, k: int) -> None:
+def _read_scene(scene: NativeScene, bodies: BodyLoads, ticks: Any, k: int) -> None:
     """Keep where arm and bodies are at the end of tick k, the flange's velocity, and the forces on bodies."""
     for j in range(scene.position.shape[0]):
         ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
@@ -184,9 +184,9 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
             torque += servos.by_payload[k, j, i] * payload[i]
         scene.control[j, 0], scene.control[j, 1] = servos.position[k, j], servos.velocity[k, j]
         scene.control[j, 2] = torque
-        ticks.joint_speed[k, j] = scene.speed[j]  # until `read_scene`
+        ticks.joint_speed[k, j] = scene.speed[j]  # until `_read_scene`
     load_scene(scene, carried, ticks, k)
-    ticks.momentum_error[k] = momentum_error(scene, rigid.bodies, ticks.handed[k])
+    ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
     for i in range(scene.pace[0]):
         if i > 0:
             _go_on(scene)
@@ -201,7 +201,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         for j in range(scene.speed.shape[0]):
             change = scene.speed[j] - ticks.joint_speed[k, j]
             scene.acceleration[j] = change / (scene.pace[0] * scene.step_s)
-    read_scene(scene, rigid.bodies, ticks, k)
+    _read_scene(scene, rigid.bodies, ticks, k)
     return True
 
 
@@ -209,6 +209,20 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
 def take_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
     """Take the rigid half of a tick, see `rigid_half`."""
     return rigid_half(rigid, servos, ticks, k)
+
+
+@kernel
+def load_rigid_side(rigid: RigidSide, ticks: Ticks, k: int) -> None:
+    """Load the rigid side for a rigid half that somebody else takes; `read_rigid_half` follows it."""
+    load_scene(rigid.scene, rigid.carried, ticks, k)
+
+
+@kernel
+def read_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
+    """Read what the rigid half of a tick has led to that somebody else has taken, see `rigid_half`."""
+    ticks.momentum_error[k] = _momentum_error(rigid.scene, rigid.bodies, ticks.handed[k])
+    _read_scene(rigid.scene, rigid.bodies, ticks, k)
+    return True
 
 
 @device_function

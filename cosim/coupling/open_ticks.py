@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from cosim.base.kernels import handing_on_views, kernel, record_at
 from cosim.base.numba_insides import caller
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film
-from cosim.coupling.half_ticks import RigidSide, load_scene, momentum_error, read_scene
+from cosim.coupling.half_ticks import RigidSide, load_scene
 from cosim.coupling.ticks import Servos, Ticks
 
 _advance_film = caller(advance_film)
@@ -33,20 +33,6 @@ class OpenTicks(NamedTuple):
     steps: FilmSteps
     ticks: Ticks
     way: FilmMotion
-
-
-@kernel
-def load_rigid_side(rigid: RigidSide, ticks: Ticks, k: int) -> None:
-    """Load the rigid side for a rigid half that somebody else takes; `read_rigid_half` follows it."""
-    load_scene(rigid.scene, rigid.carried, ticks, k)
-
-
-@kernel
-def read_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
-    """Read what the rigid half of a tick has led to that somebody else has taken, see `take_rigid_half`."""
-    ticks.momentum_error[k] = momentum_error(rigid.scene, rigid.bodies, ticks.handed[k])
-    read_scene(rigid.scene, rigid.bodies, ticks, k)
-    return True
 
 
 @handing_on_views

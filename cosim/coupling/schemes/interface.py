@@ -21,8 +21,7 @@ from cosim.base.frames import Array, Pose, SixNumbers, Wrench, cross
 from cosim.coupling import half_ticks
 from cosim.coupling.contact import contact_arrays, contact_exchange, contact_report
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
-from cosim.coupling.half_ticks import RigidSide, hand_over, take_rigid_half
-from cosim.coupling.open_ticks import read_rigid_half
+from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
 from cosim.coupling.soft_sides.handover import TakenOver
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken

@@ -506,7 +506,7 @@ class OpenRow:
         k, row = self.done, self._ticks
         self.in_tick = False
         if not loads.plain:
-            open_ticks.read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
+            half_ticks.read_rigid_half(self.rigid, _NO_SERVOS, row.ticks, k)
             self._ending = SOFT_HALF_LEFT
             return False
         if loads is not self._loads:

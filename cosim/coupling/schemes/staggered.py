@@ -279,7 +279,7 @@ class StaggeredCoupling(Coupling):
                 most = min(len(taken.trials), most)
                 row = self._open = OpenRow(halves, taken, rigid, most, self._open_store)
             else:
-                open_ticks.load_rigid_side(rigid, taken.ticks, 0)
+                half_ticks.load_rigid_side(rigid, taken.ticks, 0)
                 self._begun = taken, rigid
         if row is not None:
             row.load()

@@ -21,13 +21,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import (
-    breadth_first_order,
-    connected_components,
-    maximum_flow,
-    reverse_cuthill_mckee,
-)
+from scipy.sparse import csgraph, csr_matrix
 
 from cosim.base.frames import IntArray, Mask
 from cosim.base.kernel_types import Places, PlaceTable, Vector
@@ -56,7 +50,7 @@ def _pieces(graph: csr_matrix, group: IntArray, most: int) -> list[IntArray]:
     """Return a group in pieces of at most so many nodes, neighbours together."""
     if len(group) <= most:
         return [group] if len(group) else []
-    order = reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
+    order = csgraph.reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
     return [np.asarray(piece) for piece in np.array_split(group[order], -(-len(group) // most))]
 
 
@@ -65,7 +59,7 @@ def _parts(graph: csr_matrix, nodes: IntArray, far: Mask) -> list[IntArray]:
     if len(nodes) <= _LEAF_NODES:
         return [nodes]
     inner = graph[nodes][:, nodes].tocsr()
-    count, label = connected_components(inner, directed=False)
+    count, label = csgraph.connected_components(inner, directed=False)
     if count > 1:
         return [group for k in range(count) for group in _parts(graph, nodes[label == k], far)]
     cut = _best_cut(inner, far[nodes])
@@ -108,7 +102,7 @@ def _without(graph: csr_matrix, row: IntArray, gone: Mask) -> csr_matrix:
 
 def _side(graph: csr_matrix, row: IntArray, cut: Mask, first: Mask) -> int:
     """Return how many nodes a cut leaves together with those of `first`."""
-    _, label = connected_components(_without(graph, row, cut), directed=False)
+    _, label = csgraph.connected_components(_without(graph, row, cut), directed=False)
     return int((np.isin(label, label[first]) & ~cut).sum())
 
 
@@ -120,7 +114,7 @@ def _order(graph: csr_matrix, row: IntArray, far: Mask) -> IntArray:
     for walked in (plain, graph):
         end = 0
         for _ in range(3):
-            order = breadth_first_order(walked, end, directed=False, return_predecessors=False)
+            order = csgraph.breadth_first_order(walked, end, directed=False, return_predecessors=False)
             end = int(order[-1])
         if len(order) == graph.shape[0]:
             break
@@ -151,7 +145,7 @@ def least_cuts(graph: csr_matrix, near: Mask, far: Mask) -> tuple[IntArray, IntA
     capacity[:count] = 1
     shape = (2 * count + 2,) * 2
     arcs = csr_matrix((capacity, (np.concatenate(tail), np.concatenate(head))), shape=shape)
-    spare = arcs - maximum_flow(arcs, source, sink).flow
+    spare = arcs - csgraph.maximum_flow(arcs, source, sink).flow
     spare.data[spare.data < 0] = 0
     spare.eliminate_zeros()
     reached, reaching = _reached(spare, source), _reached(spare.T.tocsr(), sink)
@@ -163,7 +157,7 @@ def least_cuts(graph: csr_matrix, near: Mask, far: Mask) -> tuple[IntArray, IntA
 def _reached(arcs: csr_matrix, start: int) -> Mask:
     """Return which nodes (n,) arcs lead to."""
     found = np.zeros(arcs.shape[0], dtype=bool)
-    found[breadth_first_order(arcs, start, return_predecessors=False)] = True
+    found[csgraph.breadth_first_order(arcs, start, return_predecessors=False)] = True
     return found
 
 
