@@ -71,7 +71,9 @@ def run(package: Path, name: str = "cosim", before: str = "", **environment: str
     code = (
         f"from {name}.scaled import scaled; y = scaled(1.0);print(y, sum(scaled.stats.cache_misses.values()))"
     )
-    done = run_forked(before + code, package.parent, **environment)
+    # by size and whole seconds Python would not see that a file is changed at once
+    fresh = "import sys; sys.dont_write_bytecode = True; "
+    done = run_forked(fresh + before + code, package.parent, **environment)
     assert done.returncode == 0, done.stderr
     value, misses = done.stdout.split()
     return float(value), int(misses), done.stderr
