@@ -261,7 +261,7 @@ _STILL = (0.0, 0.0, 0.0)
 _ALMOST_STRAIGHT = 15  # first samples at each pressure
 _HALF_STIFF_Pa = 2e3  # a film without gas has no length of its own to be shortened from
 _LEAST_STEP = 0.1  # of the way to a sample
-_REUSE_MAX, _REUSE_BELOW_N = 8, 0.1  # of factorisations, near an equilibrium
+_REUSE_MAX, _REUSE_BELOW_N = 8, 0.01  # of factorisations on a refined mesh, near an equilibrium
 _FINER_OF = 5  # of so many poses one is sampled on the refined mesh as well
 _CRUMPLED_Pa = 500.0  # below: bent films of a refined mesh are not sampled
 _COUPLING_N_m = 1e-9  # of rings whose nodes only need places for each other in the tangent
@@ -324,8 +324,6 @@ class Sampler:
             start_tolerance_N=1e-5,
             iterations_max=iterations,
             shift_max_N_m=shift_N_m,
-            reuse_max=_REUSE_MAX,
-            reuse_below_N=_REUSE_BELOW_N,
             sees_saddles=False,
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
@@ -371,6 +369,9 @@ class Sampler:
             coarse: samples of the mesh whose every triangle is divided into four.
             parents: (n, 2) nodes of it that each node lies halfway between.
         """
+        # its starts are near; on the coarse mesh, kept factorisations lead crumpled films to other equilibria
+        near = replace(self._solver.options, reuse_max=_REUSE_MAX, reuse_below_N=_REUSE_BELOW_N)
+        self._solver.options = near
         free = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
         rows, failures, off = list[Sample](), 0, np.zeros_like(free.state.positions)
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):

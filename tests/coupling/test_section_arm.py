@@ -285,7 +285,7 @@ def test_a_search_for_the_flange_names_the_section_that_held_it_back() -> None:
     arm, _ = arms()
     here = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
     for share in np.linspace(0.0, 1.0, 9)[1:]:
-        here = arm.follow(here, FLANGE, Loads((20e3,), (20.0 * share, 0.0)))
+        here = arm.follow(here, FLANGE, Loads((20e3,), (25.0 * share, 0.0)))
     level = TipTarget(np.array([0.4, 0.1, 0.4]), direction=np.array([1.0, 0.0, 0.0]))
     reason = (
         r"the limit of 1 iterations was reached; on the way section [23] of 4 .* its model ends at .*lumped"
