@@ -33,6 +33,7 @@ from benchmarks.faults.source_tree import SourceTree
 
 ROOT = Path(__file__).resolve().parents[2]
 _PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "benchmarks.faults.records", "-p", "no:cacheprovider")
+_NO_IMPORT = "while loading conftest"
 _AT_MOST_S = 7200.0
 _PASSED, _FAILED, _NOT_COLLECTED = 0, 1, 2
 
@@ -108,7 +109,8 @@ def _first_failure(tree: SourceTree, paths: list[str], choice: Choice) -> str:
         return ""
     if run.returncode == -SIGPROF:
         return "time"
-    if run.returncode > _NOT_COLLECTED:
+    broken = _NO_IMPORT in run.stdout + run.stderr  # by what the fault is in
+    if run.returncode > _NOT_COLLECTED and not broken:
         raise RuntimeError(f"pytest ended with {run.returncode}: {run.stdout[-2000:]} {run.stderr[-2000:]}")
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
     return failed[1] if failed else f"exit code {run.returncode}"
