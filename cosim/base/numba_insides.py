@@ -227,7 +227,7 @@ def find_kernels_by(find: Callable[[int], int]) -> Any:
     """Let compiled code ask for a kernel that is called for the first time; return what has to stay for it.
 
     Args:
-        find: takes a kernel's place, see `caller`; returns the address of its code, 0 if there is none.
+        find: takes a kernel's place, see `caller`; returns the address of its code, 0 if compiling fails.
     """
     kept = CFUNCTYPE(c_int64, c_int64)(find)
     llvm.add_symbol(_FIND, cast(kept, c_void_p).value)

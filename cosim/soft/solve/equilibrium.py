@@ -190,7 +190,7 @@ class EquilibriumSolver:
         )  # fmt: skip
 
     def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
-        """Return in how many directions the potential falls; None where there is none, or nobody looks."""
+        """Return in how many directions the potential falls; None without a potential, or if not asked."""
         solver, here = self.solver, (result.positions, result.memory, loads)
         looks = self.options.sees_saddles and solver.system.conservative
         if result.negative_pivots is not None or not looks:

@@ -44,7 +44,7 @@ class NewtonOptions:
         step_max_m: longest nodal displacement in one iteration.
         search_iterations_max: iterations of all solutions of one search, see `SearchEffort`.
         leaves_saddles: whether equilibria that are not stable are left for stable ones.
-        sees_saddles: whether it is looked at what the iterations leave open: if an equilibrium is stable.
+        sees_saddles: whether an equilibrium is checked for stability where the iterations do not show it.
     """
 
     tolerance_N: float = 1e-6
