@@ -16,11 +16,14 @@ import pytest
 import cosim
 from cosim.app import driver
 from cosim.base.files import files_read, read_file
+from cosim.base.resources import scenario_path
 from cosim.build.arms import find_arm
+from cosim.build.simulation import build_arms
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, EXIT_INTERRUPTED, main
 from cosim.config.loading import register_module
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.soft_robot import BodySourceTable
+from cosim.config.several_arms import load_arms
 from cosim.config.toml.parsing import forget_schemas
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.surface import rims
@@ -150,6 +153,19 @@ def test_the_module_of_a_kind_is_one_of_the_files(
     assert cosim.sweep(of, out=out, engine=executor).reused == 1
     module.write_text(MODULE + "\n# another\n", encoding="utf-8")
     assert cosim.sweep(of, out=out, engine=executor).computed == 1
+
+
+def test_the_module_of_a_kind_is_one_of_the_files_of_several_arms(
+    tmp_path: Path, kinds_as_they_were: None
+) -> None:
+    module, file = tmp_path / "idle_orders.py", tmp_path / "two.toml"
+    module.write_text(MODULE.replace('"idle"', '"idle_orders"'), encoding="utf-8")
+    text = scenario_path("two_arms_hold_box").read_text(encoding="utf-8")
+    file.write_text(text + '\n[[arm.command]]\nkind = "idle_orders"\n', encoding="utf-8")
+    register_module(str(module))
+    with files_read() as found:
+        build_arms(load_arms(file).arms, lambda _text: None)
+    assert str(module) in found
 
 
 def test_a_run_does_not_go_on_with_another_body_mesh(
