@@ -38,7 +38,8 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
     Observations are {"observation", "achieved_goal", "desired_goal"}; actions lie within -1 to 1, each of
     them a rate or velocity as the task's `actions` say. `info` holds "is_success"; "limits", what did not go
     as commanded, in words; and in a step whose physics could not be solved "failure", the error's name and
-    text: the episode is then truncated where it was before that step, and rewarded as if it stayed there.
+    text: the episode is then truncated where it was before that step, rewarded as if it stayed there, and no
+    success.
     Nothing else but the task's `horizon` ends an episode: goals that are reached do not. Of a scenario with
     sensors, observations and rewards are those of their readings, and "is_success" is that of the truth.
     Observations hold the colours of every camera of the scenario, by its name.
@@ -131,7 +132,7 @@ class TaskEnvironment(gymnasium.Env[Observation, NDArray[Any]]):
         reward = float(self.task.reward(observation["achieved_goal"], observation["desired_goal"]))
         info = self._info(observation)
         if failure is not None:
-            info["failure"] = failure
+            info |= {"failure": failure, "is_success": False}
             reward *= 1 + self.task.horizon - self._steps
         return observation, reward, False, failure is not None or self._steps >= self.task.horizon, info
 

@@ -273,6 +273,8 @@ _CHAIN: Final = 1.0 / 40.0
 _USUAL: Final = 10  # iterations that a state takes on the refined mesh
 _SHARE: Final = 1.0 / 3.0  # of the run's cost, that of all phases at most; else it is the last one alone
 _MOST: Final = 4.0  # times the run's cost, that of the last phase at most
+FILM_NODES_MAX: Final = 2500
+"""Of the film of a section model: with more, a phase takes 10 s and longer, a run a second or two."""
 _ITERATION_S: Final = 5e-6  # a node
 _TOLD_ABOVE_S: Final = 1.0
 
@@ -305,12 +307,18 @@ class ErrorFinder:
         if not self._statics and isinstance(soft, SoftArm):
             self._swings = Swings(soft.body, scenario.clock.tick_s, soft.dynamics)
 
+    @property
+    def _chain(self) -> SectionArm | None:
+        """The section model of the run, if it has one."""
+        soft = self._parts.soft
+        chain = soft.chain if isinstance(soft, HandoverArm) else soft
+        return chain if isinstance(chain, SectionArm) else None
+
     @cached_property
     def source(self) -> SourceFilm | None:
         """The film that the section model of the run was condensed from; None of a run with a film."""
-        soft, refined = self._parts.soft, self._refined
-        chain = soft.chain if isinstance(soft, HandoverArm) else soft
-        return SourceFilm(chain, refined(0)) if isinstance(chain, SectionArm) and callable(refined) else None
+        chain, refined = self._chain, self._refined
+        return SourceFilm(chain, refined(0)) if chain is not None and callable(refined) else None
 
     @property
     def side(self) -> SoftArm:
@@ -349,14 +357,14 @@ class ErrorFinder:
             tell: told in a sentence if it takes more than a second.
             everywhere: at all phase ends, whatever it costs.
         """
-        began, refined, chain = time.perf_counter(), self._refined, self.source is not None
+        began, refined, chain = time.perf_counter(), self._refined, self._chain
         if isinstance(refined, str) or not self.ends:
             return RunErrors(
                 reason=refined if isinstance(refined, str) else "the run ended before a phase did"
             )
-        cost = iterations / _TANGENT[self._parts.scenario.mode] * (_CHAIN if chain else 1.0)
-        if not (everywhere or chain) and cost * _MOST < _USUAL:
-            return RunErrors(reason="it would cost more than the run; --error works it out all the same")
+        cost = iterations / _TANGENT[self._parts.scenario.mode] * (1.0 if chain is None else _CHAIN)
+        if not everywhere and (why := _too_dear(cost, chain)):
+            return RunErrors(reason=f"{why}; --error works it out all the same")
         side, soft = self.side, self._parts.soft
         saved, found = soft.save_state(), dict[int, dict[str, Any]]()
         whole = len(self.ends) == len(self._counts)
@@ -542,6 +550,14 @@ class ErrorFinder:
         now = shape_figures(side, shape, frame)
         off = [differences(now, shape_figures(side, shape + by, frame)) for by in swings.apart(modes, ticks)]
         return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
+
+
+def _too_dear(cost: float, chain: SectionArm | None) -> str:
+    """Return why even one phase end is too dear unasked, for a run that cost so much; empty if not."""
+    if chain is None:
+        return "it would cost more than the run" if cost * _MOST < _USUAL else ""
+    nodes = chain.body.nodes
+    return f"with a film of {nodes} nodes it takes 10 s and longer" if nodes > FILM_NODES_MAX else ""
 
 
 def _leaps(passed: branching.Branching, length_m: float) -> bool:

@@ -96,6 +96,8 @@ def test_what_cannot_be_solved_truncates_by_name(monkeypatch: pytest.MonkeyPatch
     environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
     environment.reset(seed=0)
     before, *_ = environment.step(np.zeros(6, np.float32))
+    near = before["achieved_goal"] + [0.0, 0.0, 0.005]
+    environment.reset(options={"start": environment.save(), "goal": near})
 
     def fail(*_: Any, **__: Any) -> None:
         raise ConvergenceError("no", 1.0, 1)
@@ -103,9 +105,10 @@ def test_what_cannot_be_solved_truncates_by_name(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(environment._simulation, "step", fail)
     seen, reward, terminated, truncated, info = environment.step(np.ones(6, np.float32))
     assert (terminated, truncated, info["failure"]) == (False, True, "ConvergenceError: no")
+    assert not info["is_success"]  # though it is within the tolerance
     np.testing.assert_array_equal(seen["achieved_goal"], before["achieved_goal"])
     each = environment.compute_reward(seen["achieved_goal"], seen["desired_goal"], {})
-    assert reward == pytest.approx(99 * each)  # as if it stayed there for the rest
+    assert reward == pytest.approx(100 * each)  # as if it stayed there for the rest
     with pytest.raises(InputError, match="must be finite"):
         environment.step(np.full(6, np.nan, np.float32))
 

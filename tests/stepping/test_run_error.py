@@ -22,6 +22,7 @@ from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.finer_mesh import FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.loads import Loads
+from cosim.stepping import run_error
 from cosim.stepping.run_error import FACTORS, apart, tension_apart
 from tests.small_section import FRAMED, framed_section, on_a_ur5e
 
@@ -266,3 +267,9 @@ def test_a_section_model_is_compared_with_its_film_at_rest(
         # the ring that is held at last is held as the chain draws it, not as the film has it
         assert of_section == pytest.approx(float(apart), rel=rel)
         assert 5e-5 < of_section < row["error"]["tip_m"]
+    most = framed_section().body.nodes
+    too_dear = f"with a film of {most} nodes it takes 10 s and longer; --error works it out all the same"
+    for nodes, reason in ((most, None), (most - 1, too_dear)):
+        monkeypatch.setattr(run_error, "FILM_NODES_MAX", nodes)
+        unasked = cosim.run(path, overrides={"fidelity": "section", "mode": "quasistatic"})
+        assert unasked.summary["error"]["reason"] == reason
