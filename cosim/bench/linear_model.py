@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
@@ -13,14 +13,22 @@ from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides import lumped_arm, section_arm
+from cosim.coupling.soft_sides.soft_side import MeshReader
 from cosim.devices.command_source import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import FIGURES
+from cosim.soft.body.body import SoftBody
+from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
+from cosim.telemetry.snapshot import RunInfo, Snapshot, UnreadFilmShape
+from cosim.telemetry.tick_batch import TickBatch
 
 _MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets
 _ARM = ("joint_position", "joint_velocity", "joint_acceleration")
+_FRAME_s: Final = 1.0 / 30.0
+_FRAMES: Final = 60  # of each mode
+_SWING: Final = 0.08  # of the film's size
 _TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
@@ -148,8 +156,6 @@ class LinearModel:
             InputError: nothing swings.
             OutputError: the file cannot be written.
         """
-        from cosim.recording.mode_shapes import write_mode_shapes  # here: it takes long to load
-
         found = zip(*self.modes(count), strict=True)
         modes = {
             f"mode {k}: {f:.3g} Hz, decay {d:.2g}/s": shape for k, (f, d, shape) in enumerate(found, start=1)
@@ -157,7 +163,7 @@ class LinearModel:
         if not modes:
             raise InputError(f"count = {count}: no mode swings; give 1 or more, or less damping")
         soft = stepped_run(simulation).soft
-        write_mode_shapes(Path(path), simulation.stage, simulation.snapshot, soft.body, modes)
+        _write_mode_shapes(Path(path), simulation.stage, simulation.snapshot, soft.body, modes)
 
     def __repr__(self) -> str:
         """Return its size and its slowest swings."""
@@ -243,3 +249,51 @@ def _load_names(scenario: Scenario, soft: LinearStep, chambers: list[str]) -> li
     cables = scenario.soft_robot.cable_names()
     names = {"pressure_Pa": chambers if len(chambers) > 1 else [], "cable_tension_N": cables}
     return [f"{kind}.{names[kind][of]}" if names[kind] else kind for kind, of in soft.loads]
+
+
+def _write_mode_shapes(
+    path: Path, stage: RunInfo, here: Snapshot, body: SoftBody, modes: Mapping[str, Array]
+) -> None:
+    """Write a recording of modes; the largest motion of a node is 8 % of the film's size, and does not decay.
+
+    Args:
+        path: of the recording; an old file is replaced.
+        stage: of the run that they are of.
+        here: what they swing about.
+        body: whose nodes they move.
+        modes: shapes (n, 3), complex, the largest component by 1, by what they are called.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    from cosim.recording.rerun_recorder import RerunRecorder  # here: it takes long to load
+
+    ticks = len(modes) * _FRAMES
+    own = replace(
+        stage, title=f"Natural modes: {stage.title}", tick_s=_FRAME_s, ticks=ticks,
+        duration_s=ticks * _FRAME_s, phase_names=tuple(modes), tip_paths={}, energy=None, cameras=(),
+    )  # fmt: skip
+    recorder = RerunRecorder(path, frames_per_s=2.0 / _FRAME_s)  # every tick is a frame
+    recorder.open(own)
+    for batch in _swings(here, body, list(modes.values())):
+        recorder.record(batch)
+    recorder.close("\n".join(f"- {name}" for name in modes), "completed")
+
+
+def _swings(here: Snapshot, body: SoftBody, shapes: list[Array]) -> Iterator[TickBatch]:
+    """Yield the frames of each mode."""
+    reader, rest = MeshReader(body, SoftSystem(body).gas.enclosed_volumes), np.array(here.node_position)
+    swing = _SWING * float(np.ptp(rest, axis=0).max())
+    turns = np.exp(4j * np.pi * np.arange(_FRAMES) / _FRAMES)
+    for k, shape in enumerate(shapes):
+        films = [np.ascontiguousarray(rest + swing * (shape * turn).real) for turn in turns]
+        yield TickBatch.of([
+            _frame(here, UnreadFilmShape(reader, film), k, k * _FRAMES + j) for j, film in enumerate(films)
+        ])  # fmt: skip
+
+
+def _frame(here: Snapshot, film: UnreadFilmShape, mode: int, tick: int) -> Snapshot:
+    return replace(
+        here, tick=tick, time_s=tick * _FRAME_s, phase=mode, film=film, footing=None, branchings=(),
+        overlaps=(), handovers=(), images=(), tip_target=None,
+    )  # fmt: skip

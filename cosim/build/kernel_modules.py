@@ -69,18 +69,19 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     modules: tuple[ModuleType, ...] = ()
     film = scenario.fidelity in ("lumped", "refined") or scenario.hands_over
     if film:
-        from cosim.soft.contact import self_contact_candidates, self_contact_search  # overlap is looked for
-
-        modules = self_contact_candidates, self_contact_search
         if scenario.mode == "dynamic":
             from cosim.telemetry import energy
 
             modules += (energy,)
+        if not scenario.touches_itself:
+            from cosim.soft.contact import film_look
+
+            modules += (film_look,)
     if scenario.touches_itself and film:  # a section model is built without a run, and kept
-        from cosim.soft.contact import self_contact_pairs
+        from cosim.soft.contact import self_contact_candidates, self_contact_pairs, self_contact_search
         from cosim.soft.solve import self_contact
 
-        modules += (self_contact_pairs, self_contact)
+        modules += (self_contact_candidates, self_contact_search, self_contact_pairs, self_contact)
         if scenario.fidelity == "refined" or _is_wide(scenario.soft_robot):
             from cosim.soft.linear import fronts  # pairs of films may make matrices wide
 

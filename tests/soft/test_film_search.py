@@ -7,6 +7,7 @@ import pytest
 
 from cosim.base.frames import Array, rotation_from_vector
 from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.film_look import FilmLook
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from tests.soft.bodies import hexagon_arm, inflated_positions
@@ -71,6 +72,25 @@ def test_crumpled_units_are_found_over_one_another(seed: int, height: float) -> 
     kinds = faces.relation[points.home[point, 0], faces.face[triangle]]
     assert (kinds == Relation.VALLEY).any()
     assert (kinds == Relation.APART).any() == (height < 1.0)
+
+
+def test_a_look_finds_the_deepest_point_behind_a_film_that_faces_it() -> None:
+    body, depths = hexagon_arm(3), []
+    faces, look = FilmFaces.of(body), FilmLook(body)
+    points = FilmPoints.of(faces, body.positions)
+    for seed, height in [(0, 1.0), (2, 0.15), (3, 0.4), (4, 0.1)]:
+        x = crumpled(seed, height)[1]
+        point, triangle = np.array([*all_pairs(faces, points, x, 0.0, 5e-3)]).T.reshape(2, -1)
+        a, b, c = x[faces.triangles[triangle]].transpose(1, 0, 2)
+        place, normal = (
+            (points.weights[point, :, None] * x[points.nodes[point]]).sum(axis=1),
+            np.cross(b - a, c - a),
+        )
+        depth = np.einsum("kr,kr->k", a - place, normal) / np.linalg.norm(normal, axis=1)
+        found, deepest = look.overlap(x), float(depth.max(initial=0.0))
+        depths.append(deepest)
+        assert (0.0 if found is None else found.depth_m) == pytest.approx(deepest, rel=1e-9)
+    assert min(depths) < 4e-3 < max(depths)
 
 
 def test_more_pairs_than_there_is_room_for_are_found_all_the_same() -> None:

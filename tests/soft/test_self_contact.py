@@ -15,9 +15,9 @@ from cosim.soft.body.copies import copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.film_look import FilmLook
 from cosim.soft.contact.self_contact_candidates import FilmLists
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
-from cosim.soft.contact.self_contact_search import FilmLook
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.assembly import SoftSystem

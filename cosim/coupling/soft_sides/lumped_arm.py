@@ -22,7 +22,7 @@ from cosim.coupling.soft_sides import soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact import contact_points, self_contact_search
+from cosim.soft.contact import contact_points, film_look
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.linear.kept_factor import NewtonState
 from cosim.soft.solve import assembly, branching, newton_options, resting_film, time_step, tip_search
@@ -450,8 +450,8 @@ class SoftArm(soft_side.SoftSide):
         return None if self.films is not None else self._look.overlap(shape)
 
     @cached_property
-    def _look(self) -> self_contact_search.FilmLook:
-        return self_contact_search.FilmLook(self.body)
+    def _look(self) -> film_look.FilmLook:
+        return film_look.FilmLook(self.body)
 
     def linear_step(self, step_s: float, motions: int) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest.
@@ -476,7 +476,8 @@ class SoftArm(soft_side.SoftSide):
     def _tested(self) -> NewtonSolver:
         """Newton's method apart from that of the steps, which keeps a factorisation."""
         if self._tester is None:
-            self._tester = NewtonSolver(self._system, self.clamp.mask(self.body.nodes), symmetric=True)
+            steps = self.equilibrium_solver.solver
+            self._tester = NewtonSolver(self._system, steps.clamped, symmetric=True, like=steps)
         return self._tester
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:

@@ -203,11 +203,32 @@ def _fill_squares(columns: Matrix, count: int, point: Vector, squares: Vector) -
         squares[e] = along * along + across * across + beyond * beyond
 
 
+@device_function
+def _fill_box(x: Matrix, corners: Indices, above: float, box: Vector) -> None:
+    """Fill the box (6,) around a triangle and what is above it, on both sides."""
+    a, b, c, normal = corners[0], corners[1], corners[2], small_vector(3)
+    if above > 0.0:
+        contact_law.plane_of(x, corners, normal)
+    for r in range(3):
+        box[r], box[3 + r] = min(x[a, r], x[b, r], x[c, r]), max(x[a, r], x[b, r], x[c, r])
+        further = above * abs(normal[r])
+        if further > 0.0:  # of a triangle without an area it is not a number
+            box[r], box[3 + r] = box[r] - further, box[3 + r] + further
+
+
 @allocating
-def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: Indices) -> int:
+def fill_list(x: Matrix, rows: FilmRows, room: float, above: float, first: Indices, listed: Indices) -> int:
     """Fill each point's triangles; return how many there are.
 
     What is beyond the room of the list is only counted. Without any room the result is an upper bound.
+
+    Args:
+        x: (n, 3) [m].
+        rows: of the film.
+        room: how far a point may be from the box around a triangle [m].
+        above: how far that box reaches on both sides of the triangle, beyond its edges not [m].
+        first: (p + 1,), where those of each point begin, in the order of its boxes; filled.
+        listed: filled.
     """
     points, triangles = np.empty((rows.nodes.shape[0], 6)), np.empty((rows.triangles.shape[0], 6))
     bundles, own = np.empty((rows.triangles_from.shape[0] - 1, 6)), np.empty(6)
@@ -218,11 +239,7 @@ def _fill_list(x: Matrix, rows: FilmRows, room: float, first: Indices, listed: I
         for r in range(3):
             points[k, 3 + r] = points[k, r]
     for k in range(triangles.shape[0]):
-        corners = rows.triangles[rows.triangle_order[k]]
-        a, b, c = corners[0], corners[1], corners[2]
-        for r in range(3):
-            triangles[k, r] = min(x[a, r], x[b, r], x[c, r])
-            triangles[k, 3 + r] = max(x[a, r], x[b, r], x[c, r])
+        _fill_box(x, rows.triangles[rows.triangle_order[k]], above, triangles[k])
     for k in range(bundles.shape[0]):
         _enclose(triangles, rows.triangles_from[k], rows.triangles_from[k + 1], bundles[k])
     for box in range(rows.points_from.shape[0] - 1):
@@ -260,7 +277,7 @@ class FilmLists(NamedTuple):
         points: that have an entry in the short list.
         used: triangles that have one.
         counts: (2,), how many points and triangles these are.
-        sides: (t, 13), see `_measure_side`; scratch.
+        sides: (t, 13), see `measure_side`; scratch.
         lowest: (t, 6), see `_fill_plane` and `_fill_lowest`; scratch.
         moved: (u,) [m], deviation of each unit; scratch.
         went: (u, u) [m], how far two units have moved against each other, in the upper triangle; scratch.
@@ -307,14 +324,16 @@ class FilmLists(NamedTuple):
             room_m: largest distance of a point from a triangle that is asked for.
             moves: whether it is to serve the next steps as well.
         """
-        lists = self
-        while (needed := make_lists(positions, lists, room_m, moves)) > len(lists.long.listed):
-            listed = (np.empty(needed + needed // 2, np.int64) for _ in range(2))
-            long, short = (
-                near._replace(listed=room) for near, room in zip((self.long, self.short), listed, strict=True)
-            )
-            lists = self._replace(long=long, short=short)
-        return lists
+        if (needed := make_lists(positions, self, room_m, moves)) > len(self.long.listed):
+            return self.with_room(needed).made(positions, room_m, moves)
+        return self
+
+    def with_room(self, needed: int) -> "FilmLists":
+        """Return them with room for so many entries and some more, in which there is nothing yet."""
+        long, short = (
+            near._replace(listed=np.empty(needed + needed // 2, np.int64)) for near in (self.long, self.short)
+        )
+        return self._replace(long=long, short=short)
 
 
 @device_function
@@ -339,6 +358,18 @@ def _keep(x: Matrix, rows: FilmRows, near: NearList) -> None:
         near.radius[unit] = np.sqrt(most)
 
 
+@device_function
+def foot_beside(x: Matrix, triangles: IndexTable) -> float:
+    """Return how far a foot on a triangle may be from the box around it."""
+    longest = 0.0
+    for t in range(triangles.shape[0]):
+        for k in range(3):
+            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
+            u, v, w = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1], x[a, 2] - x[b, 2]
+            longest = max(longest, u * u + v * v + w * w)
+    return 2.0 * BEYOND_EDGES * np.sqrt(longest)
+
+
 @kernel(allocates=True)
 def make_lists(x: Matrix, lists: FilmLists, room_m: float, moves: bool) -> int:
     """Make a new long list; return how many entries it has, where that is no more than there is room for.
@@ -349,15 +380,10 @@ def make_lists(x: Matrix, lists: FilmLists, room_m: float, moves: bool) -> int:
         room_m: largest distance of a point from a triangle that is asked for [m].
         moves: whether it is to serve the next steps as well.
     """
-    rows, long, short, longest = lists.rows, lists.long, lists.short, 0.0
+    rows, long, short = lists.rows, lists.long, lists.short
     margin = _MARGIN_M if moves else _MARGIN_AT_REST_M
-    for t in range(rows.triangles.shape[0]):
-        for k in range(3):
-            a, b = rows.triangles[t, k], rows.triangles[t, (k + 1) % 3]
-            u, v, w = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1], x[a, 2] - x[b, 2]
-            longest = max(longest, u * u + v * v + w * w)
-    room = room_m + margin + 2.0 * BEYOND_EDGES * np.sqrt(longest)
-    needed = _fill_list(x, rows, room, long.first, long.listed)
+    room = room_m + margin + foot_beside(x, rows.triangles)
+    needed = fill_list(x, rows, room, 0.0, long.first, long.listed)
     for near in (long, short, lists.quiet):
         near.bounds[0], near.bounds[1] = -1.0, -1.0
     if needed > long.listed.shape[0]:
@@ -389,7 +415,7 @@ _FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what i
 
 
 @device_function
-def _measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
+def measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
     """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
     shrink = contact_law.plane_of(x, corners, n)
@@ -449,6 +475,15 @@ def _fill_lowest(side: Vector, lowest: Vector) -> None:
         lowest[4] = -BEYOND_EDGES - across * steepest + across * lowest[5]
 
 
+@device_function
+def add_ascending(near: NearList, p: int, t: int, at: int) -> None:
+    """Add a triangle to those of a point, the last one so far, in a list that ends at `at`."""
+    while at > near.first[p] and near.listed[at - 1] > t:
+        near.listed[at] = near.listed[at - 1]
+        at -= 1
+    near.listed[at] = t
+
+
 _SEEN, _LISTED = 1, 2  # of a triangle: measured, in the short list
 
 
@@ -476,14 +511,11 @@ def _shorten(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None:
                 continue
             if lists.used[t] == 0:
                 lists.used[t] = _SEEN
-                _measure_side(x, rows.triangles[t], sides[t])
+                measure_side(x, rows.triangles[t], sides[t])
                 _fill_lowest(sides[t], lowest[t])
             if least_weight(sides[t], px, py, pz) >= lowest[t, 4] + lowest[t, 5] * abs(d):
-                lists.used[t], at = _LISTED, count
-                while at > short.first[p] and short.listed[at - 1] > t:  # ascending
-                    short.listed[at] = short.listed[at - 1]
-                    at -= 1
-                short.listed[at] = t
+                lists.used[t] = _LISTED
+                add_ascending(short, p, t, count)
                 count += 1
         if count > short.first[p]:
             lists.points[points], points = p, points + 1
@@ -574,7 +606,7 @@ def lists_serve(x: Matrix, lists: FilmLists, reach: float, behind: float) -> boo
     if within and units_stay(x, lists, short, 0.0):
         for k in range(lists.counts[1]):
             t = lists.used[k]
-            _measure_side(x, rows.triangles[t], lists.sides[t])
+            measure_side(x, rows.triangles[t], lists.sides[t])
         return True
     # pairs of units of which the long list has none may come nearer by what is asked for beyond its room
     less = max(max(further, behind) - long.bounds[0], 0.0) / FEET_FOLLOW

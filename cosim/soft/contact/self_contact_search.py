@@ -5,18 +5,12 @@ through between two) and its distance is in -behind .. reach. Of the triangles o
 nearest, and only if the two films face each other there; see `Relation`.
 """
 
-from typing import final
-
 import numpy as np
 
-from cosim.base.frames import Array
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, inlined, kernel, small_vector
-from cosim.soft.body.body import SoftBody
-from cosim.soft.body.places import place_of
-from cosim.soft.contact import contact_law, self_contact_candidates, self_contact_faces
+from cosim.base.kernels import allocating, device_function, inlined, kernel, small_vector
+from cosim.soft.contact import contact_law, self_contact_candidates
 from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmLists, FilmRows, over_plane
-from cosim.soft.solve.branching import FilmOverlap
 
 BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _UNITS_NEAR = 8  # other units over which one point can be at a time
@@ -110,6 +104,12 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
     """
     if not self_contact_candidates.lists_serve(x, lists, reach, behind):
         return -1
+    return fill_over(x, lists, reach, behind, out)
+
+
+@allocating
+def fill_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: IndexTable) -> int:
+    """Fill the rows of `find_over` from the short list; return how many that takes."""
     chosen, units = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR, np.int64)
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     rows, room, count = lists.rows, (best, distance, chosen, units), 0
@@ -127,48 +127,3 @@ def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: Ind
                 out[count, 0], out[at, 1] = p, chosen[slot]
             count += 1
     return count
-
-
-_OVERLAP_M = 1e-4  # beyond what the facets of neighbouring units share as drawn
-
-
-@final
-class FilmLook:
-    """Looks for films that have passed through one another.
-
-    Args:
-        body: of which films.
-    """
-
-    def __init__(self, body: SoftBody) -> None:
-        faces = self_contact_faces.FilmFaces.of(body)
-        points = self_contact_faces.FilmPoints.of(faces, body.positions)
-        self._body, self._can_meet = body, faces.can_meet
-        self._lists = FilmLists.room(FilmRows.of(faces, points, body.positions), faces.units_meet, body.nodes)
-        self._out = np.zeros((2 * len(points), 2), np.int64)
-
-    def overlap(self, positions: Array) -> FilmOverlap | None:
-        """Return where films have passed through one another by more than 0.1 mm; None if nowhere.
-
-        Args:
-            positions: (n, 3) [m].
-        """
-        if not self._can_meet:
-            return None
-        while (count := find_over(positions, self._lists, 0.0, BEHIND_M, self._out)) < 0:
-            self._lists = self._lists.made(positions, BEHIND_M, False)
-        if count > len(self._out):
-            self._out = np.zeros((2 * count, 2), np.int64)
-            return self.overlap(positions)
-        if not count:
-            return None
-        rows, (point, triangle) = self._lists.rows, self._out[:count].T
-        a, b, c = np.moveaxis(positions[rows.triangles[triangle]], 1, 0)
-        place = (rows.weights[point, :, None] * positions[rows.nodes[point]]).sum(axis=1)
-        normal = np.cross(b - a, c - a)
-        depth = ((a - place) * normal).sum(axis=1) / np.linalg.norm(normal, axis=1)
-        deepest = int(np.argmax(depth))
-        if depth[deepest] < _OVERLAP_M:
-            return None
-        node = rows.nodes[point[deepest], np.argmax(rows.weights[point[deepest]])]
-        return FilmOverlap(float(depth[deepest]), place_of(self._body, positions, int(node)))

@@ -114,13 +114,21 @@ class NewtonSolver:
             given: a node on a plane of symmetry has one.
         symmetric: whether it takes the symmetric part of a tangent that is not, to see whether it is positive
             definite; solutions take the whole.
+        like: one with the same body and clamp, whose order of elimination is taken over.
     """
 
-    def __init__(self, system: SoftSystem, clamped: Mask, *, symmetric: bool = False) -> None:
+    def __init__(
+        self,
+        system: SoftSystem,
+        clamped: Mask,
+        *,
+        symmetric: bool = False,
+        like: "NewtonSolver | None" = None,
+    ) -> None:
         self.system, self._symmetric = system, symmetric
         self.clamped = clamped
         self.free = np.ascontiguousarray(linear_solver.by_component(~clamped))
-        self._narrow = self._solver_for(system.pattern, None)
+        self._narrow: LinearSolver = self._solver_for(system.pattern, None if like is None else like._narrow)
         self.linear: LinearSolver = self._narrow
         self._kept = nothing_kept(self.linear.apart)
         self._shifts = ShiftSearch()
