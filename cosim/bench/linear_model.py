@@ -26,10 +26,10 @@ from cosim.telemetry.tick_batch import TickBatch
 
 _MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets
 _ARM = ("joint_position", "joint_velocity", "joint_acceleration")
-_FRAME_s: Final = 1.0 / 30.0
+_TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+_FRAME_s: Final = 1.0 / 30.0  # of a recording of modes
 _FRAMES: Final = 60  # of each mode
 _SWING: Final = 0.08  # of the film's size
-_TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
 @final

@@ -1,8 +1,8 @@
 """Looks at whether films whose contact is not modelled have passed through one another.
 
 A look knows of nothing before it: shapes are far apart. Which triangles a point is above, it finds by boxes
-around these and what is above them, on both sides; by boxes around all that is as near in any direction,
-as steps find it, there would be a hundred times as many on a mesh refined twice.
+around these and what is above them, on both sides. By boxes around all that is as near in any direction, as
+steps find it, a mesh refined twice would have many times as many.
 """
 
 from typing import final
