@@ -184,24 +184,6 @@ def test_a_wider_pattern_takes_over_the_order_of_elimination() -> None:
     assert solver.solve(load) == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
 
 
-def test_a_solver_with_fewer_free_nodes_takes_over_the_order_of_those_that_are_left() -> None:
-    system, free = assembled()
-    whole, held = DissectedCholesky(system.pattern, free, system.eyelets), free.copy()
-    held[np.flatnonzero(free.any(axis=1) if free.ndim == 2 else free)[::7]] = False
-    solver = cholesky(system.pattern, held, system.eyelets, whole)
-    assert solver.groups is not None
-    assert whole.groups is not None
-    order, before = (s.free_nodes[np.concatenate(s.groups)].tolist() for s in (solver, whole) if s.groups)
-    assert order == [node for node in before if node in set(order)]
-    plain, load = EnvelopeCholesky(system.pattern, held), np.ones((system.body.nodes, 3))
-    assert solver.factor(system.blocks)
-    assert plain.factor(system.blocks)
-    expected = plain.solve(load)
-    assert solver.solve(load) == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
-    # nodes that are free again have no place in that order
-    assert cholesky(system.pattern, free, system.eyelets, solver).groups is not solver.groups
-
-
 def test_patterns_that_touch_are_dissected_once(monkeypatch: pytest.MonkeyPatch) -> None:
     system, free = assembled()
     made: list[int] = []

@@ -185,14 +185,12 @@ class SoftArm(soft_side.SoftSide):
         self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
         # of the last step: where it began, and what the step before it had left
         self._begin: tuple[soft_side.Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
-        self._newton: NewtonSolver | None = None
         self.hold(Clamp.of_base(body))
 
     def hold(self, clamp: Clamp) -> None:
         """Be held as a clamp has it."""
         self.clamp = clamp
-        newton = NewtonSolver(self._system, clamp.mask(self.body.nodes), like=self._newton)
-        self._newton = newton
+        newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
         self._stepper = time_step.ImplicitStepper(newton, clamp, self.dynamics, self.films)
@@ -478,8 +476,8 @@ class SoftArm(soft_side.SoftSide):
     def _tested(self) -> NewtonSolver:
         """Newton's method apart from that of the steps, which keeps a factorisation."""
         if self._tester is None:
-            mask = self.clamp.mask(self.body.nodes)
-            self._tester = NewtonSolver(self._system, mask, symmetric=True, like=self._newton)
+            steps = self.equilibrium_solver.solver
+            self._tester = NewtonSolver(self._system, steps.clamped, symmetric=True, like=steps)
         return self._tester
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:

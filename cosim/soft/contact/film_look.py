@@ -2,7 +2,8 @@
 
 A look knows of nothing before it: shapes are far apart. Which triangles a point is above, it finds by boxes
 around these and what is above them, on both sides. By boxes around all that is as near in any direction, as
-steps find it, a mesh refined twice would have many times as many.
+steps find it, a mesh refined twice would have many times as many. A file of its own: runs that model contact
+of films do not compile its kernel, others only that.
 """
 
 from typing import final

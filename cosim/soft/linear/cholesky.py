@@ -270,30 +270,15 @@ def cholesky(
         pattern: of the whole body.
         free: (n, 3) bool, world components that can move.
         far: nodes that are tied together across the mesh.
-        like: solver of the same components with fewer ties, whose order of elimination is taken over; in a
-            nested dissection, of others beside these as well.
+        like: solver of the same components with fewer ties, whose order of elimination is taken over.
     """
-    movable = linear_solver.by_component(free)
-    if like is not None and (movable & ~like.free).any():
-        like = None
     if not isinstance(like, DissectedCholesky):
-        order_of = like if isinstance(like, EnvelopeCholesky) and np.array_equal(like.free, movable) else None
-        envelope = EnvelopeCholesky(pattern, free, order_of)
+        envelope = EnvelopeCholesky(pattern, free, like if isinstance(like, EnvelopeCholesky) else None)
         if envelope.mean_width <= _WIDEST_ENVELOPE:
             return envelope
     if like is not None and like.groups is None:
         like.groups = _dissected(like, far)
-    return DissectedCholesky(pattern, free, far, None if like is None else _without(like, movable))
-
-
-def _without(solver: linear_solver.LinearSolver, free: Mask) -> list[IntArray]:
-    """Return a solver's groups without nodes that are no longer free."""
-    assert solver.groups is not None, "dissected"
-    kept = np.asarray(free.any(axis=1))[solver.free_nodes]
-    if kept.all():
-        return solver.groups
-    number = np.cumsum(kept) - 1
-    return [number[group[kept[group]]] for group in solver.groups if kept[group].any()]
+    return DissectedCholesky(pattern, free, far, None if like is None else like.groups)
 
 
 def _graph(solver: linear_solver.LinearSolver) -> csr_matrix:

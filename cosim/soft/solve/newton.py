@@ -114,7 +114,7 @@ class NewtonSolver:
             given: a node on a plane of symmetry has one.
         symmetric: whether it takes the symmetric part of a tangent that is not, to see whether it is positive
             definite; solutions take the whole.
-        like: one with the same body, whose order of elimination is taken over where that serves.
+        like: one with the same body and clamp, whose order of elimination is taken over.
     """
 
     def __init__(
