@@ -1,11 +1,13 @@
 """Every figure of the paper: its code's output, its model, and the default robots, as tables and pictures.
 
     python benchmarks/paper.py [--pictures DIR] [--markdown FILE] [--causes | --frames] [FIGURE ...]
+    python benchmarks/paper.py --seconds
 
 Three minutes on one core. One PNG per figure goes to docs/paper/. With --causes each figure is run with plain
 film on the paper's mesh, that with contact of units, and with one part of the default robot after another
 added. The last column names the parts that change a number by more than a tenth of the published one, where
-the default is that far from it (ten minutes of CPU time). With --frames, frames have other widths.
+the default is that far from it (ten minutes of CPU time). With --frames, frames have other widths. With
+--seconds it prints the paper's wall times and the CPU seconds of the runs that come nearest to its work.
 """
 
 from __future__ import annotations
@@ -39,6 +41,15 @@ from cosim.soft.elements.material import FilmLaw
 ROOT: Final = Path(__file__).resolve().parents[1]
 FUTURE: Final = ("hexagon_arm_torsion", "hexagon_arm_deploys", "tip_path_control")
 """Figures of work that the paper leaves to the future: there is no published model beside the default."""
+PAPER_S: Final = {
+    "three_point_bending_cables": "one pressure | 48 | ",
+    "bending_angle_tip_load": "5G | 16 | ",
+    "three_unit_inflation": "5H-I | 6 | ",
+    "gripper_finger_closing": "here one finger of three | 91 | 80",
+    "hexagon_arm_bending": "7, here six directions | 73 | 50",
+    "paper_figure_9": "9 | 146 | ",
+}
+"""Figure, wall time of the paper's script [s] and time of its hardware [s], by scenario."""
 COLUMNS: Final = ("code", "solved", "published", "default")
 
 
@@ -190,6 +201,27 @@ def causes(values: Mapping[str, float]) -> str:
     return ", ".join(large)
 
 
+def seconds_table() -> str:
+    """Return the paper's wall times, and static solutions and CPU seconds of our runs, as Markdown.
+
+    A run is loaded and its kernels are compiled before its time counts.
+    """
+    lines = [
+        "| work | figure, share | paper [s] | hardware [s] | solutions | published [s] | default [s] |",
+        "|---" * 7 + "|",
+    ]
+    for name, paper in PAPER_S.items():
+        cells = []
+        for model in ("published", "default"):
+            runs = Runs()
+            runs.run(name, model, {}, phases=1)
+            runs.seconds.clear()
+            result = runs.run(name, model, {})
+            cells.append(f"{runs.seconds[name, model]:.1f}")
+        lines.append(f"| `{name}` | {paper} | {len(result.time_s)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def drawn(name: str, runs: Runs, folder: Path) -> list[Row]:
     """Return the rows of a figure, and leave its picture."""
     figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
@@ -210,7 +242,13 @@ def main() -> int:
     parser.add_argument("--markdown", type=Path, help="file that gets the tables as well")
     parser.add_argument("--causes", action="store_true", help="which part makes which difference")
     parser.add_argument("--frames", action="store_true", help="the same for the width of the frames")
+    parser.add_argument(
+        "--seconds", action="store_true", help="wall times of the paper and CPU seconds of ours"
+    )
     options = parser.parse_args()
+    if options.seconds:
+        print(seconds_table())
+        return 0
     options.pictures.mkdir(parents=True, exist_ok=True)
     steps = STEPS if options.causes else FRAMES if options.frames else None
     texts = [] if steps is None else [head(steps)]

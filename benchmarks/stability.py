@@ -38,6 +38,7 @@ from benchmarks.measure.stability import static_table
 
 TICKS_S = (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1)
 FEW_TICKS_S = (1e-5, 1e-4, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1)
+DEFAULT_TICKS_S = (5e-4, 1e-3, 2e-3, 4e-3, 1e-2, 2e-2, 5e-2)
 PRESSURES_Pa = tuple(1e3 * p for p in (-20, -10, -5, -1, 0, 1, 5, 10, 30, 60, 100, 150, 200))
 FEW_PRESSURES_Pa = tuple(1e3 * p for p in (-20, -5, 0, 1, 10, 30, 60, 100, 200))
 REFERENCE_Pa = tuple(1e3 * p for p in (-20, -5, 0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 150, 200))
@@ -114,10 +115,12 @@ def _other_maps() -> list[Map]:
 
 def _arm_maps() -> list[Map]:
     few, short = ("tick_s", FEW_TICKS_S), ArmExtreme(short=True)
+    default = ArmExtreme(published=False, integrator="bdf2")
     steps = (0.001, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5)
     return [
         Map("UR5e, reference scenario", ("tick_s", TICKS_S), ("pressure_Pa", REFERENCE_Pa), ArmExtreme()),
         Map("UR5e, reference, BDF2", few, ("pressure_Pa", FEW_PRESSURES_Pa), ArmExtreme(integrator="bdf2")),
+        Map("UR5e, default robot", ("tick_s", DEFAULT_TICKS_S), ("pressure_Pa", (10e3, 30e3)), default),
         Map("UR5e, mass ratio", few, ("mass_ratio", (1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 10.0)), short),
         Map("UR5e, poses", few, ("pose", tuple(POSES)), short),
         Map("UR5e, reference jumps", few, ("step_m", steps), short),

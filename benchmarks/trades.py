@@ -1,10 +1,8 @@
-"""Runs the trades of docs/trade.md anew, and puts their tables, pictures and choices into the document.
+"""Run the trades of docs/trade.md, and put their tables, pictures and choices into the document.
 
-    python benchmarks/trades.py reference grasp published_reference published_grasp auto
+    python benchmarks/trades.py reference grasp
 
-`reference` and `grasp` are trades of the robots as their files state them, those called published of the
-paper's lumped model; `auto` is what `fidelity = "auto"` chooses for these two, and whether the run that
-follows meets the requirement. The exit code is 1 where a requirement is not met.
+The exit code is 1 where a requirement is not met.
 
 Writes docs/trade_NAME.json, of a trade docs/trade_NAME.png as well, and replaces what stands between the
 marks of that name in docs/trade.md.
@@ -66,12 +64,9 @@ SHORT_GRASP = {
 }
 ARM_ASKED = (Requirement(tolerance_m=1e-3), Requirement(budget=1.0))
 GRASP_ASKED = (Requirement(tolerance_m=5e-3), Requirement(budget=0.25))
-PUBLISHED = {"model.published": True}
 TRADES = {
     "reference": Trade("ur5e_hexagon_arm", {}, False, 0.5, ARM_ASKED),
     "grasp": Trade("gripper_lifts_roll", SHORT_GRASP, True, 1.0, GRASP_ASKED),
-    "published_reference": Trade("ur5e_hexagon_arm", PUBLISHED, False, 0.5, ARM_ASKED),
-    "published_grasp": Trade("gripper_lifts_roll", PUBLISHED | SHORT_GRASP, True, 1.0, GRASP_ASKED),
 }
 
 
@@ -109,17 +104,11 @@ def put_into_document(name: str, body: str) -> None:
 def main() -> int:
     """Run what is asked for and write its files; return 1 where a requirement is not met."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="+", choices=(*TRADES, "auto"))
+    parser.add_argument("names", nargs="+", choices=tuple(TRADES))
     all_met = True
     for name in parser.parse_args().names:
         began = time.process_time()
-        if name == "auto":
-            from benchmarks.auto_choices import check_choices
-
-            stated = {key: trade for key, trade in TRADES.items() if not key.startswith("published")}
-            body, met = check_choices(stated, DOCS / "trade_auto.json")
-        else:
-            body, met = run_trade(name)
+        body, met = run_trade(name)
         put_into_document(name, body)
         print(body, f"\n{time.process_time() - began:.0f} s of CPU time", flush=True)
         all_met = all_met and met

@@ -42,6 +42,7 @@ class ArmExtreme:
         pose: at the start, of POSES.
         step_m: the flange's reference jumps by so much (0: it turns by half a radian in 0.3 s).
         object_kg: mass of a ball in the tip's way, without gravity; None for no ball.
+        published: the paper's lumped model; False: the robot as its file has it.
     """
 
     tick_s: float = 0.002
@@ -52,6 +53,7 @@ class ArmExtreme:
     step_m: float = 0.0
     object_kg: float | None = None
     integrator: str = "implicit_euler"
+    published: bool = True
 
 
 def overrides(extreme: ArmExtreme) -> dict[str, Any]:
@@ -63,7 +65,7 @@ def overrides(extreme: ArmExtreme) -> dict[str, Any]:
         phase |= {"flange_turn": {"axis": [0.0, 1.0, 0.0], "angle_rad": -0.5}}
     position, direction = POSES[extreme.pose]
     changes: dict[str, Any] = {
-        "model.published": True,
+        "model.published": extreme.published,
         "clock.tick_s": extreme.tick_s,
         "solver.integrator": extreme.integrator,
         "start.pressure_Pa": extreme.pressure_Pa,
