@@ -12,7 +12,7 @@ least; its mean is the bias, which is no matter of time.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, final
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from cosim.app import ended_run, run_files
 from cosim.app.driver import build_simulation, log, prepared
-from cosim.base.frames import Array, IntArray, rotations_from_quaternions
+from cosim.base.frames import Array, IntArray, Mask, rotations_from_quaternions
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command
@@ -384,20 +384,25 @@ class Replayed:
         result: the run; the replay begins at `begin_s` of it, when the robot stands at the first row.
         begin_s: see above.
         compared: measured columns beside the run.
+        too_fast: rows that a joint reaches later, as they ask for more than its bound of speed.
     """
 
     result: RunResult
     begin_s: float
     compared: tuple[Compared, ...]
+    too_fast: int = 0
 
     def __repr__(self) -> str:
-        """Return a line for every measured column."""
+        """Return a line for every measured column, and one for rows that are too fast."""
         rows = [
             f"{row.name}: rms {row.rms:.3g}, largest {row.largest:.3g}, bias {row.bias:.3g}; measured "
             f"{1e3 * row.delay_s:.0f} ms later (rms {row.rms_undelayed:.3g} without that delay)"
             for row in self.compared
         ]
-        return "\n".join(rows or ["nothing was measured in that file"])
+        rows = rows or ["nothing was measured in that file"]
+        if self.too_fast:
+            rows.append(f"{self.too_fast} rows ask joints for more than their bound of speed: reached later")
+        return "\n".join(rows)
 
 
 def replay(
@@ -421,7 +426,7 @@ def replay(
         InputError: the scenario is wrong, or the table names parts that the robot has not.
         SolverError: the physics could not be solved.
     """
-    rows = table if isinstance(table, JointTable) else JointTable.read(table)
+    rows = _from_zero(table if isinstance(table, JointTable) else JointTable.read(table))
     checked = prepared(load_scenario(scenario, {**(overrides or {}), "phase": []}), log, recording=False)
     run = build_simulation(checked)
     stage, tick_s = run.stage, run.stage.tick_s
@@ -430,6 +435,8 @@ def replay(
             f"{rows.name}: has the joints {', '.join(rows.joint_names) or 'none'}; the arm has "
             f"{', '.join(stage.joint_names) or 'none'}, in this order"
         )
+    _check_columns(rows, stage)
+    too_fast = _check_joints(rows, stage)
     begin = round(APPROACH_s / tick_s), round(SETTLE_s / tick_s)
     ticks = np.diff(np.round(rows.time_s / tick_s).astype(int)).tolist()
     speed = _speeds(rows)
@@ -437,7 +444,47 @@ def replay(
     steps = [(wanted[0], begin[0]), (Command(), begin[1]), *zip(wanted[1:], ticks, strict=True)]
     begin_s = sum(begin) * tick_s
     result = _driven(run, [step for step in steps if step[1]], checked.recording.frames_per_s)
-    return Replayed(result, begin_s, _compared(result, rows, begin_s))
+    return Replayed(result, begin_s, _compared(result, rows, begin_s), too_fast)
+
+
+def _from_zero(rows: JointTable) -> JointTable:
+    """Return a table whose times are since its first row."""
+    return replace(rows, time_s=rows.time_s - rows.time_s[0])
+
+
+def _check_columns(rows: JointTable, stage: snapshot.RunInfo) -> None:
+    """Refuse columns that would have no effect.
+
+    Raises:
+        InputError: there is one.
+    """
+    measured = [*MEASURED, *_measured_joints(stage)]
+    parts = {
+        "pressure_Pa": stage.chamber_names,
+        "tension_N": stage.cable_names,
+        "length_m": stage.cable_names,
+    }
+    moved = [f"{name}.{unit}" for unit, names in parts.items() for name in names]
+    known = [*_joint_heads(stage), *moved, *PAYLOAD, *measured]
+    if unknown := [column for column in rows.columns if column not in known]:
+        raise InputError(
+            f"{rows.name}: has columns that are unknown: {', '.join(unknown)}; remove or rename them. Known "
+            f"are commands {', '.join([*_joint_heads(stage), *moved])}; and measured {', '.join(measured)}"
+        )
+
+
+def _check_joints(rows: JointTable, stage: snapshot.RunInfo) -> int:
+    """Return how many rows ask for more than the joints' bound of speed.
+
+    Raises:
+        InputError: a joint is asked for beyond its bounds.
+    """
+    if stage.arm is None:
+        return 0
+    for time_s, joints in zip(rows.time_s.tolist(), rows.joints, strict=True):
+        stage.arm.limits.check_measured(joints, f"{rows.name}: at {time_s:g} s, position")
+    ways = np.diff(rows.joints, axis=0)
+    return int(stage.arm.limits.too_fast(ways, np.diff(rows.time_s)).any(axis=1).sum())
 
 
 def _driven(run: SteppedRun, steps: Sequence[tuple[Command, int]], frames_per_s: float) -> RunResult:
@@ -485,25 +532,36 @@ def _compared(result: RunResult, rows: JointTable, begin_s: float) -> tuple[Comp
 def _curves(result: RunResult) -> dict[str, Array]:
     """Return what a run has to compare with, by column."""
     curves: dict[str, Array] = {name: getattr(result, array)[:, k] for name, (array, k) in MEASURED.items()}
-    for k, joint in enumerate(result.stage.joint_names):
-        unit = "m" if result.stage.sliding[k] else "rad"
-        curves[f"{joint}.measured_{unit}"] = result.joint_position[:, k]
-    return curves
+    return curves | dict(zip(_measured_joints(result.stage), result.joint_position.T, strict=True))
+
+
+def _measured_joints(stage: snapshot.RunInfo) -> list[str]:
+    """Return the names of columns of measured joints."""
+    pairs = zip(stage.joint_names, stage.sliding, strict=True)
+    return [f"{name}.measured_{'m' if slides else 'rad'}" for name, slides in pairs]
 
 
 def _compare(name: str, measured: tuple[Array, Array], simulated: tuple[Array, Array]) -> Compared:
-    """Return how a measured curve (times, values) differs from a simulated one."""
+    """Return how a measured curve (times, values) differs from a simulated one.
+
+    A delay at which less than half of the measured curve meets the simulated one is none.
+    """
     times, values = measured
 
-    def apart(delay_s: float) -> Array:
+    def meets(delay_s: float) -> Mask:
         at = times - delay_s
-        kept = (at >= simulated[0][0]) & (at <= simulated[0][-1])
+        return np.asarray((at >= simulated[0][0]) & (at <= simulated[0][-1]))
+
+    def apart(delay_s: float) -> Array:
+        at, kept = times - delay_s, meets(delay_s)
         return np.asarray(values[kept] - np.interp(at[kept], *simulated))
 
     def size(delay_s: float) -> float:
         return float(np.sqrt(np.mean(apart(delay_s) ** 2)))
 
     delays = np.arange(-MOST_DELAY_s, MOST_DELAY_s + 0.5 * _DELAY_STEP_s, _DELAY_STEP_s)
+    fewest = max(0.5 * len(times), 2.0)
+    delays = np.array([delay for delay in delays.tolist() if meets(delay).sum() >= fewest])
     best = float(delays[int(np.argmin([np.std(apart(delay)) for delay in delays.tolist()]))])
     left = apart(best)
     return Compared(name, best, size(best), float(np.abs(left).max()), size(0.0), float(left.mean()))
@@ -523,6 +581,7 @@ def drawn(found: Replayed, rows: JointTable) -> Any:
     if not found.compared:
         raise InputError(f"{rows.name}: has no column of what was measured: {', '.join(MEASURED)}")
     figure = figure_class(figsize=(9.0, 2.2 * len(found.compared) + 0.6), layout="constrained")
+    rows = _from_zero(rows)
     axes = figure.subplots(len(found.compared), 1, sharex=True, squeeze=False).ravel()
     curves = _curves(found.result)
     for place, row in zip(axes, found.compared, strict=True):

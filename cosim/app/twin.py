@@ -3,15 +3,17 @@
 The robot's clock paces it: a reading of time t takes the simulation to t, by whole ticks.
 """
 
+import math
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Final, Protocol, Self, final
 
 import numpy as np
 
-from cosim.devices.controller import Command
+from cosim.devices.controller import Command, row_of_numbers
 from cosim.devices.live.streams import Reading, Stream, Streams, open_stream
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -74,12 +76,15 @@ class Twin:
         self.simulation = simulation
         self.followed = self.gaps = 0
         """Readings with a time, and jumps of that time."""
+        self._notes: Counter[str] = Counter()
+        self._lowest_N: dict[str, float] = {}
+        self._newest = Reading()
         self.latencies_s: list[float] = []
         """Of all predictions since the simulation had caught up with the robot."""
         self._caught_up = False
         self._tick_s = self.simulation.stage.tick_s
         self._asked = Command()
-        self._streams = Streams()
+        self._streams = Streams(self._tick_s)
         try:
             for stream in streams:
                 self._streams.add(open_stream(stream) if isinstance(stream, str) else stream)
@@ -105,7 +110,7 @@ class Twin:
         """
         while (reading := self._streams.next()) is not None:
             self._take_up(reading)
-            if reading.time_s is None:
+            if reading.time_s is None or not math.isfinite(reading.time_s):
                 continue
             self._follow(reading.time_s)
             latency_s = time.perf_counter() - reading.arrived_s
@@ -119,21 +124,74 @@ class Twin:
         self._streams.close()
 
     def __repr__(self) -> str:
-        """Return one line: how many readings it has followed, and how fast."""
+        """Return one line: how many readings it has followed, how fast, and what it could not follow."""
         line = f"{self.followed} readings followed, {self.gaps} gaps"
         if self.latencies_s:
             shown = 1e3 * np.percentile(self.latencies_s, [50.0, 99.0, 100.0])
             line += "; latency {:.1f} ms, in 99 % at most {:.1f} ms, largest {:.1f} ms".format(*shown)
-        return line
+        notes = [f"{text} ({count} times)" for text, count in self.notes.items()]
+        notes += [f"lowest {cable}: {low_N:.3g} N" for cable, low_N in self._lowest_N.items()]
+        return "; ".join([line, *notes])
+
+    @property
+    def notes(self) -> Mapping[str, int]:
+        """What was left out or changed of the readings, in words, with how often."""
+        return self._streams.left_out + self._notes
 
     def _take_up(self, reading: Reading) -> None:
-        """Add what a reading says to what is commanded next."""
+        """Add what a reading says to what is commanded next; what a newer one has said stays."""
+        if reading.time_s is not None and not math.isfinite(reading.time_s):
+            self._notes["left out: readings whose time_s is not finite"] += 1
+            return
+        reading = self._usable(reading)
+        self._add(reading)
+        if reading.time_s is not None:
+            newest_s = self._newest.time_s
+            if newest_s is not None and 0.0 < newest_s - reading.time_s < self._tick_s:
+                self._add(self._newest)
+            else:
+                self._newest = reading
+
+    def _add(self, reading: Reading) -> None:
         joints = self._asked.joint_position if reading.joint_position is None else reading.joint_position
         self._asked = Command(
             joint_position=joints,
             pressure_Pa={**self._asked.pressure_Pa, **reading.pressure_Pa},
             cable_tension_N={**self._asked.cable_tension_N, **reading.cable_tension_N},
         )
+
+    def _usable(self, reading: Reading) -> Reading:
+        """Return a reading without what is not finite, and with tensions of 0 at least: cables do not push.
+
+        Raises:
+            InputError: joints are where the arm cannot be.
+        """
+        joints, arm = reading.joint_position, self.simulation.stage.arm
+        if joints is not None and arm is not None:
+            count = len(arm.limits.joint_names)
+            values = np.array(row_of_numbers(joints, count, "a reading: joint_position"))
+            if not np.isfinite(values).all():
+                self._notes["left out: joint_position that is not finite"] += 1
+                joints = None
+            else:
+                arm.limits.check_measured(values, "a reading: joint_position")
+        pressures = self._finite(reading.pressure_Pa, "pressure_Pa")
+        tensions = dict(self._finite(reading.cable_tension_N, "cable_tension_N"))
+        for cable, tension in tensions.items():
+            if isinstance(tension, int | float) and tension < 0.0:
+                self._notes[f"taken as 0: cable_tension_N of '{cable}' below 0"] += 1
+                self._lowest_N[cable] = min(tension, self._lowest_N.get(cable, 0.0))
+                tensions[cable] = 0.0
+        return replace(reading, joint_position=joints, pressure_Pa=pressures, cable_tension_N=tensions)
+
+    def _finite(self, values: Mapping[str, float], key: str) -> Mapping[str, float]:
+        """Return values by name without those that are not finite."""
+        lost = [
+            name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)
+        ]
+        for name in lost:
+            self._notes[f"left out: {key} of '{name}' that is not finite"] += 1
+        return {name: value for name, value in values.items() if name not in lost} if lost else values
 
     def _approach(self) -> float:
         """Go to where the robot is, and return its time."""
@@ -144,7 +202,7 @@ class Twin:
             if reading is None:
                 raise InputError(f"no stream has sent a time_s within {_FIRST_s:g} s; one must")
             self._take_up(reading)
-            time_s = reading.time_s
+            time_s = self._newest.time_s
         self._move(APPROACH_s)
         return time_s
 
@@ -152,13 +210,23 @@ class Twin:
         """Advance to the last whole tick up to a time of the robot."""
         self.followed += 1
         ahead = (time_s - self._clock_s) / self._tick_s + _ROUNDING
-        if not 0.0 <= ahead * self._tick_s <= GAP_s:
+        if not (ahead > -1.0 and ahead * self._tick_s <= GAP_s):
             self.gaps += 1
             self._clock_s = time_s
             self._move(GAP_s)
-        elif ticks := int(ahead):
+        elif ticks := max(int(ahead), 0):
             self._clock_s += ticks * self._tick_s
-            self.simulation.step(self._asked, ticks=ticks)
+            self._step(ticks)
 
     def _move(self, within_s: float) -> None:
-        self.simulation.step(self._asked, ticks=max(round(within_s / self._tick_s), 1))
+        self._step(max(round(within_s / self._tick_s), 1))
+
+    def _step(self, ticks: int) -> None:
+        """Step to what is commanded, and note whether the joints are too slow for it."""
+        reached, arm = self.simulation.step(self._asked, ticks=ticks), self.simulation.stage.arm
+        if arm is None or self._asked.joint_position is None:
+            return
+        # the target of a tick is that of its begin
+        asked = np.clip(self._asked.joint_position, arm.limits.lower, arm.limits.upper)
+        if arm.limits.too_fast(asked - reached.joint_target, self._tick_s).any():
+            self._notes["joints behind: readings faster than the arm's bounds of speed"] += 1

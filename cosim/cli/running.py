@@ -295,8 +295,10 @@ def twin_command(
             stack.callback(lambda: recorder.close(repr(twin), "completed"))
             show.append(_recorded(recorder))
         interruption.open(simulation.stage)
+        noted: frozenset[str] = frozenset()
         try:
             for prediction in twin:
+                noted = _tell_new(twin.notes, noted)
                 for each in show:
                     each(prediction)
                 if interruption.reason() is not None:
@@ -305,6 +307,13 @@ def twin_command(
             draw("\n" * sys.stderr.isatty(), sys.stderr)
             tell(repr(twin))
     return 0
+
+
+def _tell_new(notes: Mapping[str, int], noted: frozenset[str]) -> frozenset[str]:
+    """Print what has not been noted yet, and return all that has been."""
+    for text in notes.keys() - noted:
+        tell(f"twin: {text}")
+    return frozenset(notes)
 
 
 def _recorded(recorder: Recorder) -> Callable[[Prediction], None]:

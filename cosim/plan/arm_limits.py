@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Shown
+from cosim.errors import InputError
 
 if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.base.solid import LinkContact
@@ -28,6 +29,9 @@ PLANNED: Final = "planned: "
 """What warnings of a plan begin with."""
 
 _ROUNDING = 1e-9
+_ROUGH: Final = 1e-6
+_MISREAD_RAD: Final = 0.05
+_MISREAD_M: Final = 0.005
 
 
 @final
@@ -60,6 +64,34 @@ class ArmLimits(Shown):
             arm.joint_names, arm.lower, arm.upper, _or_infinite(arm.velocity_limit), arm.acceleration_bound,
             _or_infinite(arm.effort_limit), arm.prismatic,
         )  # fmt: skip
+
+    def check_measured(self, joints: Array, place: str) -> None:
+        """Refuse joint positions that no arm within these bounds can have, such as angles in degrees.
+
+        Args:
+            joints: (joints,) [rad], of sliding ones [m].
+            place: where they are from, for messages.
+
+        Raises:
+            InputError: one is beyond its bounds by more than 0.05 rad (5 mm).
+        """
+        beyond = np.maximum(joints - self.upper, self.lower - joints)
+        for k in np.flatnonzero(beyond > np.where(self.prismatic, _MISREAD_M, _MISREAD_RAD)):
+            unit, other = ("m", "millimetres") if self.prismatic[k] else ("rad", "degrees")
+            raise InputError(
+                f"{place} of {self.joint_names[k]} is {joints[k]:.4g} {unit}; its bounds are "
+                f"{self.lower[k]:.4g} to {self.upper[k]:.4g} {unit}: convert it if it is in {other}"
+            )
+
+    def too_fast(self, ways: Array, within_s: float | Array) -> Mask:
+        """Return which ways (..., joints) [rad] are longer than the joints go within some time.
+
+        Args:
+            ways: see above.
+            within_s: the time, or (...,).
+        """
+        bound = np.asarray(within_s)[..., None] * self.velocity
+        return np.asarray(np.abs(ways) > (1.0 + _ROUGH) * bound + _ROUNDING)
 
     def bound(self, quantity: str) -> Array:
         """Return the largest sizes (joints,) of a quantity in `UNITS` other than the position."""

@@ -112,6 +112,52 @@ def test_rough_rows_are_followed_evenly(asked: tuple[Path, JointTable, Replayed]
     assert apart.std() < 2.0 * NOISE_RAD  # along cubics 2.4 times the noise
 
 
+SMALL = {"fidelity": "rigid", "contact.enabled": False}
+
+
+def test_a_short_record_that_begins_at_any_time_is_compared(asked: tuple[Path, JointTable, Replayed]) -> None:
+    file, table, _ = asked
+    first = replace(
+        table,
+        columns=(*table.columns, "shoulder_lift_joint.measured_rad"),
+        time_s=1.7e9 + table.time_s[:51],  # 0.4 s, from a unix time on
+        values=np.column_stack([table.values, table.values[:, 1]])[:51],
+    )
+    found = cosim.replay(file, first, overrides=SMALL)
+    (joint,) = found.compared
+    assert found.too_fast == 0
+    assert joint.rms < 1e-3
+    assert abs(joint.delay_s) < 0.05
+    assert joint.rms_undelayed < 5e-3
+    cut = replace(first, time_s=first.time_s[:2], values=first.values[:2])
+    assert cosim.replay(file, cut, overrides=SMALL).compared[0].rms < 1e-3
+
+
+def test_columns_that_would_have_no_effect_are_refused(asked: tuple[Path, JointTable, Replayed]) -> None:
+    file, table, _ = asked
+    for name in ("shoulder_lift.measured_rad", "shoulder_lift_joint.measured_m", "chamber.presure_Pa"):
+        more = replace(
+            table, columns=(*table.columns, name), values=np.column_stack([table.values, table.time_s])
+        )
+        with pytest.raises(InputError, match=f"columns that are unknown: {name};.*and measured tip.x_m"):
+            cosim.replay(file, more, overrides=SMALL)
+
+
+def test_joints_beyond_their_bounds_are_refused_and_too_fast_ones_are_counted(
+    asked: tuple[Path, JointTable, Replayed],
+) -> None:
+    file, table, _ = asked
+    values = table.values.copy()
+    values[:, :6] = np.degrees(values[:, :6])
+    with pytest.raises(InputError, match=r"at 0 s, position of shoulder.* rad; its bounds .* degrees"):
+        cosim.replay(file, replace(table, values=values), overrides=SMALL)
+    values = table.values[:4].copy()
+    values[2:, 0] += 1.0
+    fast = replace(table, time_s=table.time_s[:4], values=values)
+    found = cosim.replay(file, fast, overrides=SMALL)
+    assert "1 rows ask joints for more than their bound of speed" in repr(found)
+
+
 def test_joints_of_another_arm_are_refused(asked: tuple[Path, JointTable, Replayed]) -> None:
     file, table, _ = asked
     columns = ("elbow.position_rad", *table.columns[1:])

@@ -168,6 +168,17 @@ def test_the_command_shows_what_it_predicts(
         ('{"time_s": 0.0}\n{"time_s": 0.1, "pressure_Pa": {"other": 1.0}}\n', "other"),
         ('{"time_s": 0.0}\n{"time_s": 0.1, "joint_position": [0.0]}\n', "joint_position"),
         ('{"pressure_Pa": {"chamber": 1.0}}\n', "no stream has sent a time_s"),
+        ('{"time_s": 0.0, "presure_Pa": {"chamber": 1.0}}\n', "must be an object with the keys"),
+        (
+            '{"time_s": 0.0}\n{"time_s": 0.1, "pressure_Pa": 3e4}\n',
+            "pressure_Pa is 30000.0; must be numbers by",
+        ),
+        ('{"time_s": 0.0}\n' + "[" * 100_000 + "\n", "line b"),
+        ('{"time_s": 0.0}\n{"time_s": ' + "1" * 400 + "}\n", "time_s is beyond the largest number"),
+        (
+            json.dumps({"time_s": 0.0, "joint_position": [*np.degrees(HOME)]}),
+            r"of shoulder_pan_joint is -22.92 rad; its bounds are -6.283 to 6.283 rad: .* degrees",
+        ),
     ],
 )
 def test_what_cannot_be_followed_is_refused(scenario: str, tmp_path: Path, text: str, said: str) -> None:
@@ -177,6 +188,109 @@ def test_what_cannot_be_followed_is_refused(scenario: str, tmp_path: Path, text:
         cosim.Twin(simulated(scenario), [f"file:{tmp_path}/told.jsonl"]) as twin,
     ):
         list(twin)
+
+
+TIMES = [{"time_s": 0.02 * k} for k in range(4)]
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("readings", "end", "followed", "note"),
+    [
+        (TIMES, "", 3, ""),
+        ([*TIMES, {"time_s": 0.08, "pressure_Pa": None}], "\n", 4, ""),
+        ([*TIMES, "{"], "", 3, "the last 1 bytes are no whole reading"),
+        (['me_s": 0.0}', *TIMES], "\n", 3, "the first line is not JSON"),
+        ([*TIMES[:2], {"time_s": NAN}, *TIMES[2:]], "\n", 3, "time_s is not finite"),
+        (
+            [*TIMES, {"time_s": 0.08, "joint_position": [NAN] * 6}],
+            "\n",
+            4,
+            "joint_position that is not finite",
+        ),
+        (
+            [*TIMES, {"time_s": 0.08, "pressure_Pa": {"chamber": NAN}}],
+            "\n",
+            4,
+            "of 'chamber' that is not finite",
+        ),
+        ([*TIMES, {"time_s": 0.08, "cable_tension_N": {"right": -0.01}}], "\n", 4, "lowest right: -0.01 N"),
+    ],
+)
+def test_what_is_left_out_is_counted(
+    scenario: str, tmp_path: Path, readings: list[Any], end: str, followed: int, note: str
+) -> None:
+    texts = [one if isinstance(one, str) else json.dumps(one) for one in readings]
+    (tmp_path / "told.jsonl").write_text("\n".join(texts) + end, encoding="utf-8")
+    simulation = simulated(scenario)
+    with cosim.Twin(simulation, [f"file:{tmp_path}/told.jsonl"]) as twin:
+        found = list(twin)
+    assert (len(found), twin.followed, twin.gaps) == (followed, followed, 0)
+    assert note in repr(twin)
+    assert bool(twin.notes) == bool(note)
+    np.testing.assert_array_equal(simulation.measure().cable_tension_N["right"], 0.0)
+
+
+def test_readings_out_of_order_by_less_than_a_tick_are_sorted(scenario: str, tmp_path: Path) -> None:
+    times = [0.0, 0.004, 0.0078, 0.0085, 0.012, 0.016]
+    readings = [{"time_s": each, "joint_position": joints_at(each)} for each in times]
+    swapped = [readings[k] for k in (0, 1, 3, 2, 4, 5)]
+    ends = []
+    for order in (readings, swapped):
+        simulation = simulated(scenario)
+        with cosim.Twin(simulation, [lines(tmp_path / "told.jsonl", order)]) as twin:
+            assert [one.time_s for one in twin] == times[1:]
+        assert twin.gaps == 0
+        ends.append(simulation.snapshot)
+    assert ends[0].tick == ends[1].tick
+    np.testing.assert_array_equal(ends[0].tip_position, ends[1].tip_position)
+
+
+def test_a_reading_that_arrives_late_does_not_undo_a_newer_one(scenario: str) -> None:
+    ours, theirs = os.pipe()
+    simulation = simulated(scenario)
+    sent = [(0.0, 0.0), (0.0085, 0.02), (0.0078, -0.3), (0.012, None)]
+    rows = [
+        {"time_s": time_s} | ({} if turn is None else {"joint_position": [HOME[0] + turn, *HOME[1:]]})
+        for time_s, turn in sent
+    ]
+    os.write(theirs, (json.dumps(rows[0]) + "\n").encode())
+    with cosim.Twin(simulation, [streams.LineStream("pipe", ours)]) as twin:
+        followed = iter(twin)
+        for row in rows[1:]:
+            os.write(theirs, (json.dumps(row) + "\n").encode())
+            next(followed)
+        os.close(theirs)
+        assert (list(followed), twin.gaps) == ([], 0)
+    assert simulation.snapshot.tick == round(APPROACH_s / 0.002) + 6
+    assert simulation.snapshot.joint_target[0] == pytest.approx(HOME[0] + 0.02, abs=1e-9)
+
+
+def test_readings_faster_than_the_joints_are_named(scenario: str, tmp_path: Path) -> None:
+    there = [HOME[0] + 1.0, *HOME[1:]]
+    readings = [{"time_s": 0.0, "joint_position": [*HOME]}, {"time_s": 0.02, "joint_position": there}]
+    with cosim.Twin(simulated(scenario), [lines(tmp_path / "told.jsonl", readings)]) as twin:
+        list(twin)
+    assert "readings faster than the arm's bounds of speed (1 times)" in repr(twin)
+
+
+def test_what_a_ur_sends_wrong_is_named(scenario: str) -> None:
+    rows = [joints_at(k / 125.0) for k in range(5)]
+    played = peer()
+    with controller(rows) as name:
+        stream = streams.open_stream(name)
+        nan = played.package(ord("U"), b"\x01" + np.array([np.nan, *HOME], ">f8").tobytes())
+        stream._held = nan  # comes first
+        with cosim.Twin(simulated(scenario), [stream]) as twin:
+            assert len(list(twin)) == 4
+    assert (twin.gaps, twin.notes) == (0, {"left out: readings whose time_s is not finite": 1})
+    for noise in (b"\x00\x3bU" + bytes(56), b"\x12\x34\x99" + bytes(200)):
+        with controller(rows) as name:
+            stream = streams.open_stream(name)
+            stream._held = noise
+            with pytest.raises(InputError, match="and a kind of RTDE"):
+                stream.read()
+            stream.close()
 
 
 @pytest.mark.parametrize("given", ["udp:host:1", "tcp:host", "rtde:", "rtde:host:x", "told.jsonl"])

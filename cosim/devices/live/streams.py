@@ -12,7 +12,7 @@ import socket
 import struct
 import time
 from abc import ABC, abstractmethod
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,12 +20,14 @@ from pathlib import Path
 from select import select
 from typing import Any, Final, final
 
+from cosim.devices.controller import shown
 from cosim.errors import InputError
 
 RTDE_PORT: Final = 30004
 RTDE_Hz: Final = 125.0
 _CONNECT_s: Final = 5.0
 _CHUNK: Final = 65536
+_SHOWN: Final = 80
 _KINDS: Final = "rtde:HOST[:PORT], tcp:HOST:PORT, file:PATH (a serial line too), or - for standard input"
 
 
@@ -63,13 +65,15 @@ class Stream(ABC):
     def __init__(self, name: str, number: int) -> None:
         self.name, self._number = name, number
         self._held = b""
+        self.left_out: Counter[str] = Counter()
+        """What could not be read, in words, with how often."""
 
     def fileno(self) -> int:
         """Return the file descriptor to wait for."""
         return self._number
 
     def read(self) -> list[Reading] | None:
-        """Return the readings that are there now, once the descriptor can be read; None at its end.
+        """Return the readings that have arrived, once the descriptor can be read; None after its end.
 
         Raises:
             InputError: what came cannot be understood, or the connection broke.
@@ -79,13 +83,22 @@ class Stream(ABC):
         except OSError as error:
             raise InputError(f"{self.name}: cannot be read: {error.strerror}") from error
         if not came:
-            return None
+            rest, self._held = self._held, b""
+            return (self._last(rest) or None) if rest.strip() else None
         self._held += came
         return self._taken()
 
     @abstractmethod
     def _taken(self) -> list[Reading]:
         """Take whole readings out of the bytes that have come."""
+
+    def _last(self, rest: bytes) -> list[Reading]:
+        """Return the readings in bytes at the end of the stream that are no whole reading yet."""
+        self._leave_out(f"the last {len(rest)} bytes are no whole reading")
+        return []
+
+    def _leave_out(self, text: str) -> None:
+        self.left_out[f"{self.name}: {text}"] += 1
 
     def close(self) -> None:
         """Close the descriptor, but not standard input."""
@@ -96,36 +109,67 @@ class Stream(ABC):
 
 @final
 class LineStream(Stream):
-    """An object of JSON in every line, with some keys of `Reading`; the first line may be cut off."""
+    """An object of JSON in every line, with some keys of `Reading`; null is as if the key were left out.
+
+    The first line may be cut off, and the last one may have no line break.
+    """
 
     _begun = False
 
     def _taken(self) -> list[Reading]:
         *lines, self._held = self._held.split(b"\n")
+        return self._taken_lines(lines)
+
+    def _taken_lines(self, lines: list[bytes]) -> list[Reading]:
         return [reading for line in lines if line.strip() and (reading := self._reading(line)) is not None]
+
+    def _last(self, rest: bytes) -> list[Reading]:
+        try:
+            json.loads(rest)
+        except (ValueError, RecursionError):
+            return super()._last(rest)
+        return self._taken_lines([rest])
 
     def _reading(self, line: bytes) -> Reading | None:
         first, self._begun = not self._begun, True
         try:
             found = json.loads(line)
-            if not isinstance(found, dict) or found.keys() - {*_KEYS}:
-                raise ValueError("must be an object with the keys " + ", ".join(_KEYS))
-            if "time_s" in found and not _is_time(found["time_s"]):
-                raise ValueError(f"time_s is {found['time_s']!r}; must be a finite number")
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             if first:
+                self._leave_out(f"the first line is not JSON: {line[:_SHOWN]!r}")
                 return None
-            raise InputError(f"{self.name}: line {line[:80]!r}: {error}") from error
-        return Reading(**found)
+            raise InputError(f"{self.name}: line {line[:_SHOWN]!r}: {error}") from error
+        try:
+            return Reading(**_values(found))
+        except ValueError as error:
+            raise InputError(f"{self.name}: line {line[:_SHOWN]!r}: {error}") from error
 
 
-def _is_time(value: Any) -> bool:
-    return type(value) in (int, float) and math.isfinite(value)
+def _values(found: Any) -> dict[str, Any]:
+    """Return the values of a line that names them; a time may be infinite or not a number."""
+    if not isinstance(found, dict) or found.keys() - {*_KEYS}:
+        raise ValueError("must be an object with the keys " + ", ".join(_KEYS))
+    given = {key: value for key, value in found.items() if value is not None}
+    for key in given.keys() & {"pressure_Pa", "cable_tension_N"}:
+        if not isinstance(given[key], dict):
+            raise ValueError(
+                f"{key} is {shown(given[key])}; must be numbers by name, such as {{'name': 1.0}}"
+            )
+    if "time_s" in given:
+        if type(given["time_s"]) not in (int, float):
+            raise ValueError(f"time_s is {shown(given['time_s'])}; must be a finite number")
+        try:
+            given["time_s"] = float(given["time_s"])
+        except OverflowError:
+            raise ValueError("time_s is beyond the largest number, 1.8e308") from None
+    return given
 
 
 _VERSION, _OUTPUTS, _START, _DATA = b"VOSU"
 _FIELDS: Final = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
 _ROW: Final = struct.Struct(">B7d")
+_SENT: Final = b"VvMUOISP"
+"""Kinds of packages that a controller sends."""
 
 
 @final
@@ -190,11 +234,15 @@ class RtdeStream(Stream):
         found = []
         while len(self._held) >= 3:
             size, kind = struct.unpack_from(">HB", self._held)
-            if size < 3:
-                raise InputError(f"{self.name}: sent a package of {size} bytes; it must have 3 at least")
+            wrong_data = kind == _DATA and size != 3 + _ROW.size
+            if size < 3 or kind not in _SENT or wrong_data:
+                raise InputError(
+                    f"{self.name}: sent a package of {size} bytes and kind {bytes([kind])!r}; must have 3 at "
+                    f"least, {3 + _ROW.size} with data, and a kind of RTDE: connect again"
+                )
             if len(self._held) < size:
                 break
-            if kind == _DATA and size == 3 + _ROW.size:
+            if kind == _DATA:
                 _, time_s, *joints = _ROW.unpack_from(self._held, 3)
                 found.append(Reading(time_s, tuple(joints)))
             self._held = self._held[size:]
@@ -235,20 +283,32 @@ def open_stream(given: str) -> Stream:
 
 @final
 class Streams:
-    """Several streams as one: their readings in the order in which they arrive."""
+    """Several streams as one: their readings in the order in which they arrive.
 
-    def __init__(self) -> None:
+    Args:
+        late_s: readings that wait are sorted where they are out of order by less than this.
+    """
+
+    def __init__(self, late_s: float = 0.0) -> None:
+        self._late_s = late_s
+        self._all: list[Stream] = []
         self._open: list[Stream] = []
         self._waiting: deque[Reading] = deque()
 
     def add(self, stream: Stream) -> None:
         """Read one more."""
+        self._all.append(stream)
         self._open.append(stream)
 
     @property
     def waiting(self) -> Sequence[Reading]:
         """Readings that have arrived and have not been taken."""
         return self._waiting
+
+    @property
+    def left_out(self) -> Counter[str]:
+        """What could not be read of all streams, in words, with how often."""
+        return sum((stream.left_out for stream in self._all), Counter())
 
     def next(self, within_s: float | None = None) -> Reading | None:
         """Return the next reading; None where all streams have ended, or at the end of a time.
@@ -278,5 +338,20 @@ class Streams:
             if found is None:
                 stream.close()
                 self._open.remove(stream)
-            self._waiting.extend(found or ())
+            for reading in found or ():
+                self._put(reading)
         return bool(ready)
+
+    def _put(self, reading: Reading) -> None:
+        """Let a reading wait behind all others but those that are later by less than `late_s`."""
+        place = len(self._waiting)
+        while place and 0.0 < _behind_s(self._waiting[place - 1], reading) < self._late_s:
+            place -= 1
+        self._waiting.insert(place, reading)
+
+
+def _behind_s(newer: Reading, older: Reading) -> float:
+    """Return by how much the time of a reading is before that of another; not a number where one has none."""
+    if newer.time_s is None or older.time_s is None:
+        return math.nan
+    return newer.time_s - older.time_s
