@@ -201,3 +201,21 @@ def test_a_specimen_says_that_it_has_no_arm() -> None:
     stage = build(load_scenario("three_unit_inflation")).stage
     assert stage.body_names == ()
     assert "the base is held" in stage.report
+
+
+def paper_bag_m3(width_m: float, height_m: float) -> float:
+    """Return the volume of an inextensible bag of two rectangles.
+
+    Source: A. Robin, Paper bag problem, Mathematics Today 40 (2004) 104.
+    """
+    return width_m**3 * (height_m / (np.pi * width_m) - 0.142 * (1.0 - 10.0 ** (-height_m / width_m)))
+
+
+@pytest.mark.parametrize("increments", [8, 20])
+def test_two_flat_weightless_sheets_are_inflated(increments: int) -> None:
+    case = REFERENCE.parent / "cases" / "pillow" / "inflate.toml"
+    found = cosim.run(case, overrides={"phase.inflate.increments": increments}, error=False)
+    # 1 % of strain at 20 kPa in a stiff film, edges of 5 mm of 40: some 2 % of volume; paths of any step agree
+    volume_m3 = float(found.chamber_volume_m3[-1, 0])
+    assert volume_m3 == pytest.approx(paper_bag_m3(0.04, 0.12), rel=0.03)
+    assert volume_m3 == pytest.approx(5.26943e-05, rel=1e-4)

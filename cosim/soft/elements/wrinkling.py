@@ -16,8 +16,12 @@ a cone nearest to y / a:
 Of isotropic film A1 = A2, so that z = (y0 + |(y1, y2)|) / A1: E t e1 / 2, e1 the first principal strain.
 psi is convex with a continuous gradient; its second derivative jumps where the state changes.
 A share f of the plain law can stay, f psi_plain + (1 - f) psi: the film's bending resists fine wrinkles.
-With f = 0 a slack triangle resists nothing and may collapse, which a hinge beside it cannot bear: where
-hinges are, f should be 1e-4 or more.
+With f = 0 a slack triangle resists nothing and may collapse, which a hinge beside it cannot bear. What stays
+of the plain law gets softer once a length is below 1 / sqrt(3) of the drawn one, and vanishes with it. So
+with 0 < f < 1 a triangle whose area is below that share, d = det(2 E + 1) < d0 = 1/3, has in addition
+    psi_packed = f (1 - f) C11 (d0 / d - 1)^3,
+without bound as its area goes to zero: wrinkles can be packed only so far. Where hinges are, f should be 1e-4
+or more.
 A film can resist compression up to a force b [N/m] across any line before it wrinkles, as a curved sheet does
 up to its buckling load. Then N + b 1 has no compression: with E0 = C^-1 b 1 the law is
     psi(E) = psi_without(E + E0) - b tr(E) - psi_without(E0).
@@ -75,8 +79,9 @@ def tension_field(
         Energy density [J/m^2].
     """
     fraction, force = compression[0], compression[1]
+    kept = fraction * (1.0 - fraction) * stiffness[0, 0]
     if force == 0.0:
-        return _relaxed(strain, stiffness, fraction, n, c)
+        return _relaxed(strain, stiffness, fraction, n, c) + _packed(strain, kept, n, c)
     c00, c01, c11 = stiffness[0, 0], stiffness[0, 1], stiffness[1, 1]
     flat = force / (c00 * c11 - c01 * c01)
     first, second = flat * (c11 - c01), flat * (c00 - c01)  # E0
@@ -84,7 +89,42 @@ def tension_field(
     density = _relaxed((e11, e22, strain[2]), stiffness, fraction, n, c)
     n[0] -= force
     n[1] -= force
+    density += _packed(strain, kept, n, c)
     return density - force * (e11 + e22 - 0.5 * (first + second))
+
+
+_PACKED: Final = 1.0 / 3.0
+"""d0, square of the share of its area below which a triangle resists being folded away."""
+
+
+@device_function
+def _packed(strain: tuple[float, float, float], kept: float, n: Vector, c: Matrix) -> float:
+    """Add to n (3,) and c (3, 3) what keeps a triangle from vanishing; return the density [J/m^2].
+
+    Args:
+        strain: E11, E22, 2 E12.
+        kept: f (1 - f) C11 [N/m].
+        n: added to.
+        c: added to.
+    """
+    first, second, third = 1.0 + 2.0 * strain[1], 1.0 + 2.0 * strain[0], -strain[2]  # dd/dE / 2
+    square = first * second - third * third
+    if kept == 0.0 or square >= _PACKED:
+        return 0.0
+    if not square > 0.0:
+        return math.inf
+    ratio = _PACKED / square
+    above = ratio - 1.0
+    slope = -6.0 * kept * above * above * ratio / square
+    curvature = 24.0 * kept * above * ratio * (ratio + above) / (square * square)
+    for r, one in ((0, first), (1, second), (2, third)):
+        n[r] += slope * one
+        for s, other in ((0, first), (1, second), (2, third)):
+            c[r, s] += curvature * one * other
+    c[0, 1] += 2.0 * slope
+    c[1, 0] += 2.0 * slope
+    c[2, 2] -= slope
+    return kept * above * above * above
 
 
 @device_function
