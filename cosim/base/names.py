@@ -11,10 +11,14 @@ ONLY_CHAMBER: Final = "chamber"
 """Name of the chamber of a body that has only one."""
 WORKS: Final = (
     "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
-    "air_drag_J", "material_damping_J",
+    "air_drag_J", "material_damping_J", "bodies_J", "contact_loss_J",
 )  # fmt: skip
-PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "contacts_J", "self_contacts_J")
-LOST: Final = ("eyelets_J", "damping_J", "air_drag_J", "material_damping_J", "numerical_J")
+PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "bodies_J", "self_contacts_J")
+LOST: Final = (
+    "contact_loss_J", "eyelets_J", "damping_J", "air_drag_J", "material_damping_J", "numerical_J",
+)  # fmt: skip
+BETWEEN: Final = ("contacts_J",)
+"""What the film gets of the energy that bodies put in: the loss of contact is taken from it."""
 TERMS: Final = (*WORKS, "elastic_J", "kinetic_J", "numerical_J", "rest_J")
 """Of the energy balance, in the order of its columns;
 elastic energy, and with it the rest, are known at some ticks only."""

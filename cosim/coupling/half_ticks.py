@@ -14,7 +14,7 @@ import numpy as np
 from cosim.base.kernel_types import Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.base.numba_insides import call_native
-from cosim.coupling.contact.contact_arrays import BodyLoads
+from cosim.coupling.contact.contact_arrays import BodyLoads, fill_speed, led
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
 from cosim.rigid.scene.bodies import BEGIN, FACTORISE, FINISH, NativeScene
@@ -131,8 +131,22 @@ def _momentum_error(scene: NativeScene, bodies: BodyLoads, handed: Vector) -> fl
 
 
 @device_function
+def power_on_bodies(bodies: BodyLoads) -> float:
+    """Return the power [W] of the contacts' loads on bodies."""
+    power, now = 0.0, small_vector(6)
+    for b in range(bodies.loaded.shape[0]):
+        if bodies.loaded[b]:
+            fill_speed(bodies.leads, b, now)
+            for r in range(3):
+                speed = led(now, bodies.leads.mass[b], r)
+                power += bodies.applied[b, r] * speed + bodies.applied[b, 3 + r] * now[3 + r]
+    return power
+
+
+@device_function
 def _read_scene(scene: NativeScene, bodies: BodyLoads, ticks: Any, k: int) -> None:
     """Keep where arm and bodies are at the end of tick k, the flange's velocity, and the forces on bodies."""
+    ticks.contact[k, 0] = bodies.handed[7]
     for j in range(scene.position.shape[0]):
         ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
         ticks.servo_torque[k, j] = scene.servo_torque[j]
@@ -187,6 +201,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
         ticks.joint_speed[k, j] = scene.speed[j]  # until `_read_scene`
     load_scene(scene, carried, ticks, k)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
+    power, ticks.work[k, 3] = power_on_bodies(rigid.bodies), 0.0
     for i in range(scene.pace[0]):
         if i > 0:
             _go_on(scene)
@@ -197,6 +212,9 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
             if scene.warnings[kind] != 0:
                 return False
         _carry(scene, carried.inertia)
+        # a constant force changes a body's energy by its mean speed, as its momentum changes evenly
+        before, power = power, power_on_bodies(rigid.bodies)
+        ticks.work[k, 3] += 0.5 * scene.step_s * (before + power)
     if scene.pace[0] > 1:  # what is given back goes by that of the whole tick
         for j in range(scene.speed.shape[0]):
             change = scene.speed[j] - ticks.joint_speed[k, j]
@@ -215,12 +233,15 @@ def take_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> b
 def load_rigid_side(rigid: RigidSide, ticks: Ticks, k: int) -> None:
     """Load the rigid side for a rigid half that somebody else takes; `read_rigid_half` follows it."""
     load_scene(rigid.scene, rigid.carried, ticks, k)
+    ticks.work[k, 3] = power_on_bodies(rigid.bodies)
 
 
 @kernel
 def read_rigid_half(rigid: RigidSide, servos: Servos, ticks: Ticks, k: int) -> bool:
     """Read what the rigid half of a tick has led to that somebody else has taken, see `rigid_half`."""
     ticks.momentum_error[k] = _momentum_error(rigid.scene, rigid.bodies, ticks.handed[k])
+    tick_s = rigid.scene.pace[0] * rigid.scene.step_s
+    ticks.work[k, 3] = 0.5 * tick_s * (ticks.work[k, 3] + power_on_bodies(rigid.bodies))
     _read_scene(rigid.scene, rigid.bodies, ticks, k)
     return True
 

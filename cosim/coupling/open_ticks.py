@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from cosim.base.kernels import handing_on_views, kernel, record_at
 from cosim.base.numba_insides import caller
 from cosim.coupling.film_ticks import FilmCommands, FilmMotion, FilmSteps, advance_film
-from cosim.coupling.half_ticks import RigidSide, load_scene
+from cosim.coupling.half_ticks import RigidSide, load_scene, power_on_bodies
 from cosim.coupling.ticks import Servos, Ticks
 
 _advance_film = caller(advance_film)
@@ -43,7 +43,7 @@ def _from_on(ticks: Any, k: int) -> Ticks:
         ticks.joints[k:], ticks.joint_speed[k:], ticks.servo_torque[k:], ticks.places[k:],
         ticks.quaternions[k:], ticks.power[k:], ticks.momentum_error[k:], ticks.residual[k:],
         ticks.iterations[k:], ticks.contacts[k:], ticks.contact[k:], ticks.body_force[k:],
-        ticks.self_contact[k:], ticks.work[k:],
+        ticks.self_contact[k:], ticks.work[k:], ticks.hit[k:],
     )  # fmt: skip
 
 
@@ -52,6 +52,7 @@ def load_open_tick(at: int, k: int) -> None:
     """Load the rigid side for tick k of the `OpenTicks` at an address; somebody else takes its rigid half."""
     row = record_at(at, OpenTicks)
     load_scene(row.rigid.scene, row.rigid.carried, row.ticks, k)
+    row.ticks.work[k, 3] = power_on_bodies(row.rigid.bodies)
 
 
 @kernel

@@ -75,13 +75,15 @@ class Ticks(NamedTuple):
         residual: (n,) [N].
         iterations: (n,).
         contacts: (n,), points that press.
-        contact: (n, 3), sum of their normal forces [N], depth of the deepest [m], contact ratio.
+        contact: (n, 3), sum of the normal forces that have acted on bodies, mean over the tick [N], depth of
+            the deepest point [m], contact ratio.
         body_force: (n, bodies, 3) [N], mean over the tick of what has acted on each body, of the soft robot,
             world axes.
         self_contact: (n, 3), points of films on films, sum of their normal forces [N], depth of the deepest
             [m].
-        work: (n, 3) [J], of contacts with the scene on the film, of those between films on these, and lost at
-            eyelets that know their direction.
+        work: (n, 4) [J], of contacts with the scene on the film, of those between films on these, lost at
+            eyelets that know their direction, and of contacts with the film on bodies.
+        hit: (n, 3), see `LedgerEntry`: speed [m/s], way that resolves it [m], body.
     """
 
     figures: Matrix
@@ -103,6 +105,7 @@ class Ticks(NamedTuple):
     body_force: Blocks
     self_contact: Matrix
     work: Matrix
+    hit: Matrix
 
     @classmethod
     def room(cls, n: int, joints: int, bodies: int) -> Ticks:
@@ -112,7 +115,7 @@ class Ticks(NamedTuple):
             np.zeros((n + 1, 7)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)),
             np.zeros((n, bodies, 3)), np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n),
             np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
-            np.zeros((n, 3)), np.zeros((n, 3)),
+            np.zeros((n, 3)), np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)),
         )  # fmt: skip
 
     def from_on(self, first: int) -> Ticks:
@@ -192,7 +195,7 @@ class TicksTaken:
         figures[WRENCH:CENTER] = *wrench.force, *wrench.torque
         figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
         ticks.residual[k], ticks.iterations[k] = reply.residual_N, reply.iterations
-        ticks.work[k, 1:] = reply.films_work_J, reply.eyelets_J
+        ticks.work[k, 1:3] = reply.films_work_J, reply.eyelets_J
         self.pressure_Pa[k] = soft.pressures_Pa
         if films is not None:
             ticks.self_contact[k] = films.count, films.normal_force_N, films.depth_m
@@ -227,6 +230,10 @@ class TicksTaken:
             "contact_work_J": ticks.work[:n, 0],
             "self_contact_work_J": ticks.work[:n, 1],
             "eyelets_J": ticks.work[:n, 2],
+            "bodies_work_J": ticks.work[:n, 3],
+            "hit_m_s": ticks.hit[:n, 0],
+            "hit_way_m": ticks.hit[:n, 1],
+            "hit_body": ticks.hit[:n, 2].astype(np.int64),
             "scheme": np.full(n, self.scheme),
             "trials": self.trials[:n],
             "interface_residual": self.interface_residual[:n],

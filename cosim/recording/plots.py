@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.names import LOST, PUT_IN, TERMS
+from cosim.base.names import BETWEEN, LOST, PUT_IN, TERMS
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
 from cosim.telemetry import snapshot, tick_batch
@@ -238,7 +238,7 @@ def _energy_plots() -> list[Plot]:
         for name, colour in held.items()
     )
     return [
-        _energy_plot("put_in", "Energy put in [J]", PUT_IN),
+        _energy_plot("put_in", "Energy put in [J]", PUT_IN + BETWEEN),
         _energy_plot("lost", "Energy lost [J]", LOST),
         replace(kinetic, entity="energy/held", title="Energy held, and rest of the balance [J]"),
         *sparse,  # known at some ticks only

@@ -308,15 +308,15 @@ class RunResult(RigidColumns):
         power_error_W: (rows,), that appeared at the interface.
         stability_ratio: (rows,), of the coupling; stable below 1.
         contacts: (rows,), points of the film that press on something.
-        contact_force_N: (rows,), sum of their normal forces.
+        contact_force_N: (rows,), sum of the normal forces that acted on bodies, mean over the tick.
         contact_depth_m: (rows,), of the deepest point in the pressed body.
         self_contacts: (rows,), points of the film that press on another film of the soft robot.
         self_contact_force_N: (rows,), sum of their normal forces.
         self_contact_depth_m: (rows,), of the deepest point behind another film.
         tick_wall_s: (rows,), wall time.
         energy_J: (rows, energies) [J], balance of energy since the start: put in by gas, cables, flange,
-            gravity, contacts, lost at eyelets, by damping and the integrator, held; elastic energy and rest
-            every 0.1 s, else not numbers. (rows, 0) where the run has no balance.
+            gravity, bodies, lost in contact, at eyelets, by damping and the integrator, held; elastic energy
+            and rest every 0.1 s, else not numbers. (rows, 0) where the run has no balance.
         frame_tick: (frames,), tick at which the film's nodes were kept.
         frame_time_s: (frames,), when the film's nodes were kept.
         node_position: (frames, nodes, 3) [m], of the film, world.

@@ -4,6 +4,10 @@ Work is summed over ticks by the trapezoidal rule, with forces at both ends: of 
 at their base ends, of the flange by its wrench. These and the weight put energy in. Elastic energy is that of
 all elements, at rest in the shape of a phase's end.
 
+Bodies that touch the film put in what contact takes from them, by its force over their mean velocities. What
+the film gets of that is the work on its nodes; the difference is lost in contact: to friction, and as film
+and bodies take their steps one after the other. While contacts press, it holds their elastic energy as well.
+
 What the integrator takes is found apart from all these, from motion alone. The masses' accelerations a_n of
 its formulas say what all forces together have done: sum m (a_n + a_n+1) (x_n+1 - x_n) / 2. An exact
 integrator turns that into kinetic energy; what is missing there is lost. So the rest of the balance is no
@@ -186,6 +190,10 @@ class SeenTicks(Protocol):
         """See `TickBatch`."""
 
     @property
+    def bodies_work_J(self) -> Array:
+        """See `TickBatch`."""
+
+    @property
     def self_contact_work_J(self) -> Array:
         """See `TickBatch`."""
 
@@ -354,6 +362,8 @@ class EnergyFigures:
                 options.damping_per_s * sums[1:, DAMPED],
                 options.air_drag_per_s * sums[1:, DRAGGED],
                 parts.tick_s * _mean(sums)[:, RESISTED],
+                -batch.bodies_work_J,
+                -batch.bodies_work_J - batch.contact_work_J,
             ],
             axis=1,
         )

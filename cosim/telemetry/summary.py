@@ -307,6 +307,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
         *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
+        *(f"- contact: {line}" for line in figures.touched_lines(summary["touched"])),
         *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
         f"- error: {error_line(summary)}",
         *figures.arm_table(summary["arm"]),
@@ -400,6 +401,7 @@ class SummaryBuilder:
         self._last: Snapshot | None = None
         self._figures = {key: initial for key, (_, _, initial) in _GATHERED.items()}
         self._arm = figures.ArmFigures()
+        self._touched = figures.TouchedFigures.none(len(stage.body_names))
         self._energy = None if stage.energy is None else stage.energy.begin()
         self._tip_path = figures.TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
@@ -417,6 +419,8 @@ class SummaryBuilder:
         self._last = batch.snapshot(-1)
         for key, (how, column, _) in _GATHERED.items():
             self._figures[key] = _gathered(how, self._figures[key], getattr(batch, column), batch.time_s)
+        if self._stage.mode == "dynamic":
+            self._touched = self._touched.after(batch, self._stage.tick_s)
         if self._stage.devices is not None:
             self._devices = self._devices.after(batch)
         name, time_s = self._stage.phase_names[self._last.phase], batch.time_s.tolist()
@@ -456,7 +460,7 @@ class SummaryBuilder:
             state.gathered,
             own | {"_phases": [], "_branchings": [], "_overlaps": [], "_handovers": []},
             place="figures",
-            sizes={"cables": len(self._stage.cables)},
+            sizes={"cables": len(self._stage.cables), "bodies": len(self._stage.body_names)},
             finite=False,
         )
         for phase in state.gathered["_phases"]:
@@ -502,6 +506,7 @@ class SummaryBuilder:
             "planned_ticks": stage.ticks,
             "resumed_at_ticks": self._resumed_at_ticks,
             **self._figures,
+            "touched": self._touched.figures(stage.body_names, stage.tick_s),
             "soft_weight_N": stage.soft_weight_N,
             "section_model": stage.section_model,
             "handover": handover_figures(self._handovers, simulated_s) if stage.hands_over else None,
@@ -527,6 +532,7 @@ class SummaryBuilder:
         planned = self._stage.arm
         beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
         beyond += [*swing_warnings(self._phases), *figures.section_warnings(self._stage.section_model)]
+        beyond += figures.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]

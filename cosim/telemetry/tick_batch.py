@@ -134,6 +134,10 @@ class TickBatch(RigidColumns):
     contact_work_J: Array
     self_contact_work_J: Array
     eyelets_J: Array
+    bodies_work_J: Array
+    hit_m_s: Array
+    hit_way_m: Array
+    hit_body: IntArray
     scheme: NDArray[np.str_]
     trials: IntArray
     interface_residual: Array

@@ -241,7 +241,7 @@ def seen_ticks(snapshots: list[Snapshot]) -> Any:
         flange_position=column(lambda shot: shot.world_from_flange.translation),
         flange_rotation=np.array([shot.world_from_flange.rotation for shot in snapshots]),
         flange_twist=column(lambda shot: [shot.flange_twist.linear, shot.flange_twist.angular]),
-        contact_work_J=none, self_contact_work_J=none, eyelets_J=none,
+        contact_work_J=none, bodies_work_J=none, self_contact_work_J=none, eyelets_J=none,
         pieces={k: shot.pieces for k, shot in enumerate(snapshots) if shot.pieces},
     )  # fmt: skip
 

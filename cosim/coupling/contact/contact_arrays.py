@@ -79,7 +79,8 @@ class BodyLoads(NamedTuple):
         applied: (bodies, 6), MuJoCo's loads on them.
         centers: (bodies, 3) [m], of their masses, where the film meets them.
         loaded: (bodies,), 1 for those that bear a load of contact.
-        handed: (7,), film's load on all bodies about the world's origin, and its size [N].
+        handed: (8,), film's load on all bodies about the world's origin, its size [N], and the sum of the
+            normal forces that are part of it [N].
         leads: how far they are ahead.
     """
 
@@ -210,17 +211,20 @@ class Ties(NamedTuple):
         key: (k,) names the pair of contact point and shape; first points of the film, then features.
         carrier: (k, 3) [m], world: the shape's origin; of a feature: where it is.
         triangle: (k,) of the film, that a feature is near; -1 for points of the film.
+        approach: (k,) [m/s], at which body and film came on to each other before the step.
     """
 
     shape: Indices
     key: Indices
     carrier: Matrix
     triangle: Indices
+    approach: Vector
 
     @classmethod
     def room(cls, count: int) -> Ties:
         """Return room for so many."""
-        return cls(_no_indices(count), _no_indices(count), np.zeros((count, 3)), _no_indices(count))
+        of_shapes = _no_indices(count), _no_indices(count), np.zeros((count, 3)), _no_indices(count)
+        return cls(*of_shapes, np.zeros(count))
 
 
 class Glue(NamedTuple):
@@ -252,9 +256,11 @@ class EndRows(NamedTuple):
         loads: (bodies, 6), force [N] and torque about the world's origin [N m] on each body, world axes.
         acting: (bodies,), 1 where any acts.
         held: (bodies,) [N/m], trace of the stiffness of a body's contacts, stick springs slack.
-        film: (7,), the loads as the film's nodes bear them, summed over all bodies, and their size [N].
-        figures: (3,), sum of the normal forces [N]; depth of the deepest that presses [m]; work on the film
-            in the tick [J].
+        film: (8,), the loads as the film's nodes bear them, summed over all bodies, their size [N], and the
+            sum of the normal forces [N].
+        figures: (6,), sum of the normal forces [N]; depth of the deepest that presses [m]; work on the film
+            in the tick [J]; of the hit that the step resolves least: speed [m/s], the way that a step may
+            take of it [m], and the body, -1 for no hit.
         own: (k, 3) [N], force of each on its body.
         force: (nodes, 3) [N], of all on the film.
     """
@@ -273,7 +279,7 @@ class EndRows(NamedTuple):
     def room(cls, count: int, bodies: int, force: Array) -> EndRows:
         """Return room for so many, with the force on the film as it is."""
         of_bodies = np.zeros((bodies, 6)), _no_indices(bodies), np.zeros(bodies)
-        rest = np.zeros(7), np.zeros(3), np.zeros((count, 3)), force
+        rest = np.zeros(8), np.zeros(6), np.zeros((count, 3)), force
         return cls(np.zeros((count, 3)), np.zeros(count), *of_bodies, *rest)
 
 
@@ -382,7 +388,10 @@ class ContactArrays(NamedTuple):
         assumed: (bodies, 6), loads on bodies with which the film meets them, see `foresee`.
         met: (bodies, 18), scratch: how much further each goes at other loads than it was met; its load and
             lead before a look at these.
-        speed: (1,) [m/s], of the film's fastest node before the step.
+        speed: (2,) [m/s], of the film's fastest node before the step, and of the fastest body that loads can
+            move, seen from the flange.
+        resolved: (bodies,) [m], way of a body in a step with which that resolves a hit; infinite for bodies
+            that no load moves.
         counts: (7,).
         calls: of the kernels that these call.
     """
@@ -406,6 +415,7 @@ class ContactArrays(NamedTuple):
     assumed: Matrix
     met: Matrix
     speed: Vector
+    resolved: Vector
     counts: Indices
     calls: Indices
 

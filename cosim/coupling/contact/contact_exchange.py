@@ -37,6 +37,10 @@ FEATURE_AREA_M2: Final = 5e-5
 """What each represents: a corner must hold back the film around it by itself."""
 RENEW_ABOVE: Final = 1.2
 """Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
+HIT_WAY_M: Final = 1e-3
+"""Way of a body in a step, beyond which its hit is not resolved: forces hang on the step."""
+HIT_SHARE: Final = 0.1
+"""The same as a share of the body's size."""
 GLUE_N_m: Final = 1e5
 """Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
 _WHERE_NEAR = contact_arrays, contact_kernels, film_distance, obstacle_contact, search_kernels  # kernels
@@ -248,7 +252,11 @@ class ContactExchange:
             return replace(NOTHING_TOUCHED, work_J=float(end.figures[2]))
         acting = np.flatnonzero(end.acting)
         force, torque = end.loads[acting, :3], end.loads[acting, 3:]
-        return ContactReport(acting, force, torque, int(counts[REMEMBERED]), *end.figures.tolist())
+        normal_N, depth_m, work_J, hit_m_s, hit_way_m, hit_body = end.figures.tolist()
+        return ContactReport(
+            acting, force, torque, int(counts[REMEMBERED]), normal_N, depth_m, work_J, hit_m_s, hit_way_m,
+            int(hit_body),
+        )  # fmt: skip
 
     @property
     def held_N_m(self) -> Array:
@@ -303,7 +311,8 @@ class ContactExchange:
         self.forget()
         if find_touched(self.at, x, velocity, rest_m, ahead_s) < 0:  # the lists serve no longer
             extent = Extent.of(x, velocity)
-            reach = rest_m + ahead_s * extent.speed_m_s
+            coming_m = ahead_s / contact_arrays.AHEAD_TICKS * float(self.arrays.speed[1])
+            reach = rest_m + ahead_s * extent.speed_m_s + coming_m
             search = self.search_around(x, extent, reach + _MARGIN_M, BEHIND_M + _MARGIN_M)
             self.arrays = self._with_room(search, len(search.lists.listed) + len(search.lists.features))
             find_touched(self.at, x, velocity, rest_m, ahead_s)
@@ -327,7 +336,7 @@ class ContactExchange:
         self._meet()
         query, room = self.query, max(reach_m, behind_m)
         shapes = query.near(extent.low, extent.high, reach_m)
-        local = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]
+        frames = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]
         points = query.points_around(self.surface.points(positions), reach_m, shapes)
         row = np.full(len(query), -1)
         row[shapes] = np.arange(len(shapes))
@@ -336,9 +345,9 @@ class ContactExchange:
         near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
         features, places = features[near], places[near]
         found = film_distance.TriangleLists.around(places, positions, self.surface.triangles, room)
+        local = np.array(frames).reshape(-1, *positions.shape)
         lists = contact_arrays.ListRows(
-            row, np.array(local), reach_m, behind_m, points.spans, points.listed, features, found.first,
-            found.listed,
+            row, local, reach_m, behind_m, points.spans, points.listed, features, found.first, found.listed,
         )  # fmt: skip
         return self._searching(lists)
 
@@ -375,14 +384,20 @@ class ContactExchange:
             numbers, MemoryRows.room(room), MemoryRows.room(room), touched, contact_arrays.Ties.room(room),
             self._glue, contact_arrays.EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
             contact_arrays.BodyLoads(
-                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(7),
+                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(8),
                 contact_arrays.leads_of(bodies),
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
             np.full((bodies.count, 2), contact_arrays.UNKNOWN), np.zeros((bodies.count, 6, 6)),
             np.zeros((bodies.count, 12)), np.zeros((bodies.count, 6)), np.zeros((bodies.count, 18)),
-            np.zeros(1), np.zeros(7, np.int64), contact_calls(),
+            np.zeros(2), self._resolved(movable), np.zeros(7, np.int64), contact_calls(),
         )  # fmt: skip
+
+    def _resolved(self, movable: IntArray) -> Array:
+        """Return the ways (bodies,) [m] of bodies in a step with which that resolves a hit."""
+        ways = np.full(self.bodies.count, np.inf)
+        ways[movable] = np.minimum(HIT_WAY_M, HIT_SHARE * self.bodies.sizes_m(movable))
+        return ways
 
     def _with_room(self, search: Search, room: int) -> ContactArrays:
         """Return the arrays with room for so many contacts, what is remembered taken along."""

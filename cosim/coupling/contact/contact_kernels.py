@@ -132,8 +132,20 @@ def _take_glued(contact: Any, e: int, k: int) -> None:
 
 
 @device_function
-def _describe(contact: Any, x: Matrix) -> None:
-    """Fill tangent planes and what they are tied to, from nodes (n, 3) [m].
+def _approach(contact: Any, e: int, velocity: Matrix, body: Vector) -> float:
+    """Return how fast contact e's point and body come on to each other [m/s], and apart below 0."""
+    planes, speed = contact.touched.planes, 0.0
+    for r in range(3):
+        own = led(body, planes.anchor[e], r)
+        for a in range(3):
+            own -= planes.weights[e, a] * velocity[planes.nodes[e, a], r]
+        speed += planes.normal[e, r] * own
+    return speed
+
+
+@device_function
+def _describe(contact: Any, x: Matrix, velocity: Matrix) -> None:
+    """Fill tangent planes and what they are tied to, from nodes (n, 3) [m] and their velocities.
 
     What pressed in the last tick keeps its normal force, and its anchor, which rides on the shape.
     """
@@ -141,7 +153,9 @@ def _describe(contact: Any, x: Matrix) -> None:
     points, remembered = contact.counts[contact_arrays.POINTS], contact.counts[contact_arrays.REMEMBERED]
     first_key = shapes.body.shape[0] * contact.search.surface.nodes.shape[0]
     glued = contact.counts[contact_arrays.TOUCHES] - contact.glue.point.shape[0]
+    moving, of = small_vector(6), -1
     for e in range(contact.counts[contact_arrays.TOUCHES]):
+        ties.approach[e] = 0.0
         if e >= glued:
             _take_glued(contact, e, e - glued)
             continue
@@ -150,6 +164,11 @@ def _describe(contact: Any, x: Matrix) -> None:
         for r in range(3):
             height += planes.normal[e, r] * planes.anchor[e, r]
         planes.offset[e], planes.friction[e], planes.body[e] = height - distance, 0.0, shapes.body[g]
+        if contact.resolved[shapes.body[g]] < np.inf:
+            if of != shapes.body[g]:
+                of = shapes.body[g]
+                fill_speed(contact.bodies.leads, of, moving)
+            ties.approach[e] = _approach(contact, e, velocity, moving)
         found = np.searchsorted(memory.key[:remembered], ties.key[e])
         if found == remembered or memory.key[found] != ties.key[e]:
             continue
@@ -249,6 +268,20 @@ def _look_ahead(contact: Any, loads: Matrix, h: float) -> None:
 
 
 @device_function
+def _fastest_body(contact: Any) -> float:
+    """Return the largest speed [m/s] of a body that loads can move, seen from the flange."""
+    leads, most, flange, body = contact.bodies.leads, 0.0, small_vector(6), small_vector(6)
+    fill_speed(leads, leads.flange, flange)
+    for f in range(contact.movable.shape[0]):
+        b, square = contact.movable[f], 0.0
+        fill_speed(leads, b, body)
+        for r in range(3):
+            square += (led(body, leads.mass[b], r) - led(flange, leads.mass[b], r)) ** 2
+        most = max(most, square)
+    return math.sqrt(most)
+
+
+@device_function
 def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: float) -> tuple[int, int]:
     """Find what is near; return how many points of the film and features, -1 for lists that are not valid."""
     bounds, search, bodies, memory = contact.search.bounds, contact.search, contact.bodies, contact.memory
@@ -257,8 +290,9 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     _read_poses(bounds, body, bodies.leads, bodies.centers)
     low, high, fastest = small_vector(3), small_vector(3), small_vector(1)
     _span(contact.calls[_SPAN], (x, velocity, low, high, fastest))
-    contact.speed[0] = math.sqrt(fastest[0])
-    reach = rest + ahead * contact.speed[0]
+    # a body that comes on is met a tick before it is there, so its hit finds ticks in pieces
+    contact.speed[0], contact.speed[1] = math.sqrt(fastest[0]), _fastest_body(contact)
+    reach = rest + ahead * contact.speed[0] + ahead / contact_arrays.AHEAD_TICKS * contact.speed[1]
     poses = ShapePoses(bounds.position, bounds.rotation)
     near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
     for k in range(near + (contact.glue.point.shape[0] > 0)):
@@ -269,6 +303,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     if met > 0:
         _look_ahead(contact, contact.assumed, ahead / contact_arrays.AHEAD_TICKS)
         _read_poses(bounds, body, bodies.leads, bodies.centers)
+        near = _fill_near_box(contact.calls[_NEAR], (bounds.shapes, poses, low, high, reach, bounds.near))
     if near == 0:
         return 0, 0
     for f in range(listed.shape[0]):  # which triangle has held it back until now
@@ -308,7 +343,7 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
     if touches == 0:
         counts[contact_arrays.REMEMBERED] = 0
         return 0
-    _describe(contact, x)
+    _describe(contact, x, velocity)
     return touches
 
 
@@ -335,12 +370,22 @@ def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> 
 
 
 @device_function
+def _see_hit(contact: Any, e: int) -> None:
+    """Take note of a contact that presses, if the step resolves its hit less than those before."""
+    figures, body, speed = contact.end.figures, contact.touched.planes.body[e], contact.ties.approach[e]
+    way = contact.resolved[body]
+    if speed > 0.0 and (figures[5] < 0.0 or speed * figures[4] > figures[3] * way):
+        figures[3], figures[4], figures[5] = speed, way, body
+
+
+@device_function
 def _conclude(contact: Any, x: Matrix) -> int:
     """Fill what is left of contacts; return how many press."""
     planes, ties, end, kept = contact.touched.planes, contact.ties, contact.end, 0
     width, stick = contact.touched.widths[0], contact.touched.widths[1]
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     end.figures[0], end.figures[1], size = 0.0, -np.inf, 0.0
+    end.figures[3], end.figures[4], end.figures[5] = 0.0, 0.0, -1.0
     end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0, 0.0, 0.0
     for e in range(contact.counts[contact_arrays.TOUCHES]):
         point, n, b, distance = end.point[e], planes.normal[e], planes.body[e], -planes.offset[e]
@@ -373,6 +418,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
         if push > 0.0:
             end.figures[0] += push
             end.figures[1] = max(end.figures[1], -distance)
+            _see_hit(contact, e)
             for r in range(3):
                 stretch[r] = point[r] - anchor[r]
             shorten(stretch, n, stick)
@@ -382,7 +428,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
             kept += 1
     if kept == 0:
         end.figures[1] = 0.0
-    end.film[6] = end.figures[0] + size
+    end.film[6], end.film[7] = end.figures[0] + size, end.figures[0]
     return kept
 
 
@@ -522,7 +568,7 @@ def _load_bodies(end: Any, bodies: Any, past: Matrix) -> None:
                 past[b, r] = bodies.applied[b, r] if bodies.loaded[b] else 0.0
             bodies.loaded[b] = end.acting[b]
             _bear(bodies, end.loads[b], b)
-    for r in range(7):
+    for r in range(8):
         bodies.handed[r] = end.film[r]
 
 
@@ -560,6 +606,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
         counts[contact_arrays.AGE] += 1
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
+        end.figures[5] = -1.0
     end.figures[2] = _work(contact, before, x)
     counts[contact_arrays.REMEMBERED] = pressing
     for e in range(pressing):  # they are those of the last tick from now on
@@ -609,8 +656,9 @@ def conclude_touch(
         return False
     _settle_touched(contact.calls[SETTLE_TOUCHED], (at, *moved))
     ticks.contacts[k] = contact.counts[contact_arrays.REMEMBERED]
-    ticks.contact[k, 0], ticks.contact[k, 1] = contact.end.figures[0], contact.end.figures[1]
-    ticks.work[k, 0] = contact.end.figures[2]
+    ticks.contact[k, 1], ticks.work[k, 0] = contact.end.figures[1], contact.end.figures[2]
+    for r in range(3):
+        ticks.hit[k, r] = contact.end.figures[3 + r]
     return (
         contact.counts[contact_arrays.ASKS] != 0
         or contact.counts[contact_arrays.MET] >= contact.numbers.renewed_after

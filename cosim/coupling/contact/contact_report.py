@@ -50,6 +50,9 @@ class ContactReport:
         normal_force_N: sum over them.
         depth_m: of the deepest.
         work_J: on the film.
+        hit_m_s: speed of the hit that the step resolves least.
+        hit_way_m: way of its body that a step may take.
+        hit_body: of it; -1 for no hit.
     """
 
     bodies: Annotated[IntArray, ("b",)]
@@ -59,6 +62,9 @@ class ContactReport:
     normal_force_N: float
     depth_m: float
     work_J: float = 0.0
+    hit_m_s: float = 0.0
+    hit_way_m: float = 0.0
+    hit_body: int = -1
 
     @classmethod
     def of(cls, planes: ContactPlanes, found: ContactForces) -> "ContactReport":

@@ -45,12 +45,14 @@ class TransferredLoads:
         bodies: sum over all touched bodies.
         flange_size_N: of the loads that make up the first.
         bodies_size_N: the same of the second.
+        bodies_normal_N: sum of the normal forces on bodies.
     """
 
     flange: SixNumbers
     bodies: SixNumbers
     flange_size_N: float
     bodies_size_N: float
+    bodies_normal_N: float = 0.0
 
     def error(self, due: SixNumbers, received: SixNumbers) -> float:
         """Return the largest relative difference of what the flange has received from this and what is due.
@@ -137,7 +139,7 @@ class Interface:
         self._mounted = np.zeros(10) if mounted is None else mounted
         self._native, bodies = scene.native(), scene.bodies
         self._bodies = contact_arrays.BodyLoads(
-            bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(7), contact_arrays.leads_of(bodies)
+            bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(8), contact_arrays.leads_of(bodies)
         )
         if contact is not None:
             self._bodies = contact.arrays.bodies
@@ -227,7 +229,7 @@ class Interface:
         taken = TicksTaken.room(count, joints, len(bodies.loaded), chambers)
         taken.begin(self.soft, self.wrench, flange)
         taken.ticks.handed[0] = *handed.flange, handed.flange_size_N
-        bodies.handed[:] = *handed.bodies, handed.bodies_size_N
+        bodies.handed[:] = *handed.bodies, handed.bodies_size_N, handed.bodies_normal_N
         return taken
 
     def rigid(self, carried: CarriedInertia) -> RigidSide:
@@ -297,8 +299,9 @@ class Interface:
         taken.take(reply, self.soft)
         hand_over(self._native.applied if acted is None else acted, ticks, k)
         ticks.contacts[k] = touched.count
-        ticks.contact[k] = touched.normal_force_N, touched.depth_m, self.contact_ratio
+        ticks.contact[k] = self.handed.bodies_normal_N, touched.depth_m, self.contact_ratio
         ticks.work[k, 0] = touched.work_J
+        ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
         taken.stability_ratio[k] = self.ratio
         self._count(taken, 1, passed)
 
@@ -325,7 +328,7 @@ class Interface:
     def _count(self, taken: TicksTaken, count: int, passed: int) -> None:
         flange, bodies = taken.ticks.handed[taken.done], self._bodies.handed
         self.handed = TransferredLoads(
-            six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), float(bodies[6])
+            six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), *bodies[6:].tolist()
         )
         self.ticks += count
         if passed:

@@ -54,7 +54,8 @@ class LedgerEntry:
         stability_ratio: largest eigenvalue of (flange mobility x algorithmic mass of the soft side).
         algorithmic_mass: whether it was carried as armature in this tick.
         contacts: points of the film that press on something.
-        contact_force_N: sum of their normal forces.
+        contact_force_N: sum of the normal forces that acted on bodies, mean over the tick; in a staggered
+            exchange they were found at the end of the tick before.
         contact_depth_m: how deep the deepest of them is; negative while nothing has sunk in.
         contact_ratio: largest mass by which the film answers touched bodies within a tick, over theirs.
         self_contacts: points of the film that press on another film of the soft robot.
@@ -63,6 +64,11 @@ class LedgerEntry:
         contact_work_J: of contacts with the scene on the film in this tick.
         self_contact_work_J: of contacts between films on these.
         eyelets_J: lost at eyelets of cables that know in which direction they slide.
+        bodies_work_J: of contacts with the film on bodies in this tick.
+        hit_m_s: speed at which film and the body of `hit_body` came on to each other before the tick, of the
+            contact that the tick resolves least; 0 without one.
+        hit_way_m: way of that body in a step that would resolve it.
+        hit_body: index of the body; -1 for no hit.
         scheme: of the exchange in this tick.
         trials: how often the tick was taken until the loads agreed; 1 in the staggered exchange.
         interface_residual: what the loads on flange and bodies that acted differ from those the soft side
@@ -89,6 +95,10 @@ class LedgerEntry:
     contact_work_J: float = 0.0
     self_contact_work_J: float = 0.0
     eyelets_J: float = 0.0
+    bodies_work_J: float = 0.0
+    hit_m_s: float = 0.0
+    hit_way_m: float = 0.0
+    hit_body: int = -1
     scheme: Scheme = "staggered"
     trials: int = 1
     interface_residual: float = 0.0

@@ -166,6 +166,8 @@ class FineTicks:
             getattr(to, name)[k] = getattr(of, name)[-1]
         to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
         to.power[k], to.work[k], to.body_force[k] = of.power.mean(0), of.work.sum(0), of.body_force.mean(0)
+        to.contact[k, 0] = of.contact[:, 0].mean()
+        to.hit[k] = max(of.hit.tolist(), key=lambda hit: hit[0] / hit[1] if hit[2] >= 0 else 0.0)
         taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
         taken.parts.append([soft.shape_now()])
         taken.done += 1

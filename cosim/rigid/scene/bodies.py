@@ -168,6 +168,13 @@ class Bodies:
         """Return the masses of bodies (b,) [kg]."""
         return [float(mass) for mass in self._model.body_mass[bodies]]
 
+    def sizes_m(self, bodies: IntArray) -> Array:
+        """Return how thin bodies (b,) are (b,) [m]: the smallest extent of each one's largest shape."""
+        thin = 2.0 * self._model.geom_aabb.reshape(-1, 6)[:, 3:].min(axis=1, initial=np.inf)
+        sizes = np.zeros(self.count)
+        np.maximum.at(sizes, self._model.geom_bodyid, thin)
+        return np.asarray(sizes[bodies])
+
     def movable(self, bodies: IntArray) -> Mask:
         """Return which of bodies (b,) loads can move (b,) bool."""
         return np.asarray(self._movable[bodies])

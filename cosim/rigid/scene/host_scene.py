@@ -347,7 +347,7 @@ class HostScene(CoupledScene):
         origin, axes = self._mounting.frame(data)
         none, nowhere = np.zeros(0), np.zeros(0, np.int64)
         return NativeScene(
-            np.ones(2, np.int64), float(model.opt.timestep), np.zeros(3, np.int64),
+            np.full(2, self._steps), float(model.opt.timestep), np.zeros(3, np.int64),
             np.array((model._address, data._address)), np.zeros((0, 3)), none, none, none,
             self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
             data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
