@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from cosim.app.driver import Observer as Observer
     from cosim.app.ended_run import load_run as load_run
     from cosim.app.ended_run import picture as picture
-    from cosim.app.motion import payload_torque as payload_torque
     from cosim.app.motion import plan_path as plan_path
     from cosim.app.motion import replay as replay
     from cosim.app.motion import run_path as run_path
+    from cosim.app.payload import payload_torque as payload_torque
     from cosim.app.progress import ProgressBar as ProgressBar
     from cosim.app.simulation import Batch as Batch
     from cosim.app.simulation import SavedState as SavedState
@@ -70,7 +70,8 @@ _NAMES = {
     "cosim.app.attach": "Attached attach",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",
-    "cosim.app.motion": "payload_torque plan_path replay run_path",
+    "cosim.app.motion": "plan_path replay run_path",
+    "cosim.app.payload": "payload_torque",
     "cosim.app.progress": "ProgressBar",
     "cosim.app.simulation": "Batch SavedState Simulation",
     "cosim.app.twin": "Prediction Twin",

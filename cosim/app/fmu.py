@@ -102,7 +102,7 @@ class ScenarioInTime:
     def _read(self, figure: str, k: int) -> float:
         seen = self._simulation.snapshot
         if figure.startswith("flange_"):
-            return float(getattr(seen.ledger.wrench, figure.removeprefix("flange_"))[k])
+            return float(getattr(seen.flange_wrench, figure.removeprefix("flange_"))[k])
         return float(getattr(seen, figure)[k])
 
     def step(self, step_s: float) -> bool:

@@ -1,8 +1,5 @@
 """The motion of a robot: for its controller, with the payload on the flange; and back from what was measured.
 
-A soft robot's centre of mass moves as it inflates and bends. A controller with one fixed payload gives wrong
-torques elsewhere: by Y (p_set - p), with Y of the arm's inverse dynamics and the payload's parameters p.
-
 The file is a table as `cosim export-path` writes it: joints, pressures and tensions over time. Beside them
 stand columns of what was measured: those of `MEASURED`, and `JOINT.measured_rad` (`JOINT.measured_m`).
 A measured curve y(t) is compared with the simulated x(t) at the delay d for which y(t) - x(t - d) varies
@@ -18,16 +15,18 @@ from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 
-from cosim.app import ended_run, run_files
+from cosim.app import ended_run
 from cosim.app.driver import build_simulation, log, prepared
-from cosim.base.frames import Array, IntArray, Mask, rotations_from_quaternions
+from cosim.app.payload import interpolated_rows, payload_rows
+from cosim.base.frames import Array, IntArray, Mask
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command
 from cosim.errors import InputError, SolverError
-from cosim.results.exports import PAYLOAD, JointTable, TOLD_EVERY_s, sample_times
+from cosim.results.exports import PAYLOAD, JointTable, sample_times
 from cosim.results.result import RunResult, figure_kind, result_of
 from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry.holding import held_parts
 
 if TYPE_CHECKING:
     from cosim.plan.plan import PhasePlan
@@ -162,8 +161,8 @@ def run_path(
     """Return the target angles of a run, the pressures and tensions, and the payload on the flange.
 
     Joints between ticks by a cubic spline, all else linearly. Pressures and tensions are those that the run
-    had, whoever gave them. The payload is the soft robot in its shape at that instant and what else is on the
-    flange, without objects that it holds.
+    had, whoever gave them. The payload is the soft robot in its shape at that instant, what else is on the
+    flange, and objects while it holds them, see `held_parts`.
 
     Args:
         run: its result, or its directory.
@@ -203,137 +202,17 @@ def _sampled(result: RunResult, ticks: IntArray, name: str, rate_Hz: float) -> J
     chambers = [f"{chamber}.pressure_Pa" for chamber in stage.chamber_names]
     at = sample_times(float(time_s[-1]), rate_Hz)
     within = np.minimum(at, time_s[-1])
-    others = np.hstack([along, result.chamber_pressure_Pa[ticks], payload_rows(result)[ticks]])
+    others = np.hstack([along, result.chamber_pressure_Pa[ticks]])
     columns = [np.interp(within, time_s, column) for column in others.T]
+    begin_s, held = float(result.time_s[ticks[0]]), held_parts(result.summary)
+    spans = [replace(part, since_s=part.since_s - begin_s, until_s=part.until_s - begin_s) for part in held]
+    spans = [part for part in spans if part.since_s < time_s[-1] and part.until_s > 0.0]
+    columns += [*interpolated_rows(within, time_s, payload_rows(result)[ticks], spans).T]
     # the target of a tick is that of its begin
     asked = result.joint_target[np.minimum(ticks + 1, len(result.tick) - 1)]
     angles = CubicSpline(time_s, asked)(within)
     heads = (*_joint_heads(stage), *cables, *chambers, *PAYLOAD)
-    return JointTable(name, heads, at, np.column_stack([angles, *columns]))
-
-
-def payload_rows(result: RunResult) -> Array:
-    """Return what hangs on the flange at every tick, as the columns of `PAYLOAD` (rows, 10).
-
-    Of the soft robot and what is fixed beside it, as one rigid body, in the flange frame; inertia about the
-    centre of mass. Sums are of m, m c and the inertia about the flange's origin, I + m (c.c 1 - c c^T).
-
-    Args:
-        result: of a run.
-    """
-    turn = rotations_from_quaternions(result.flange_quaternion)
-    center = np.einsum("nji,nj->ni", turn, result.soft_center - result.flange_position)
-    inertia = np.einsum("nji,njk,nkl->nil", turn, result.soft_inertia, turn)
-    mass = result.stage.soft_mass_kg
-    moment, about = mass * center, inertia + mass * _parallel(center)
-    if result.stage.mounted:
-        other, x, y, z, xx, yy, zz, xy, xz, yz = result.stage.mounted
-        place, own = np.array([x, y, z]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        mass, moment = mass + other, moment + other * place
-        about = about + own + other * _parallel(place[None])
-    center = moment / mass
-    inertia = about - mass * _parallel(center)
-    six = inertia[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
-    return np.column_stack([np.full(len(center), mass), center, six])
-
-
-def _parallel(points: Array) -> Array:
-    """Return (n, 3, 3): what a unit mass at points (n, 3) adds to the inertia."""
-    squares = np.einsum("ni,ni->n", points, points)[:, None, None] * np.eye(3)
-    return np.asarray(squares - np.einsum("ni,nj->nij", points, points))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class PayloadTorque:
-    """The torque by which a controller is wrong that thinks of the soft robot as a rigid payload.
-
-    Args:
-        time_s: (rows,) of the run.
-        joint_names: base to flange.
-        fixed: (10,), the one payload with least squares of wrong torque over the run, as `PAYLOAD`.
-        by_fixed: (rows, joints) [N m], wrong with that.
-        by_schedule: (rows, joints) [N m], wrong with the payload of that instant, updated every 0.5 s.
-    """
-
-    time_s: Array
-    joint_names: tuple[str, ...]
-    fixed: Array
-    by_fixed: Array
-    by_schedule: Array
-
-    def __repr__(self) -> str:
-        """Return a line for each of both: largest wrong torque, its joint and instant."""
-        rows = {"one payload": self.by_fixed, f"told every {TOLD_EVERY_s:g} s": self.by_schedule}
-        return "\n".join(f"{name}: {self._largest(wrong)}" for name, wrong in rows.items())
-
-    def _largest(self, wrong: Array) -> str:
-        row, joint = np.unravel_index(int(np.argmax(np.abs(wrong))), wrong.shape)
-        return (
-            f"wrong by up to {abs(wrong[row, joint]):.3g} N m ({self.joint_names[joint]}, "
-            f"{self.time_s[row]:.3g} s), root mean square {np.sqrt(np.mean(wrong**2)):.3g} N m"
-        )
-
-
-def payload_torque(run: RunResult | str | Path) -> PayloadTorque:
-    """Return how wrong the torque of a controller is that takes the soft robot for a rigid payload.
-
-    With q of the run, Y p the torque of a payload p by inverse dynamics, w the wrench of the soft robot on
-    the flange and p_m the payload fixed next to it: wrong = Y p_set - (Y p_m - J^T w).
-
-    Args:
-        run: its result, or its directory; the arm is that of the scenario there.
-
-    Raises:
-        InputError: there is no such run, it has no files, no arm, or no time.
-    """
-    from cosim.build.arms import placed_arm  # here: engines are loaded where they are needed
-    from cosim.kinematics.arm import Arm
-
-    result = run if isinstance(run, RunResult) else ended_run.load_run(run)
-    if result.directory is None or result.stage.mode != "dynamic" or not result.stage.joint_names:
-        raise InputError(f"{result.stage.scenario}: needs a run in time of an arm, with files (out=...)")
-    scenario = load_scenario(result.directory / run_files.SCENARIO)
-    arm = Arm(placed_arm(scenario.robot, scenario.arm_base), gravity=scenario.gravity_m_s2)
-    q, speed = result.joint_position, result.joint_velocity
-    pushing = np.gradient(speed, result.time_s, axis=0)
-    _, by_payload = arm.torque_rows(q, speed, pushing, np.zeros(q.shape[1]))
-    wrench = np.hstack([result.flange_force, result.flange_torque])
-    true = -np.stack([arm.jacobian(row).T @ load for row, load in zip(q, wrench, strict=True)])
-    if result.stage.mounted:
-        true += by_payload @ _parameters(np.array(result.stage.mounted))
-    figures = payload_rows(result)
-    told = np.arange(0.0, result.time_s[-1] + TOLD_EVERY_s, TOLD_EVERY_s)
-    columns = [np.interp(result.time_s, told, np.interp(told, result.time_s, c)) for c in figures.T]
-    scheduled = np.stack([_parameters(row) for row in np.column_stack(columns)])
-    fixed = _best_fixed(by_payload, true, figures)
-    return PayloadTorque(
-        result.time_s,
-        result.stage.joint_names,
-        fixed,
-        by_payload @ _parameters(fixed) - true,
-        np.einsum("njk,nk->nj", by_payload, scheduled) - true,
-    )
-
-
-def _best_fixed(by_payload: Array, true: Array, figures: Array) -> Array:
-    """Return the payload (10,) of mean mass and inertia whose centre makes the least wrong torque."""
-    from scipy.optimize import least_squares
-
-    mass, center, inertia = np.split(figures.mean(axis=0), (1, 4))
-
-    def wrong(place: Array) -> Array:
-        return np.ravel(by_payload @ _parameters(np.concatenate([mass, place, inertia])) - true)
-
-    return np.concatenate([mass, least_squares(wrong, center).x, inertia])
-
-
-def _parameters(figures: Array) -> Array:
-    from cosim.kinematics.arm import inertial_parameters
-
-    mass, x, y, z, xx, yy, zz, xy, xz, yz = figures.tolist()
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return inertial_parameters(mass, np.array([x, y, z]), inertia)
+    return JointTable(name, heads, at, np.column_stack([angles, *columns]), tuple(spans))
 
 
 APPROACH_s: Final = 2.0

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from cosim.base.frames import Array
 from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
@@ -34,7 +36,7 @@ from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.solve import assembly, state
 from cosim.stepping.parts import Parts, film_report
 from cosim.telemetry.energy import EnergyParts
-from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, RunInfo
+from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, ObjectInfo, RunInfo
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -351,11 +353,28 @@ def stage_of(
         soft_mass_kg=body.mass_kg,
         drawn=_drawn(scenario, body),
         mounted=carrier.mounted,
+        objects=_objects(parts),
+        grasps=scenario.soft_robot.palm is not None or _films(body) > 1,
         sliding=carrier.sliding,
         stored_m=None if robot is None else robot.stored_m,
         sensors=sensor.sensor_names(scenario, carrier.joint_names),
         cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),
     )
+
+
+def _objects(parts: Parts) -> tuple[ObjectInfo, ...]:
+    names = parts.carrier.body_names
+    moves = parts.scenario.mode == "dynamic"
+    return tuple(ObjectInfo(names[body], body, one) for body, one in parts.carrier.objects if moves)
+
+
+def _films(body: SoftBody) -> int:
+    """Return of how many films a body consists that share no node."""
+    first, second = body.triangles[:, (0, 1)].T, body.triangles[:, (1, 2)].T
+    edges = np.hstack([first, second])
+    count, nodes = len(body.node_mass), np.unique(edges)
+    graph = csr_array((np.ones(edges.shape[1], dtype=bool), tuple(edges)), shape=(count, count))
+    return len(np.unique(connected_components(graph, directed=False)[1][nodes]))
 
 
 def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:

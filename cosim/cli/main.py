@@ -278,7 +278,8 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _export_path(options: argparse.Namespace) -> int:
-    from cosim.app.motion import payload_torque, plan_path, run_path  # here, because they load numpy
+    from cosim.app.motion import plan_path, run_path  # here, because they load numpy
+    from cosim.app.payload import payload_torque
     from cosim.results.exports import check_name
 
     for file in options.files:

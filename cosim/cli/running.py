@@ -324,7 +324,7 @@ def prediction_line(seen: Prediction) -> str:
     """Return the line on the screen: time of the robot, tip, sag, wrench on the flange, latency."""
     snapshot = seen.snapshot
     tip = ", ".join(f"{1e3 * value:.1f}" for value in snapshot.tip_position)
-    wrench = snapshot.ledger.wrench
+    wrench = snapshot.flange_wrench
     force, torque = np.linalg.norm(wrench.force), np.linalg.norm(wrench.torque)
     return (
         f"{seen.time_s:.2f} s  tip ({tip}) mm  sag {1e3 * snapshot.sag_m:.1f} mm  flange {force:.2f} N "

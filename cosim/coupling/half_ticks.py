@@ -144,9 +144,43 @@ def power_on_bodies(bodies: BodyLoads) -> float:
 
 
 @device_function
+def _add_mounted(scene: NativeScene) -> None:
+    """Add to `mounted` what the flange's sensor shows of a step beyond the soft robot's wrench.
+
+    It is read ahead of the next half step, so the axes are still those of the reading.
+    """
+    if scene.flange_sensor.shape[0] == 0:
+        return
+    force, torque = scene.flange_sensor[0], scene.flange_sensor[1]
+    for r in range(3):
+        scene.mounted[r] -= scene.applied[r] / scene.pace[0]
+        scene.mounted[3 + r] -= scene.applied[3 + r] / scene.pace[0]
+        for c in range(3):  # MuJoCo shows what the arm exerts
+            scene.mounted[r] -= scene.axes[r, c] * scene.sensed[force + c] / scene.pace[0]
+            scene.mounted[3 + r] -= scene.axes[r, c] * scene.sensed[torque + c] / scene.pace[0]
+
+
+@device_function
+def _read_touch(scene: NativeScene, bodies: BodyLoads, touch: Matrix) -> None:
+    """Fill what touches each body, see `Ticks.touch`."""
+    for body in range(touch.shape[0]):
+        touch[body, 0] = bodies.pressing[body] if bodies.loaded[body] else 0.0
+    if scene.flange_sensor.shape[0] > 0:
+        touch[0, 1] = scene.sensed[scene.flange_sensor[2]]
+    for o in range(scene.object_sensors.shape[0]):
+        row = scene.object_sensors[o]
+        touch[row[0], 1], touch[row[0], 2] = scene.sensed[row[2]], scene.sensed[row[1]]
+        for k in range(2, row.shape[0]):
+            touch[row[0], 2] -= scene.sensed[row[k]]
+
+
+@device_function
 def _read_scene(scene: NativeScene, bodies: BodyLoads, ticks: Any, k: int) -> None:
     """Keep where arm and bodies are at the end of tick k, the flange's velocity, and the forces on bodies."""
     ticks.contact[k, 0] = bodies.handed[7]
+    _read_touch(scene, bodies, ticks.touch[k])
+    for r in range(6):
+        ticks.mounted[k, r] = scene.mounted[r]
     for j in range(scene.position.shape[0]):
         ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
         ticks.servo_torque[k, j] = scene.servo_torque[j]
@@ -202,10 +236,13 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
     load_scene(scene, carried, ticks, k)
     ticks.momentum_error[k] = _momentum_error(scene, rigid.bodies, ticks.handed[k])
     power, ticks.work[k, 3] = power_on_bodies(rigid.bodies), 0.0
+    for r in range(6):
+        scene.mounted[r] = 0.0
     for i in range(scene.pace[0]):
         if i > 0:
             _go_on(scene)
         call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+        _add_mounted(scene)
         _drive(scene, scene.pace[1] - i)
         call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])
         for kind in range(scene.warnings.shape[0]):

@@ -43,7 +43,7 @@ def _from_on(ticks: Any, k: int) -> Ticks:
         ticks.joints[k:], ticks.joint_speed[k:], ticks.servo_torque[k:], ticks.places[k:],
         ticks.quaternions[k:], ticks.power[k:], ticks.momentum_error[k:], ticks.residual[k:],
         ticks.iterations[k:], ticks.contacts[k:], ticks.contact[k:], ticks.body_force[k:],
-        ticks.self_contact[k:], ticks.work[k:], ticks.hit[k:],
+        ticks.self_contact[k:], ticks.work[k:], ticks.hit[k:], ticks.mounted[k:], ticks.touch[k:],
     )  # fmt: skip
 
 

@@ -84,6 +84,11 @@ class Ticks(NamedTuple):
         work: (n, 4) [J], of contacts with the scene on the film, of those between films on these, lost at
             eyelets that know their direction, and of contacts with the film on bodies.
         hit: (n, 3), see `LedgerEntry`: speed [m/s], way that resolves it [m], body.
+        mounted: (n, 6), of what is fixed next to the soft robot on the flange, see `NativeScene`.
+        touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that have
+            acted in the tick [N]; of a free object also its contacts with what is mounted on the flange, and
+            with other rigid bodies, what is mounted on other flanges left out; of the world also all contacts
+            of what is mounted with rigid bodies.
     """
 
     figures: Matrix
@@ -106,6 +111,8 @@ class Ticks(NamedTuple):
     self_contact: Matrix
     work: Matrix
     hit: Matrix
+    mounted: Matrix
+    touch: Blocks
 
     @classmethod
     def room(cls, n: int, joints: int, bodies: int) -> Ticks:
@@ -115,7 +122,8 @@ class Ticks(NamedTuple):
             np.zeros((n + 1, 7)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)),
             np.zeros((n, bodies, 3)), np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n),
             np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
-            np.zeros((n, 3)), np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)),
+            np.zeros((n, 3)), np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)), np.zeros((n, 6)),
+            np.zeros((n, bodies, 3)),
         )  # fmt: skip
 
     def from_on(self, first: int) -> Ticks:

@@ -52,7 +52,7 @@ class Measurement(Shown):
         joint_torque: (joints,) [N m], that the servos gave in the last tick; zero before the first.
         flange: world_from_flange.
         flange_twist: (6,) [m/s, rad/s], linear then angular, of the flange's origin, world axes.
-        flange_wrench: that the soft robot exerts on the flange, about the flange's origin, world axes.
+        flange_wrench: that soft robot and palm exert on the flange, about the flange's origin, world axes.
         contact_force_N: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by the
             body's name; the floor is part of "world".
         body_pose: world from each rigid body, by its name.

@@ -31,7 +31,7 @@ from cosim.errors import InputError
 from cosim.plan.decision import Decision
 from cosim.results import result
 from cosim.results.result import ArrayText, CameraImages, RunResult, array_texts, frame_rows
-from cosim.telemetry.snapshot import CameraInfo, RunInfo
+from cosim.telemetry.snapshot import CameraInfo, ObjectInfo, RunInfo
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -184,6 +184,9 @@ def stage_of(stored: Mapping[str, Any]) -> RunInfo:
     made["modelled"] = tuple(Decision(**entry) for entry in stored["modelled"])
     made["sensors"] = tuple(
         SensorNames(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["sensors"]
+    )
+    made["objects"] = tuple(
+        ObjectInfo(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["objects"]
     )
     made["cameras"] = tuple(
         CameraInfo(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["cameras"]

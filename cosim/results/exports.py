@@ -13,6 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Self, final
 from xml.sax.saxutils import quoteattr
@@ -26,6 +27,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
 from cosim.results.result import COLUMNS, RunResult, array_texts
+from cosim.telemetry.holding import HeldPart
 
 
 def write_csv(result: RunResult, path: Path) -> None:
@@ -277,6 +279,7 @@ PAYLOAD: Final = (
 _TIME: Final = "time_s"
 _LOOKAHEAD_s: Final = 0.1
 _GAIN: Final = 300
+_ROUNDING_s: Final = 1e-9
 _APPROACH: Final = "a=0.5, v=0.3"
 _STOP_rad_s2: Final = 2.0
 _UR_JOINTS: Final = 6
@@ -294,12 +297,14 @@ class JointTable:
             those of `PAYLOAD`.
         time_s: (n,), from 0 on.
         values: (n, columns) [rad, m, N, Pa], as their names end.
+        held: objects that are held, with their times; the payload has them then.
     """
 
     name: str
     columns: tuple[str, ...]
     time_s: Array
     values: Array
+    held: tuple[HeldPart, ...] = ()
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -343,7 +348,8 @@ class JointTable:
         """Return a program for the controller of a UR arm: a move to the begin, then `servoj` at every step.
 
         Where the payload is known, `set_target_payload` sets it before the move, and every 0.5 s what it
-        will be 0.5 s later (PolyScope 5.10 and later).
+        will be 0.5 s later (PolyScope 5.10 and later). When an object is taken or let go, it is set at once,
+        with a comment.
 
         Raises:
             InputError: the arm has other joints than a UR.
@@ -380,9 +386,37 @@ class JointTable:
         if payload is None:
             return [], ahead
         every, last = max(round(TOLD_EVERY_s / step_s), 1), len(payload) - 1
-        for k in range(0, last, every):
-            ahead[k].append(_payload_call(payload[min(k + every, last)], every * step_s))
-        return [_payload_call(payload[0], 0.0)], ahead
+        changes = self._changes()
+        edges = [*(k for k in changes if k), last + 1]
+        for first, end in pairwise([0, *edges]):
+            if first:
+                ahead[first] += [f"  # {changes[first]}", _payload_call(payload[first], 0.0)]
+            for k in range(first, min(end, last), every):
+                to = min(k + every, end - 1)
+                within_s = (to - k if end <= last else every) * step_s
+                ahead[k] += [_payload_call(payload[to], within_s)] if to > k else []
+        begin = [f"  # {changes[0]}"] if 0 in changes else []
+        return [*begin, _payload_call(payload[0], 0.0)], ahead
+
+    def _changes(self) -> dict[int, str]:
+        """Return at which rows objects are taken or let go, in order, and what to say of it."""
+        found: dict[int, list[str]] = {}
+        times = self.time_s + _ROUNDING_s
+        for part in self.held:
+            what = f"'{part.name}', {part.mass_kg:.4g} kg"
+            for verb, at_s in (("takes", part.since_s), ("lets go of", part.until_s)):
+                row = int(np.searchsorted(times, at_s))
+                if at_s > 0.0 and row < len(times):
+                    found.setdefault(row, []).append(f"{verb} {what}")
+            if part.since_s <= 0.0:
+                found.setdefault(0, []).append(f"holds {what}")
+        payload = self.payload
+        assert payload is not None, "whoever asks has looked"
+        return {
+            row: f"{'; '.join(found[row])}: payload {payload[row, 0]:.4g} kg, "
+            f"{payload[max(row - 1, 0), 0]:.4g} kg until here"
+            for row in sorted(found)
+        }
 
     def trajectory_text(self) -> str:
         """Return a `trajectory_msgs/msg/JointTrajectory` of ROS 2 as YAML, as `ros2 topic pub` takes it.

@@ -286,7 +286,8 @@ class RunResult(RigidColumns):
         body_contact_force: (rows, bodies, 3) [N], of the soft robot's contacts on each body, world axes.
         flange_position: (rows, 3) [m], of its origin, world.
         flange_quaternion: (rows, 4), (w, x, y, z), world from flange.
-        flange_force: (rows, 3) [N], that the soft robot exerts on the flange, world axes.
+        flange_force: (rows, 3) [N], that all that hangs on the flange exerts on it, world axes: the soft
+            robot, and weight, inertia and contacts of a palm, as a sensor between arm and flange shows.
         flange_torque: (rows, 3) [N m], the same, about the flange's origin.
         soft_center: (rows, 3) [m], centre of mass of the soft robot, world.
         soft_inertia: (rows, 3, 3) [kg m^2], of the soft robot about that, world axes.
@@ -310,6 +311,7 @@ class RunResult(RigidColumns):
         contacts: (rows,), points of the film that press on something.
         contact_force_N: (rows,), sum of the normal forces that acted on bodies, mean over the tick.
         contact_depth_m: (rows,), of the deepest point in the pressed body.
+        palm_contacts: (rows,), of what is mounted on the flange with rigid bodies.
         self_contacts: (rows,), points of the film that press on another film of the soft robot.
         self_contact_force_N: (rows,), sum of their normal forces.
         self_contact_depth_m: (rows,), of the deepest point behind another film.
@@ -352,6 +354,7 @@ class RunResult(RigidColumns):
     contacts: IntArray
     contact_force_N: Array
     contact_depth_m: Array
+    palm_contacts: IntArray
     self_contacts: IntArray
     self_contact_force_N: Array
     self_contact_depth_m: Array

@@ -66,6 +66,17 @@ class Carrier(ABC):
     def wrench(self) -> Wrench:
         """What the soft robot exerts on the flange at present, at its origin, world axes; statics: zero."""
 
+    @property
+    def mounted_load(self) -> Array:
+        """(6,), of what is fixed next to the soft robot on the flange, as `Snapshot.mounted_load`."""
+        return np.zeros(6)
+
+    @property
+    def flange_wrench(self) -> Wrench:
+        """What all that hangs on the flange exerts on it at present, as `Snapshot.flange_wrench`."""
+        wrench, load = self.wrench, self.mounted_load
+        return Wrench(wrench.force + load[:3], wrench.torque + load[3:])
+
     def flange_jacobian(self) -> Array:
         """Return (6, joints): the twist of the flange's origin by the joint speeds, world axes."""
         return np.zeros((6, 0))
@@ -87,6 +98,11 @@ class Carrier(ABC):
     @property
     def mounted(self) -> tuple[float, ...]:
         """What is fixed to the flange beside the soft robot, as `RunInfo.mounted`."""
+        return ()
+
+    @property
+    def objects(self) -> tuple[tuple[int, tuple[float, ...]], ...]:
+        """Objects that are free to move: place in `body_names`, and figures as of `mounted`, body frame."""
         return ()
 
     @property

@@ -245,7 +245,7 @@ class Parts:
             carrier.joint_position,
             carrier.joint_velocity,
             carrier.joint_torque,
-            carrier.wrench,
+            carrier.flange_wrench,
             carrier.flange_jacobian(),
             dict(zip(names, read_only(carrier.touched.on_each(len(names))), strict=True)),
             BodyPoses(names, *carrier.body_poses()),
@@ -308,4 +308,6 @@ class Parts:
             overlaps=moment.overlaps,
             footing=footing,
             handovers=soft.handovers(),
+            mounted_load=carrier.mounted_load.copy(),
+            body_touch=np.zeros((len(places), 3)),
         )

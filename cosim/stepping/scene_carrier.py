@@ -128,11 +128,13 @@ class ArmCarrierState:
         scene: rigid side.
         reference: (joints,) [rad] of the last increment, in statics.
         coupling: exchange with the soft side; None in statics.
+        mounted_load: (6,), of what else is fixed to the flange, in the last tick; None at rest.
     """
 
     scene: RigidState
     reference: Array
     coupling: Any
+    mounted_load: Annotated[Array, (6,)] | None
 
 
 class ArmCarrier(SceneCarrier):
@@ -166,6 +168,7 @@ class ArmCarrier(SceneCarrier):
         self._exchange = exchange or CouplingTable()
         self._reference = np.zeros(arm.joint_count)
         self._touching: tuple[LinkContact, ...] = ()
+        self._mounted_load: Array | None = None
 
     @property
     def joint_position(self) -> Array:
@@ -212,6 +215,20 @@ class ArmCarrier(SceneCarrier):
         return () if self._mounted is None else self._mounted.figures()
 
     @property
+    def mounted_load(self) -> Array:
+        if self._mounted_load is not None:
+            return self._mounted_load
+        if self._mounted is None:
+            return np.zeros(6)
+        weight = self._mounted.mass_kg * np.array(self._scene.description.gravity)
+        lever = self.flange_pose.rotation @ self._mounted.center
+        return np.concatenate([weight, np.cross(lever, weight)])
+
+    @property
+    def objects(self) -> tuple[tuple[int, tuple[float, ...]], ...]:
+        return self._scene.free_objects
+
+    @property
     def shapes(self) -> tuple[BodyShape, ...]:
         return self._scene.shapes
 
@@ -229,7 +246,7 @@ class ArmCarrier(SceneCarrier):
 
     def set_configuration(self, joints: Array) -> None:
         self._scene.set_joint_state(joints)
-        self._reference = joints
+        self._reference, self._mounted_load = joints, None
 
     @property
     def deflection(self) -> Array:
@@ -280,9 +297,15 @@ class ArmCarrier(SceneCarrier):
         interface = Interface(self._coupled, self._soft, wrench, contact, mounted)
         return make_coupling(self._exchange, interface)
 
+    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+        taken = super().advance(servos, loads)
+        if taken.done:
+            self._mounted_load = taken.ticks.mounted[taken.done - 1].copy()
+        return taken
+
     def save_state(self) -> ArmCarrierState:
         coupling = None if self._coupling is None else self._coupling.save_state()
-        saved = ArmCarrierState(self._scene.save_state(), self._reference, coupling)
+        saved = ArmCarrierState(self._scene.save_state(), self._reference, coupling, self._mounted_load)
         self._known.add(saved)
         return saved
 
@@ -290,7 +313,7 @@ class ArmCarrier(SceneCarrier):
         if not isinstance(state, ArmCarrierState):
             raise InputError("the saved state is of a held base, this flange is carried")
         self._restore_exchange(state, state.coupling, state.scene.loaded)
-        self._reference = state.reference
+        self._reference, self._mounted_load = state.reference, state.mounted_load
 
     def servos(self, references: JointReference) -> Servos:
         position, velocity = references.position, references.velocity

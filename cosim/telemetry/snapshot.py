@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, read_only
+from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, Wrench, read_only
 from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry, ShapeFigures, TickPieces
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
@@ -257,6 +257,23 @@ class DrawnFilm:
     stress: Callable[[Array], Array]
 
 
+@final
+@dataclass(frozen=True)
+class ObjectInfo:
+    """An object that is free to move.
+
+    Args:
+        name: of it.
+        body: its place in `RunInfo.body_names`.
+        figures: (10,) mass [kg], centre (3,) [m] in the body's frame, inertia xx, yy, zz, xy, xz, yz [kg m^2]
+            about that, body axes.
+    """
+
+    name: str
+    body: int
+    figures: tuple[float, ...]
+
+
 @dataclass(frozen=True, repr=False)
 class RunInfo(Shown):
     """Everything about a run that does not change while it runs.
@@ -294,6 +311,8 @@ class RunInfo(Shown):
         soft_mass_kg: mass of the soft robot.
         mounted: what else is fixed to the flange: (10,) mass [kg], centre (3,) [m] in the flange frame,
             inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
+        objects: that are free to move; () in statics, where they stand still.
+        grasps: whether the soft robot has a palm or several films.
         sliding: (joints,), whether a joint slides.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
         sensors: names, units and values of the sensors.
@@ -332,6 +351,8 @@ class RunInfo(Shown):
     energy: EnergyParts | None = None
     soft_mass_kg: float = 0.0
     mounted: tuple[float, ...] = ()
+    objects: tuple[ObjectInfo, ...] = ()
+    grasps: bool = False
     sliding: tuple[bool, ...] = ()
     stored_m: float | None = None
     sensors: tuple[SensorNames, ...] = ()
@@ -404,6 +425,9 @@ class Snapshot(Shown):
         sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
         images: of the cameras whose next picture is due at this tick.
         pieces: of the tick, where it was taken in pieces.
+        mounted_load: (6,), force [N] and torque [N m] on the flange of what is fixed next to the soft robot,
+            such as a palm, at its origin, world axes: weight, inertia and contacts, mean over the tick.
+        body_touch: (bodies, 3), what touches each body, see `TickBatch`.
     """
 
     tick: int
@@ -436,6 +460,17 @@ class Snapshot(Shown):
     sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
     images: tuple[CameraImage, ...] = ()
     pieces: TickPieces | None = None
+    mounted_load: Annotated[Array, (6,)] = field(default_factory=lambda: np.zeros(6))
+    body_touch: Annotated[Array, ("bodies", 3)] = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def flange_wrench(self) -> Wrench:
+        """What all that hangs on the flange exerts on it, at its origin, world axes.
+
+        That is the soft robot's wrench, `ledger.wrench`, and `mounted_load`.
+        """
+        wrench, load = self.ledger.wrench, self.mounted_load
+        return Wrench(wrench.force + load[:3], wrench.torque + load[3:])
 
     @property
     def node_position(self) -> Array:

@@ -14,7 +14,7 @@ from cosim.base.state_check import check_state
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
-from cosim.telemetry import figures, tick_batch
+from cosim.telemetry import figures, holding, tick_batch
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 
@@ -112,23 +112,24 @@ _WIDTH: Final = len("stability: ")
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
-    """Return the six lines that end a run on screen; with a handover one more.
+    """Return the six lines that end a run on screen; with a handover one more, and one for each object.
 
     Args:
         summary: of the run.
         directory: that its files are in.
         recordings: those of the run, oldest first.
     """
-    lines = {
-        "modelled": modelled_line(summary),
-        "stability": stability_line(summary),
-        "overlap": overlap_line(summary),
-        **({"handover": handover_line(summary["handover"])} if summary["handover"] else {}),
-        "error": error_line(summary),
-        "warnings": warnings_line(summary),
-        "files": files_line(summary, directory, recordings),
-    }
-    return [f"{name + ':':<{_WIDTH}}{text}" for name, text in lines.items()]
+    lines = [
+        ("modelled", modelled_line(summary)),
+        ("stability", stability_line(summary)),
+        ("overlap", overlap_line(summary)),
+        *([("handover", handover_line(summary["handover"]))] if summary["handover"] else []),
+        *(("object", text) for text in holding.object_lines(summary["objects"])),
+        ("error", error_line(summary)),
+        ("warnings", warnings_line(summary)),
+        ("files", files_line(summary, directory, recordings)),
+    ]
+    return [f"{name + ':':<{_WIDTH}}{text}" for name, text in lines]
 
 
 def quiet_line(summary: dict[str, Any], directory: Path) -> str:
@@ -309,6 +310,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
         *(f"- contact: {line}" for line in figures.touched_lines(summary["touched"])),
         *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
+        *(f"- object: {line}" for line in holding.object_lines(summary["objects"])),
         f"- error: {error_line(summary)}",
         *figures.arm_table(summary["arm"]),
         "| phase | end [s] | pressure [kPa] | cables [N] | tip [mm] | sag [mm] | tip error [mm] |",
@@ -409,13 +411,18 @@ class SummaryBuilder:
         self._handovers: list[dict[str, Any]] = []
         self._devices = figures.DeviceFigures()
         self._shortest_m = math.inf
+        self._objects = holding.ObjectFigures()
+        self._began = (0.0, 0.0)  # of the phase: when, and how high the flange was
+        self._missed: list[str] = []
 
     def observe(self, batch: tick_batch.TickBatch) -> tick_batch.TickBatch:
         """Take in ticks of one phase, in order, tick 0 first; return them with their energy balance."""
         if self._last is None:
-            self._shortest_m = batch.snapshot(0).film.center_line_m
+            first = batch.snapshot(0)
+            self._shortest_m, self._began = first.film.center_line_m, (first.time_s, self._height(first))
         elif batch.phase[0] != self._last.phase:
             self._close_phase(complete=True)
+            self._began = self._last.time_s, self._height(self._last)
         self._last = batch.snapshot(-1)
         for key, (how, column, _) in _GATHERED.items():
             self._figures[key] = _gathered(how, self._figures[key], getattr(batch, column), batch.time_s)
@@ -423,6 +430,8 @@ class SummaryBuilder:
             self._touched = self._touched.after(batch, self._stage.tick_s)
         if self._stage.devices is not None:
             self._devices = self._devices.after(batch)
+        if self._stage.objects:
+            self._objects = self._objects.after(batch, self._stage.objects)
         name, time_s = self._stage.phase_names[self._last.phase], batch.time_s.tolist()
         for row, passed in batch.branchings.items():
             self._branchings = figures.joined_branchings(self._branchings, name, time_s[row], passed)
@@ -458,7 +467,7 @@ class SummaryBuilder:
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
         check_state(
             state.gathered,
-            own | {"_phases": [], "_branchings": [], "_overlaps": [], "_handovers": []},
+            own | {"_phases": [], "_branchings": [], "_overlaps": [], "_handovers": [], "_missed": []},
             place="figures",
             sizes={"cables": len(self._stage.cables), "bodies": len(self._stage.body_names)},
             finite=False,
@@ -515,6 +524,7 @@ class SummaryBuilder:
             "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},
             "branchings": self._branchings,
             "overlaps": self._overlaps,
+            "objects": self._objects.figures(stage.objects),
             "arm": self._arm_section(),
             "warnings": self._warnings(),
             "phases": [row | {"error": errors.phases.get(k)} for k, row in enumerate(self._phases)],
@@ -533,14 +543,23 @@ class SummaryBuilder:
         beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
         beyond += [*swing_warnings(self._phases), *figures.section_warnings(self._stage.section_model)]
         beyond += figures.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
+        beyond = [*self._missed, *beyond]
         if planned is None:
             return beyond
         return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
+
+    def _height(self, at: Snapshot) -> float:
+        """Return how high the flange is, against gravity."""
+        down = self._stage.gravity / max(float(np.linalg.norm(self._stage.gravity)), 1e-30)
+        return -float(down @ at.world_from_flange.translation)
 
     def _close_phase(self, *, complete: bool) -> None:
         if self._last is None:
             return
         name = self._stage.phase_names[self._last.phase]
+        if complete and self._stage.grasps and self._stage.objects:
+            lifted_m = self._height(self._last) - self._began[1]
+            self._missed += self._objects.not_lifted(self._stage.objects, name, self._began[0], lifted_m)
         iterations = self.newton_iterations - sum(phase["newton_iterations"] for phase in self._phases)
         row = _phase_figures(self._last, name, iterations, complete)
         row |= _chamber_figures(self._last, self._stage.chamber_names)
@@ -567,7 +586,7 @@ class SummaryBuilder:
 
 
 def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: bool) -> dict[str, Any]:
-    wrench = last.ledger.wrench
+    wrench = last.flange_wrench
     found: dict[str, Any] = {
         "name": name,
         "complete": complete,

@@ -35,7 +35,7 @@ _NOWHERE: Final = np.full(3, np.nan)
 _STACKED: Final = (
     "joint_position", "joint_velocity", "joint_torque", "joint_target", "body_position", "body_quaternion",
     "body_contact_force", "soft_center", "soft_inertia", "chamber_pressure_Pa", "cable_tension_N",
-    "sensor_reading", "sensor_truth",
+    "sensor_reading", "sensor_truth", "mounted_load", "body_touch",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
 _BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images", "pieces")
@@ -90,7 +90,12 @@ class TickBatch(RigidColumns):
         sensor_truth: (n, readings), what they measure.
         tip_target: (n, 3) [m], world; what is free, or not given at all, is not a number.
         has_tip_target: (n,).
-        wrench: (n, 6), force [N] and torque [N m] on the flange, at its origin, world axes.
+        wrench: (n, 6), force [N] and torque [N m] of the soft robot on the flange, at its origin, world axes.
+        mounted_load: (n, 6), the same of what is fixed next to it, mean over the tick.
+        body_touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that
+            have acted in the tick [N]; of a free object also its contacts with what is mounted on the flange,
+            and with other rigid bodies, what is mounted on other flanges left out; of the world also all
+            contacts of what is mounted with rigid bodies.
         rigid_power_W: (n,), as all that follow down to `slides`; each is described in `LedgerEntry`.
         tick_wall_s: (n,), wall time.
         energy_J: (n, terms) [J], `TERMS` of the balance; (n, 0) before the summary has taken the ticks in,
@@ -118,6 +123,8 @@ class TickBatch(RigidColumns):
     tip_target: Array
     has_tip_target: Mask
     wrench: Array
+    mounted_load: Array
+    body_touch: Array
     rigid_power_W: Array
     soft_power_W: Array
     residual_N: Array
@@ -216,6 +223,8 @@ class TickBatch(RigidColumns):
             soft_inertia=inertia,
             chamber_pressure_Pa=taken.pressure_Pa[:n],
             wrench=taken.wrench,
+            mounted_load=ticks.mounted[:n],
+            body_touch=ticks.touch[:n],
             energy_J=np.zeros((n, 0)),
             pieces=taken.pieces,
             **taken.ledger(),
@@ -302,13 +311,18 @@ class TickBatch(RigidColumns):
 
     @property
     def flange_force(self) -> Array:
-        """(n, 3) [N], world axes."""
-        return self.wrench[:, :3]
+        """(n, 3) [N], of all that hangs on the flange, world axes."""
+        return self.wrench[:, :3] + self.mounted_load[:, :3]
 
     @property
     def flange_torque(self) -> Array:
         """(n, 3) [N m], about the flange's origin, world axes."""
-        return self.wrench[:, 3:]
+        return self.wrench[:, 3:] + self.mounted_load[:, 3:]
+
+    @property
+    def palm_contacts(self) -> IntArray:
+        """(n,), of what is mounted on the flange with rigid bodies."""
+        return self.body_touch[:, :1, 1].sum(axis=1).astype(np.int64)
 
     @property
     def power_error_W(self) -> Array:

@@ -13,7 +13,7 @@ import pytest
 
 import cosim
 from benchmarks.tip_paths import bare_arm
-from cosim.app.motion import payload_rows
+from cosim.app.payload import payload_rows
 from cosim.base.frames import rotations_from_quaternions
 from cosim.build import soft_model
 from cosim.cli.main import main

@@ -79,6 +79,7 @@ class BodyLoads(NamedTuple):
         applied: (bodies, 6), MuJoCo's loads on them.
         centers: (bodies, 3) [m], of their masses, where the film meets them.
         loaded: (bodies,), 1 for those that bear a load of contact.
+        pressing: (bodies,) [N], sum of the normal forces of the film that make up that load.
         handed: (8,), film's load on all bodies about the world's origin, its size [N], and the sum of the
             normal forces that are part of it [N].
         leads: how far they are ahead.
@@ -87,6 +88,7 @@ class BodyLoads(NamedTuple):
     applied: Matrix
     centers: Matrix
     loaded: Indices
+    pressing: Vector
     handed: Vector
     leads: Leads
 
@@ -256,6 +258,7 @@ class EndRows(NamedTuple):
         loads: (bodies, 6), force [N] and torque about the world's origin [N m] on each body, world axes.
         acting: (bodies,), 1 where any acts.
         held: (bodies,) [N/m], trace of the stiffness of a body's contacts, stick springs slack.
+        pressing: (bodies,) [N], sum of the normal forces on each body.
         film: (8,), the loads as the film's nodes bear them, summed over all bodies, their size [N], and the
             sum of the normal forces [N].
         figures: (6,), sum of the normal forces [N]; depth of the deepest that presses [m]; work on the film
@@ -270,6 +273,7 @@ class EndRows(NamedTuple):
     loads: Matrix
     acting: Indices
     held: Vector
+    pressing: Vector
     film: Vector
     figures: Vector
     own: Matrix
@@ -278,7 +282,7 @@ class EndRows(NamedTuple):
     @classmethod
     def room(cls, count: int, bodies: int, force: Array) -> EndRows:
         """Return room for so many, with the force on the film as it is."""
-        of_bodies = np.zeros((bodies, 6)), _no_indices(bodies), np.zeros(bodies)
+        of_bodies = np.zeros((bodies, 6)), _no_indices(bodies), np.zeros(bodies), np.zeros(bodies)
         rest = np.zeros(8), np.zeros(6), np.zeros((count, 3)), force
         return cls(np.zeros((count, 3)), np.zeros(count), *of_bodies, *rest)
 

@@ -69,6 +69,7 @@ class ContactState:
     centers: Annotated[Array, ("bodies", 3)]
     force: Annotated[Array, ("touched nodes", 3)]
     past: Annotated[Array, ("bodies", 12)]
+    pressing: Annotated[Array, ("bodies",)]
 
 
 @final
@@ -273,7 +274,8 @@ class ContactExchange:
         """Return what the next tick depends on."""
         centers = self.arrays.bodies.centers.copy()
         age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
-        return ContactState(self.memory, self.planes, age, centers, force, self.arrays.past.copy())
+        past, pressing = self.arrays.past.copy(), self.arrays.bodies.pressing.copy()
+        return ContactState(self.memory, self.planes, age, centers, force, past, pressing)
 
     def restore_state(self, state: ContactState) -> None:
         """Return to a state of `save_state`; the scene has been restored before."""
@@ -287,6 +289,7 @@ class ContactExchange:
             part[:count] = getattr(state.memory, name)
         self.arrays.bodies.centers[:] = state.centers
         self.arrays.end.force[:], self.arrays.past[:] = state.force, state.past
+        self.arrays.bodies.pressing[:] = state.pressing
         counts = self.arrays.counts
         counts[:] = 0
         # bodies may bear what the next step is to end
@@ -384,8 +387,8 @@ class ContactExchange:
             numbers, MemoryRows.room(room), MemoryRows.room(room), touched, contact_arrays.Ties.room(room),
             self._glue, contact_arrays.EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
             contact_arrays.BodyLoads(
-                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(8),
-                contact_arrays.leads_of(bodies),
+                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(bodies.count),
+                np.zeros(8), contact_arrays.leads_of(bodies),
             ),
             movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
             np.full((bodies.count, 2), contact_arrays.UNKNOWN), np.zeros((bodies.count, 6, 6)),

@@ -386,7 +386,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
     own, tangent, stretch = small_vector(3), small_matrix(3, 3), small_vector(3)
     end.figures[0], end.figures[1], size = 0.0, -np.inf, 0.0
     end.figures[3], end.figures[4], end.figures[5] = 0.0, 0.0, -1.0
-    end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0, 0.0, 0.0
+    end.loads[:], end.acting[:], end.held[:], end.pressing[:], end.film[:] = 0.0, 0, 0.0, 0.0, 0.0
     for e in range(contact.counts[contact_arrays.TOUCHES]):
         point, n, b, distance = end.point[e], planes.normal[e], planes.body[e], -planes.offset[e]
         for r in range(3):
@@ -417,6 +417,7 @@ def _conclude(contact: Any, x: Matrix) -> int:
                 _add_load(planes.weights[e, a], own, x[planes.nodes[e, a]], end.film)
         if push > 0.0:
             end.figures[0] += push
+            end.pressing[b] += push
             end.figures[1] = max(end.figures[1], -distance)
             _see_hit(contact, e)
             for r in range(3):
@@ -566,7 +567,7 @@ def _load_bodies(end: Any, bodies: Any, past: Matrix) -> None:
             for r in range(6):
                 past[b, 6 + r] = past[b, r] if bodies.loaded[b] else 0.0
                 past[b, r] = bodies.applied[b, r] if bodies.loaded[b] else 0.0
-            bodies.loaded[b] = end.acting[b]
+            bodies.loaded[b], bodies.pressing[b] = end.acting[b], end.pressing[b]
             _bear(bodies, end.loads[b], b)
     for r in range(8):
         bodies.handed[r] = end.film[r]
@@ -606,7 +607,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
         counts[contact_arrays.AGE] += 1
     else:
         end.figures[:], end.loads[:], end.acting[:], end.held[:], end.film[:] = 0.0, 0.0, 0, 0.0, 0.0
-        end.figures[5] = -1.0
+        end.figures[5], end.pressing[:] = -1.0, 0.0
     end.figures[2] = _work(contact, before, x)
     counts[contact_arrays.REMEMBERED] = pressing
     for e in range(pressing):  # they are those of the last tick from now on

@@ -32,8 +32,10 @@ from cosim.errors import InputError, SceneError
 from cosim.rigid.build import mjcf_arm, mjcf_files, object_bodies
 from cosim.rigid.build.description import (
     CELL,
+    FLANGE_CONTACTS,
     FLANGE_SITE,
     FORCE_SENSOR,
+    OBJECT_CONTACTS,
     TORQUE_SENSOR,
     VISUAL_GROUP,
     Cell,
@@ -403,6 +405,10 @@ def _compiled(description: SceneDescription, arms: tuple[SceneDescription, ...] 
     _add_surroundings(spec, description, mounted)
     names, wires = ([item.name for item in items] for items in (mounted, description.wires))
     description.friction.add_contacts(spec, names, wires)
+    mounts = [one.prefix + FLANGE_MOUNT for one in together]
+    for item in description.objects:
+        if item.mass_kg > 0.0 and item.joint is None:
+            _count_contacts(spec, item.name, mounts)
     model = spec.compile()
     if mounted and model.ntree <= _FEW_TREES:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -410,6 +416,21 @@ def _compiled(description: SceneDescription, arms: tuple[SceneDescription, ...] 
         object_bodies.relax_wire(model, wire)
     mjcf_files.check_finite(model)
     return model
+
+
+def _count_contacts(spec: mujoco.MjSpec, name: str, mounts: Sequence[str]) -> None:
+    """Let sensors count the contacts of an object: with all rigid bodies, and with what each flange has."""
+    for mount in ("", *mounts):
+        sensor = _add_counter(spec, f"{OBJECT_CONTACTS} {name} {mount}", (mujoco.mjtObj.mjOBJ_BODY, name))
+        if mount:
+            sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_XBODY, mount
+
+
+def _add_counter(spec: mujoco.MjSpec, name: str, of: tuple[mujoco.mjtObj, str]) -> mujoco.MjsSensor:
+    """Add a sensor that counts the contacts of a body, or of all that hangs on it."""
+    sensor = spec.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=of[0], objname=of[1])
+    sensor.intprm[:3] = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1
+    return sensor
 
 
 def _arm_spec(description: SceneDescription) -> mujoco.MjSpec:
@@ -530,6 +551,7 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
         (TORQUE_SENSOR, mujoco.mjtSensor.mjSENS_TORQUE),
     ):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=FLANGE_SITE)
+    _add_counter(spec, FLANGE_CONTACTS, (mujoco.mjtObj.mjOBJ_XBODY, FLANGE_MOUNT))
 
 
 @final

@@ -318,6 +318,9 @@ class Cell:
 
 
 FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR = "flange", "flange_force", "flange_torque"
+FLANGE_CONTACTS = "flange_contacts"
+OBJECT_CONTACTS = "contacts of"
+"""What names of sensors begin with that count an object's contacts: with all, then with each flange."""
 VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
 
 

@@ -17,9 +17,17 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, SixNumbers, Twist, Wrench
 from cosim.errors import ConvergenceError
-from cosim.rigid.build.description import CELL, FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR
+from cosim.rigid.build.description import (
+    CELL,
+    FLANGE_CONTACTS,
+    FLANGE_SITE,
+    FORCE_SENSOR,
+    OBJECT_CONTACTS,
+    TORQUE_SENSOR,
+)
 
 SITE, BODY = int(mujoco.mjtObj.mjOBJ_SITE), int(mujoco.mjtObj.mjOBJ_XBODY)
+NO_OBJECT = int(mujoco.mjtObj.mjOBJ_UNKNOWN)
 
 
 @final
@@ -57,6 +65,9 @@ class ArmLayout:
         mount: massless body at the flange.
         force: of the flange's force sensor in sensordata.
         torque: of the flange's torque sensor in sensordata.
+        contacts: in sensordata, how many contacts what is mounted on the flange has.
+        carries: whether something rigid is mounted on the flange.
+        object_sensors: see `NativeScene`.
     """
 
     joints: slice
@@ -66,6 +77,9 @@ class ArmLayout:
     mount: int
     force: slice
     torque: slice
+    contacts: int
+    carries: bool
+    object_sensors: IntArray
 
     @property
     def mounting(self) -> Mounting:
@@ -86,7 +100,22 @@ class ArmLayout:
             mount=int(model.site_bodyid[site]),
             force=slice(force, force + 3),
             torque=slice(torque, torque + 3),
+            contacts=int(model.sensor(prefix + FLANGE_CONTACTS).adr[0]),
+            carries=bool((model.body_parentid == model.site_bodyid[site]).any()),
+            object_sensors=_object_sensors(model, int(model.site_bodyid[site])),
         )
+
+
+def _object_sensors(model: mujoco.MjModel, mount: int) -> IntArray:
+    """Return where contacts of free objects are counted, see `NativeScene.object_sensors`."""
+    rows: dict[int, list[int]] = {}
+    for sensor in range(model.nsensor):
+        if model.sensor(sensor).name.startswith(OBJECT_CONTACTS):
+            body, with_all = int(model.sensor_objid[sensor]), model.sensor_reftype[sensor] == NO_OBJECT
+            row, address = rows.setdefault(body, [body]), int(model.sensor_adr[sensor])
+            first = not with_all and model.sensor_refid[sensor] == mount
+            row.insert(2 if first else len(row), address)
+    return np.array(list(rows.values()), np.int64).reshape(len(rows), -1 if rows else 3)
 
 
 def effort_limit(model: mujoco.MjModel, layout: ArmLayout) -> Array:

@@ -30,14 +30,26 @@ class SharedScene(host_scene.HostScene):
         self._arm = arm
         own = arm.native()
         self._native = self._native._replace(
-            position=own.position, speed=own.speed, servo_torque=own.servo_torque
-        )
+            position=own.position, speed=own.speed, servo_torque=own.servo_torque, sensed=own.sensed,
+            flange_sensor=own.flange_sensor, object_sensors=own.object_sensors,
+        )  # fmt: skip
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         return self._arm.contact_query(fixed_only=fixed_only)
 
     def check(self) -> None:
         self._arm.check()
+
+    def begin_tick(self) -> None:
+        super().begin_tick()
+        self._native.mounted[:] = 0.0
+
+    def add_mounted(self) -> None:
+        """Add what the flange's sensor shows of a step beyond the soft robot's wrench, see `NativeScene`."""
+        scene, share = self._native, 1.0 / self._steps
+        for k, place in enumerate(scene.flange_sensor[:2].tolist()):
+            shown = scene.axes @ scene.sensed[place : place + 3]
+            scene.mounted[3 * k : 3 * k + 3] -= share * (self.acts[3 * k : 3 * k + 3] + shown)
 
     def end_tick(self) -> None:
         self.accelerated()
@@ -78,6 +90,8 @@ class SceneOfArms:
             if step:
                 self._control[:, 0] += float(model.opt.timestep) * self._control[:, 1]
             mujoco.mj_step2(model, data)
+            for each in exchanges:
+                each.add_mounted()
             mujoco.mj_step1(model, data)
             self.arms[0].check()
             for each in exchanges:

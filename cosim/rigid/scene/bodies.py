@@ -334,6 +334,13 @@ class NativeScene(NamedTuple):
         drive_place: (d,), of a cell's joints in the first, and
         drive_dof: (d,), in the second.
         drive_aim: (2, d), see `CellDrives.aim`.
+        mounted: (6,), force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at
+            its origin, world axes: weight, inertia and contacts, mean over the last rigid half.
+        sensed: what MuJoCo's sensors show.
+        flange_sensor: (3,), where in it force and torque of the flange's sensor are, and the number of
+            contacts of what is mounted; (0,) with nothing mounted.
+        object_sensors: (o, 2 + k), a free object of each row, where in it all of its contacts with rigid
+            bodies are counted, and where those with what is mounted on each flange, this one first.
     """
 
     pace: Indices
@@ -362,6 +369,10 @@ class NativeScene(NamedTuple):
     drive_place: Indices
     drive_dof: Indices
     drive_aim: Matrix
+    mounted: Vector
+    sensed: Vector
+    flange_sensor: Indices
+    object_sensors: IndexTable
 
 
 class StateRows(NamedTuple):
@@ -480,7 +491,7 @@ def native_scene(
     Raises:
         SceneError: MuJoCo's library cannot be found.
     """
-    mount = layout.mount
+    mount, placed = layout.mount, (layout.force.start, layout.torque.start, layout.contacts)
     return NativeScene(
         pace, float(model.opt.timestep), np.array(_addresses(_STEPS)),
         np.array((model._address, data._address)), data.ctrl.reshape(-1, 3)[layout.joints],
@@ -490,7 +501,8 @@ def native_scene(
         data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
         data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
         data.M, mass_places(model, layout.mounting), data.qpos, data.qvel, np.array(cell.places, np.int64),
-        np.array(cell.dofs, np.int64), cell.goal,
+        np.array(cell.dofs, np.int64), cell.goal, np.zeros(6), data.sensordata,
+        np.array(placed if layout.carries else (), np.int64), layout.object_sensors,
     )  # fmt: skip
 
 

@@ -384,6 +384,15 @@ class RigidScene(coupled_scene.CoupledScene):
         return self._compiled.drawings[self.description.prefix].note
 
     @property
+    def free_objects(self) -> tuple[tuple[int, tuple[float, ...]], ...]:
+        """Bodies of free objects, each with mass [kg], centre (3,) [m] in its frame, and its inertia.
+
+        The latter xx, yy, zz, xy, xz, yz [kg m^2] about that centre, body axes.
+        """
+        bodies = self._layout.object_sensors[:, 0].tolist()
+        return tuple((body, _figures(self._model, body)) for body in bodies)
+
+    @property
     def tick_s(self) -> float:
         """Length of a tick [s]: of the clock, or of a fine one, see `go_finely`."""
         return self._step_s if self._pace[0] < self.substeps else self._tick_s
@@ -583,3 +592,10 @@ class RigidScene(coupled_scene.CoupledScene):
         self._data.qacc[:] = state.acceleration
         self._data.qfrc_actuator[:] = state.servo_torque
         self.flange.measured = state.flange_load
+
+
+def _figures(model: mujoco.MjModel, body: int) -> tuple[float, ...]:
+    turn = Pose.from_quaternion(np.array(model.body_iquat[body]), np.zeros(3)).rotation
+    inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
+    six = inertia[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+    return tuple(np.concatenate([[model.body_mass[body]], model.body_ipos[body], six]).tolist())
