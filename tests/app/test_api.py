@@ -41,7 +41,7 @@ def test_run_returns_one_row_per_snapshot(
     assert result.body_contact_force.shape == result.body_position.shape == (TICKS + 1, 2, 3)
     assert repr(result).splitlines() == [
         "RunResult of ur5e_hexagon_arm, dynamic, completed: 25 of 25 ticks, 0.25 of 0.25 s",
-        "26 rows of 41 arrays, 13 frames of the film, 5 phases, 6 joints, 2 bodies, 1 chambers, 1 cables",
+        "26 rows of 42 arrays, 13 frames of the film, 5 phases, 6 joints, 2 bodies, 1 chambers, 1 cables",
     ]
     assert result.node_position[:, 0, 0].tolist() == list(range(0, TICKS + 1, 2))
 
