@@ -365,7 +365,8 @@ def stage_of(
 def _objects(parts: Parts) -> tuple[ObjectInfo, ...]:
     names = parts.carrier.body_names
     moves = parts.scenario.mode == "dynamic"
-    return tuple(ObjectInfo(names[body], body, one) for body, one in parts.carrier.objects if moves)
+    objects = parts.carrier.objects if moves else ()
+    return tuple(ObjectInfo(names[body], body, figures, free) for body, free, figures in objects)
 
 
 def _films(body: SoftBody) -> int:

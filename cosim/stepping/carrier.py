@@ -101,8 +101,8 @@ class Carrier(ABC):
         return ()
 
     @property
-    def objects(self) -> tuple[tuple[int, tuple[float, ...]], ...]:
-        """Objects that are free to move: place in `body_names`, and figures as of `mounted`, body frame."""
+    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
+        """Objects that can move: place in `body_names`, if free, and figures as of `mounted`, body frame."""
         return ()
 
     @property

@@ -225,8 +225,8 @@ class ArmCarrier(SceneCarrier):
         return np.concatenate([weight, np.cross(lever, weight)])
 
     @property
-    def objects(self) -> tuple[tuple[int, tuple[float, ...]], ...]:
-        return self._scene.free_objects
+    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
+        return self._scene.objects
 
     @property
     def shapes(self) -> tuple[BodyShape, ...]:

@@ -1,4 +1,4 @@
-"""What became of free objects: how far they were moved, when a soft robot held them, and how hard it pressed.
+"""What became of objects: how far they were moved, when a soft robot held them, and how hard it pressed.
 
 A soft robot holds an object that has touched it, and besides it nothing but what is mounted on flanges, for
 0.1 s. It holds until that has not been so for 0.1 s; both times are those at which the 0.1 s began. An object
@@ -80,7 +80,7 @@ class ObjectCourse:
 @final
 @dataclass(frozen=True)
 class ObjectFigures:
-    """Figures of all free objects so far.
+    """Figures of all objects that can move, so far.
 
     Args:
         courses: one for each; () before the first tick.
@@ -105,7 +105,10 @@ class ObjectFigures:
         courses = self.courses or (ObjectCourse(),) * len(bodies)
         largest = np.stack([touch[:, :, 0], force], axis=2).max(axis=0)
         return ObjectFigures(
-            tuple(_after(course, batch.time_s, touch[:, k]) for k, course in enumerate(courses)),
+            tuple(
+                _after(course, batch.time_s, touch[:, k]) if entry.free else course
+                for k, (course, entry) in enumerate(zip(courses, objects, strict=True))
+            ),
             self.first if len(self.first) else places[0].copy(),
             places[-1].copy(),
             np.maximum(largest, self.largest) if len(self.largest) else largest,
@@ -117,6 +120,7 @@ class ObjectFigures:
             {
                 "name": entry.name,
                 "mass_kg": entry.figures[0],
+                "free": entry.free,
                 "moved_m": float(np.linalg.norm(self.last[k, :3] - self.first[k, :3])),
                 "tilted_rad": _tilt(self.first[k, 3:], self.last[k, 3:]),
                 "held": [
@@ -196,14 +200,14 @@ def object_lines(objects: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _line(row: dict[str, Any]) -> str:
-    held = f"held {', '.join(map(_span, row['held']))}" if row["held"] else "never held"
+    held = f", held {', '.join(map(_span, row['held']))}" if row["held"] else ", never held" * row["free"]
     if row["dropped_s"]:
         held += f", dropped at {', '.join(f'{time_s:.3g}' for time_s in row['dropped_s'])} s"
     values = (row[key] for key in ("moved_m", "tilted_rad", "max_squeeze_N", "max_contact_force_N"))
     moved, tilted, squeeze, force = (math.nan if value is None else value for value in values)
     return (
         f"'{row['name']}' ({row['mass_kg']:.3g} kg): moved by {1e3 * moved:.3g} mm, tilted by "
-        f"{math.degrees(tilted):.2g} degrees, {held}; squeezed with up to {squeeze:.3g} N, contact force "
+        f"{math.degrees(tilted):.2g} degrees{held}; squeezed with up to {squeeze:.3g} N, contact force "
         f"up to {force:.3g} N"
     )
 

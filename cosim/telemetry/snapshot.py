@@ -260,18 +260,20 @@ class DrawnFilm:
 @final
 @dataclass(frozen=True)
 class ObjectInfo:
-    """An object that is free to move.
+    """An object that can move.
 
     Args:
         name: of it.
         body: its place in `RunInfo.body_names`.
         figures: (10,) mass [kg], centre (3,) [m] in the body's frame, inertia xx, yy, zz, xy, xz, yz [kg m^2]
             about that, body axes.
+        free: whether it hangs on no joint, so that a soft robot can hold it.
     """
 
     name: str
     body: int
     figures: tuple[float, ...]
+    free: bool = True
 
 
 @dataclass(frozen=True, repr=False)
@@ -311,7 +313,7 @@ class RunInfo(Shown):
         soft_mass_kg: mass of the soft robot.
         mounted: what else is fixed to the flange: (10,) mass [kg], centre (3,) [m] in the flange frame,
             inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
-        objects: that are free to move; () in statics, where they stand still.
+        objects: that can move; () in statics, where they stand still.
         grasps: whether the soft robot has a palm or several films.
         sliding: (joints,), whether a joint slides.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.

@@ -407,7 +407,7 @@ def _compiled(description: SceneDescription, arms: tuple[SceneDescription, ...] 
     description.friction.add_contacts(spec, names, wires)
     mounts = [one.prefix + FLANGE_MOUNT for one in together]
     for item in description.objects:
-        if item.mass_kg > 0.0 and item.joint is None:
+        if item.mass_kg > 0.0:
             _count_contacts(spec, item.name, mounts)
     model = spec.compile()
     if mounted and model.ntree <= _FEW_TREES:

@@ -384,13 +384,15 @@ class RigidScene(coupled_scene.CoupledScene):
         return self._compiled.drawings[self.description.prefix].note
 
     @property
-    def free_objects(self) -> tuple[tuple[int, tuple[float, ...]], ...]:
-        """Bodies of free objects, each with mass [kg], centre (3,) [m] in its frame, and its inertia.
+    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
+        """Bodies of objects that can move, whether they are free, and their masses.
 
-        The latter xx, yy, zz, xy, xz, yz [kg m^2] about that centre, body axes.
+        Of these mass [kg], centre (3,) [m] in the body's frame, and inertia xx, yy, zz, xy, xz, yz [kg m^2] about
+        that centre, body axes.
         """
+        free = set(self._model.jnt_bodyid[self._model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist())
         bodies = self._layout.object_sensors[:, 0].tolist()
-        return tuple((body, _figures(self._model, body)) for body in bodies)
+        return tuple((body, body in free, _figures(self._model, body)) for body in bodies)
 
     @property
     def tick_s(self) -> float:
