@@ -107,6 +107,7 @@ def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
         tip_target=None,
         ledger=entry,
         tick_wall_s=1e-4,
+        body_touch=np.zeros((2, 3)),
     )
 
 

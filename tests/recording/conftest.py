@@ -99,6 +99,7 @@ def make_snapshot(stage: RunInfo, tick: int, **changes: Any) -> Snapshot:
         "tip_target": np.array([0.3, 0.0, 0.4]) if late else None,
         "ledger": ledger,
         "tick_wall_s": 0.001,
+        "body_touch": np.zeros((2, 3)),
     }
     return Snapshot(**(values | changes))
 

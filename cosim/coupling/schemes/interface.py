@@ -139,7 +139,11 @@ class Interface:
         self._mounted = np.zeros(10) if mounted is None else mounted
         self._native, bodies = scene.native(), scene.bodies
         self._bodies = contact_arrays.BodyLoads(
-            bodies.applied, bodies.mass_centers, bodies.bearing, np.zeros(bodies.count), np.zeros(8),
+            bodies.applied,
+            bodies.mass_centers,
+            bodies.bearing,
+            np.zeros(bodies.count),
+            np.zeros(8),
             contact_arrays.leads_of(bodies),
         )
         if contact is not None:

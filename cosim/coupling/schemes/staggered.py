@@ -165,6 +165,7 @@ class FineTicks:
                      "contacts", "contact", "self_contact"):  # fmt: skip
             getattr(to, name)[k] = getattr(of, name)[-1]
         to.touch[k], to.mounted[k] = of.touch[-1], of.mounted.mean(0)
+        to.touch[k, :, 0] = of.touch[:, :, 0].mean(0)
         to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
         to.power[k], to.work[k], to.body_force[k] = of.power.mean(0), of.work.sum(0), of.body_force.mean(0)
         to.contact[k, 0] = of.contact[:, 0].mean()

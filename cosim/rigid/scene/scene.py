@@ -387,8 +387,8 @@ class RigidScene(coupled_scene.CoupledScene):
     def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
         """Bodies of objects that can move, whether they are free, and their masses.
 
-        Of these mass [kg], centre (3,) [m] in the body's frame, and inertia xx, yy, zz, xy, xz, yz [kg m^2] about
-        that centre, body axes.
+        Of these mass [kg], centre (3,) [m] in the body's frame, and inertia xx, yy, zz, xy, xz, yz [kg m^2]
+        about that centre, body axes.
         """
         free = set(self._model.jnt_bodyid[self._model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist())
         bodies = self._layout.object_sensors[:, 0].tolist()
