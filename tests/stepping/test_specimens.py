@@ -215,7 +215,7 @@ def paper_bag_m3(width_m: float, height_m: float) -> float:
 def test_two_flat_weightless_sheets_are_inflated(increments: int) -> None:
     case = REFERENCE.parent / "cases" / "pillow" / "inflate.toml"
     found = cosim.run(case, overrides={"phase.inflate.increments": increments}, error=False)
-    # 1 % of strain at 20 kPa in a stiff film, edges of 5 mm of 40: some 2 % of volume; paths of any step agree
+    # 1 % of strain at 20 kPa in a stiff film, edges of 5 mm of 40: some 2 % of volume, at any step
     volume_m3 = float(found.chamber_volume_m3[-1, 0])
     assert volume_m3 == pytest.approx(paper_bag_m3(0.04, 0.12), rel=0.03)
     assert volume_m3 == pytest.approx(5.26943e-05, rel=1e-4)
