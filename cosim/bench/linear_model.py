@@ -24,6 +24,7 @@ from cosim.stepping.dynamic import DynamicSimulation
 from cosim.telemetry.snapshot import RunInfo, Snapshot, UnreadFilmShape
 from cosim.telemetry.tick_batch import TickBatch
 
+_ROUNDING: Final = 1e-12
 _MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets
 _ARM = ("joint_position", "joint_velocity", "joint_acceleration")
 _TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -71,20 +72,45 @@ class LinearModel:
 
         Args:
             ticks: from x to x+, such as a controller's period over the clock's tick.
-            inputs: names; all unless given.
+            inputs: names; all unless given. The state is that of `driven_by(inputs)`.
 
         Raises:
             InputError: there is no such input.
         """
-        for name in inputs or ():
+        model = self if inputs is None else self.driven_by(inputs)
+        a, b = np.eye(len(model.a)), np.zeros_like(model.b)
+        for _ in range(ticks):
+            a, b = model.a @ a, model.a @ b + model.b
+        return a, b, model.c, model.d
+
+    def driven_by(self, inputs: Sequence[str]) -> LinearModel:
+        """Return the model with some inputs alone, and without references of joints that none of them moves.
+
+        Args:
+            inputs: names.
+
+        Raises:
+            InputError: there is no such input.
+        """
+        for name in inputs:
             if name not in self.inputs:
                 raise InputError(f"no input {name!r} in the linear model; there are {', '.join(self.inputs)}")
-        own = [self.inputs.index(name) for name in (self.inputs if inputs is None else inputs)]
-        one = self.b[:, own]
-        a, b = np.eye(len(self.a)), np.zeros_like(one)
-        for _ in range(ticks):
-            a, b = self.a @ a, self.a @ b + one
-        return a, b, self.c, self.d[:, own]
+        own = [self.inputs.index(name) for name in inputs]
+        b, references = self.b[:, own], self.parts["joint_reference"]
+        pushed = np.abs(references @ b).max(axis=1, initial=0.0)
+        there = np.abs(references).max(axis=1, initial=0.0) > _MOVES
+        still = references[there & (pushed <= _ROUNDING * np.abs(b).max(initial=1.0))]
+        basis = np.eye(len(self.a))
+        if len(still) and (np.count_nonzero(still, axis=1) == 1).all():
+            basis = basis[:, ~still.any(axis=0)]
+        elif len(still):
+            from scipy.linalg import null_space  # here: it takes long to load
+
+            basis = null_space(still)
+        return replace(
+            self, a=basis.T @ self.a @ basis, b=basis.T @ b, c=self.c @ basis, d=self.d[:, own],
+            inputs=tuple(inputs), parts={name: part @ basis for name, part in self.parts.items()},
+        )  # fmt: skip
 
     def poles(self) -> tuple[Array, Array]:
         """Return the poles (k,) [1/s] of continuous motion, slow ones first, with eigenvectors (n, k) of A.
@@ -172,8 +198,12 @@ class LinearModel:
         return f"LinearModel of {len(self.a)} states, {', '.join(self.inputs)} -> tip; swings: {swings}"
 
 
-def linearise(simulation: Simulation, *, motions: int = 40) -> LinearModel:
+def linearise(
+    simulation: Simulation, *, motions: int = 40, inputs: Sequence[str] | None = None
+) -> LinearModel:
     """Return the linear model of a simulation's next ticks, about where it is, as if it was at rest.
+
+    Before its first tick, the model is that after one tick; the simulation stays where it is.
 
     The soft half of a tick is exact: tangent, mass and losses of its implicit step, losses along cables
     held. Of a film, it is that of its slowest natural modes, and of how it gives way to each load and lags
@@ -181,12 +211,30 @@ def linearise(simulation: Simulation, *, motions: int = 40) -> LinearModel:
     step. Contact is not part of it.
 
     Args:
-        simulation: in mode "dynamic", fidelity "section", "lumped" or "refined", staggered exchange; after
-            its first tick.
+        simulation: in mode "dynamic", fidelity "section", "lumped" or "refined", staggered exchange.
         motions: of a film, how many natural modes; with as many as free components nothing is left out.
+        inputs: names of those to have, see `LinearModel.driven_by`; None: all.
 
     Raises:
-        InputError: it is of another kind, or touches something.
+        InputError: it is of another kind, or touches something; or there is no such input.
+    """
+    if simulation.snapshot.tick:
+        found = _about(simulation, motions)
+    else:
+        here = simulation.save()
+        try:
+            simulation.step()
+            found = _about(simulation, motions)
+        finally:
+            simulation.restore(here)
+    return found if inputs is None else found.driven_by(inputs)
+
+
+def _about(simulation: Simulation, motions: int) -> LinearModel:
+    """Return the linear model about where a simulation is.
+
+    Raises:
+        InputError: see `linearise`.
     """
     run, scenario = stepped_run(simulation), simulation.scenario
     soft = run.soft if isinstance(run, DynamicSimulation) else None

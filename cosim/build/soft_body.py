@@ -377,7 +377,11 @@ def build_soft_body(
         rings=mesh.rings,
     )
     body = replace(
-        body, center_rings=mesh.center_rings, frame_rings=mesh.seam_rings, chambers=_chambers(robot, mesh)
+        body,
+        center_rings=mesh.center_rings,
+        frame_rings=mesh.seam_rings,
+        chambers=_chambers(robot, mesh),
+        tip_along=mesh.tip_along,
     )
     if robot.stiffener.kind != "none":
         body = body.with_elements(*_stiffeners(mesh, robot))

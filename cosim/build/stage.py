@@ -356,6 +356,7 @@ def stage_of(
         objects=_objects(parts),
         grasps=scenario.soft_robot.palm is not None or _films(body) > 1,
         sliding=carrier.sliding,
+        tip_measured_by=body.tip_measured_by,
         stored_m=None if robot is None else robot.stored_m,
         sensors=sensor.sensor_names(scenario, carrier.joint_names),
         cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),

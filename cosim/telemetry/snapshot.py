@@ -316,6 +316,7 @@ class RunInfo(Shown):
         objects: that can move; () in statics, where they stand still.
         grasps: whether the soft robot has a palm or several films.
         sliding: (joints,), whether a joint slides.
+        tip_measured_by: by what the tip's direction is measured, in words; empty: unknown.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
         sensors: names, units and values of the sensors.
         cameras: their names, sizes and rates.
@@ -356,6 +357,7 @@ class RunInfo(Shown):
     objects: tuple[ObjectInfo, ...] = ()
     grasps: bool = False
     sliding: tuple[bool, ...] = ()
+    tip_measured_by: str = ""
     stored_m: float | None = None
     sensors: tuple[SensorNames, ...] = ()
     cameras: tuple[CameraInfo, ...] = ()

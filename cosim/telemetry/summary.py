@@ -517,6 +517,7 @@ class SummaryBuilder:
             **self._figures,
             "touched": self._touched.figures(stage.body_names, stage.tick_s),
             "soft_weight_N": stage.soft_weight_N,
+            "tip_measured_by": stage.tip_measured_by,
             "section_model": stage.section_model,
             "handover": handover_figures(self._handovers, simulated_s) if stage.hands_over else None,
             "modelled": [vars(decision) for decision in stage.modelled],

@@ -175,6 +175,47 @@ def test_modes_are_written_as_moving_shapes(tmp_path: Path) -> None:
         assert own[30] == pytest.approx(own[0], abs=1e-6)
 
 
+CABLES = [f"cable_tension_N.{name}" for name in PULLED]
+
+
+@pytest.mark.parametrize("fidelity", ["section", "lumped"])
+def test_before_the_first_tick_the_model_is_that_of_ticks_to_come(tmp_path: Path, fidelity: str) -> None:
+    path = tmp_path / "small.toml"
+    path.write_text(on_a_ur5e(PRESSURE_Pa, ""), encoding="utf-8")
+    overrides = {"fidelity": fidelity, "start.cable_tension_N": list(PULLED.values())}
+    simulation = cosim.Simulation(path, overrides=overrides, kept=parts())
+    early = cosim.linearise(simulation, inputs=CABLES)
+    assert simulation.snapshot.tick == 0
+    simulation.step(3)
+    late = cosim.linearise(simulation, inputs=CABLES)
+    for model in (early, late):
+        assert np.abs(np.linalg.eigvals(model.a)).max() < 1.0
+    gains = [
+        model.c @ np.linalg.solve(np.eye(len(model.a)) - model.a, model.b) + model.d
+        for model in (early, late)
+    ]
+    # at rest, ticks hardly move what the tangent is taken at
+    assert relative_error(*gains) < 1e-3
+
+
+def test_references_that_no_input_moves_are_left_out(tmp_path: Path) -> None:
+    whole = cosim.linearise(pulled(tmp_path))
+    for model in (whole, whole.slow(60.0)):
+        alone = model.driven_by(CABLES)
+        assert len(alone.a) == len(model.a) - 6
+        assert alone.parts["joint_position"].shape == (6, len(alone.a))
+        assert np.abs(np.linalg.eigvals(alone.a)).max() < 1.0
+        ends = []
+        for each in (model, alone):
+            a, b, c, d = each.held(40, CABLES)
+            ends.append(c @ b + d)
+            assert len(a) == len(alone.a)
+        assert relative_error(*ends) < 1e-9
+    assert len(whole.driven_by(["flange_twist.vx"]).a) > len(whole.a) - 6
+    with pytest.raises(InputError, match="no input 'cable'"):
+        cosim.linearise(pulled(tmp_path), inputs=["cable"])
+
+
 def test_rigid_bodies_and_statics_have_no_linear_model(tmp_path: Path) -> None:
     path = tmp_path / "small.toml"
     path.write_text(on_a_ur5e(PRESSURE_Pa, ""), encoding="utf-8")

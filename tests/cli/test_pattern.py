@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cosim
 from cosim.base.drawing import Drawing, read_drawing
 from cosim.base.resources import soft_robot_path
 from cosim.cli.main import main
@@ -54,6 +55,59 @@ def test_a_robot_and_a_scenario_are_written_for_a_drawing(
     assert main(["check", "finger.toml", "finger_robot.toml"]) == 0
     assert main(["new", "--pattern", "finger.svg"]) == 2
     assert "finger_robot.toml is there and is not overwritten" in capsys.readouterr().err
+
+
+STIFF_BACK = """
+[[group]]
+name = "back"
+
+[group.film]
+law = "wrinkling"
+young_modulus_Pa = 3e9
+poisson_ratio = 0.35
+thickness_m = 0.4e-3
+density_kg_m3 = 1390.0
+"""
+
+
+def test_a_drawn_finger_bends_by_the_direction_of_its_tip(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    draw_finger(Path("finger.dxf"))
+    assert main(["new", "--pattern", "finger.dxf"]) == 0
+    robot = Path("finger_robot.toml")
+    robot.write_text(robot.read_text(encoding="utf-8") + STIFF_BACK, encoding="utf-8")
+    run = cosim.run("finger.toml", error=False, overrides={"phase.inflate.increments": 8})
+    down = np.array([0.0, 0.0, -1.0])
+    bent = np.degrees(np.arccos(run.tip_direction @ down))
+    assert bent[0] == pytest.approx(0.0, abs=1e-3)
+    # the last pouch, from seam to seam; the middle of its front is not a straight continuation of it
+    along = (run.node_position[0] - run.flange_position[0]) @ down
+    tip, last = (np.abs(along - place) < 1e-4 for place in (0.108, 0.082))
+    pouch = run.node_position[-1][tip].mean(axis=0) - run.node_position[-1][last].mean(axis=0)
+    own = np.degrees(np.arccos(pouch @ down / np.linalg.norm(pouch)))
+    assert own > 44.0  # the chord from base to tip: 25 degrees
+    assert bent[-1] == pytest.approx(own, abs=2.0)
+    assert "mm at the tip" in run.summary["tip_measured_by"]
+
+
+def draw_finger(path: Path) -> None:
+    """Draw the finger of docs/pattern.md."""
+    import ezdxf
+
+    document = ezdxf.new(units=4)
+    space = document.modelspace()
+    corners = [(0, 0), (44, 0), (44, 112), (0, 112)]
+    for layer in ("CUT", "SEAL"):
+        space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
+    for y in (34, 60, 86):
+        for ends in ([(0, y), (17, y)], [(27, y), (44, y)]):
+            space.add_lwpolyline(ends, dxfattribs={"layer": "SEAL"})
+    space.add_circle((22, 20), 1, dxfattribs={"layer": "PORT"})
+    space.add_lwpolyline([(0, 0), (44, 0), (44, 8), (0, 8)], close=True, dxfattribs={"layer": "BASE"})
+    space.add_lwpolyline([(0, 112), (44, 112)], dxfattribs={"layer": "TIP"})
+    document.saveas(path)
 
 
 def test_what_is_no_pattern_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -354,6 +354,23 @@ def test_the_direction_of_a_tip_that_is_a_line_is_that_of_the_centre_line(tmp_pa
     assert TipFrame.of(body, x + moved).rotation == pytest.approx(after, abs=1e-10)
 
 
+@pytest.mark.parametrize("right", [0.0, 9.0])
+def test_the_direction_of_a_flat_tip_is_that_of_the_film_there(tmp_path: Path, right: float) -> None:
+    sheet = Sheet().pouch("TIP").line("TIP", [(0.0, LENGTH), (WIDTH - right, LENGTH)])
+    body = build_soft_body(robot_of(sheet.table(tmp_path)), ModelTable())
+    assert body.tip_direction(body.positions) == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
+    # rolled into an arc of 80 degrees: normals of the sheets do not stretch
+    x, turn = body.positions, np.radians(80.0) / 0.118
+    angle = turn * x[:, 2]
+    rolled = np.stack([x[:, 0], (1.0 - np.cos(angle)) / turn, np.sin(angle) / turn], axis=1)
+    end = np.degrees(np.arctan2(*body.tip_direction(rolled)[1:]))
+    assert end == pytest.approx(80.0, abs=3.0)  # half a row of triangles before the tip
+    assert body.tip_measured_by.startswith("film of ")
+    frame, moved = TipFrame.of(body, rolled), 1e-7 * np.random.default_rng(1).normal(size=x.shape)
+    after = rotation_from_vector(frame.motion(body, rolled, moved)[3:]) @ frame.rotation
+    assert TipFrame.of(body, rolled + moved).rotation == pytest.approx(after, abs=1e-9)
+
+
 def test_a_welded_area_bends_eight_times_as_hard_as_a_sheet(tmp_path: Path) -> None:
     sheet = Sheet().pouch("PORT").line("SEAL", [(0.0, 60.0), (WIDTH, 60.0)]).port(20.0, 30.0)
     robot = robot_of(sheet.table(tmp_path))

@@ -67,6 +67,15 @@ def turned(force: Array, angle: float) -> Array:
     return np.array([n[0, 0], n[1, 1], n[0, 1]])
 
 
+def test_the_bending_stiffness_does_not_depend_on_which_direction_is_called_the_warp() -> None:
+    other = Fabric(WARP_Pa, SHEAR_Pa, X, (WEFT_Pa, WARP_Pa))
+    renamed = Film(WEFT_Pa, NU * WEFT_Pa / WARP_Pa, THICKNESS_m, fabric=other)
+    assert renamed.flexural_rigidity_Nm == pytest.approx(WOVEN.flexural_rigidity_Nm, rel=1e-12)
+    across = np.linalg.inv(COMPLIANCE * THICKNESS_m)[:2, :2] * THICKNESS_m**3 / 12.0
+    mean = np.sqrt(across[0, 0] * across[1, 1])  # of the plate's stiffness along warp and weft
+    assert WOVEN.flexural_rigidity_Nm == pytest.approx(mean, rel=1e-12)
+
+
 @pytest.mark.parametrize("film", FILMS)
 @pytest.mark.parametrize("state", STATES)
 def test_derivatives_in_every_state(film: str, state: str) -> None:

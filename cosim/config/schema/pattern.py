@@ -113,7 +113,7 @@ class PatternTable(BodySourceTable):
         sets: `[[body.set]]` in the file; the middle of the robot's first base comes to the flange's origin.
         tip: the set at the free end.
         center: sets that the centre line runs through between base and tip; the tip's direction is that
-            from the last of them.
+            from the last of them. Without it, a flat tip's direction is that of the film there.
     """
 
     kind: Literal["pattern"] = "pattern"

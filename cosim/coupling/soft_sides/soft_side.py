@@ -158,7 +158,7 @@ def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
     return float(np.linalg.eigvals(mobility @ algorithmic_mass).real.max())
 
 
-def figures_at(points: Array, nodes: int, volumes_m3: Array, tip_is_line: bool = False) -> ShapeFigures:
+def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
     """Return the figures of k shapes.
 
     Args:
@@ -166,11 +166,10 @@ def figures_at(points: Array, nodes: int, volumes_m3: Array, tip_is_line: bool =
             base to tip.
         nodes: of the tip ring.
         volumes_m3: (k, chambers).
-        tip_is_line: see `SoftBody.tip_is_line`.
     """
     count = len(points)
     center, normal, length = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-    ring_figures(points, nodes, tip_is_line, center, normal, length)
+    ring_figures(points, nodes, center, normal, length)
     return ShapeFigures(center, normal, length, volumes_m3)
 
 
@@ -213,7 +212,7 @@ class MeshReader(ShapeReader):
 
     def __init__(self, body: SoftBody, volumes: Callable[[Array], Array]) -> None:
         self._tip, self._rings, self._volumes = body.tip, center_rings(body), volumes
-        self._tip_is_line = body.tip_is_line
+        self._tip_way = body.tip_way if body.tip_is_line else None
 
     def positions(self, shape: Array) -> Array:
         """Return the shape itself."""
@@ -228,7 +227,12 @@ class MeshReader(ShapeReader):
         films = self.films(shapes)
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         points = np.concatenate([tip, centers], axis=1)
-        return figures_at(points, tip.shape[1], self._volumes(films), self._tip_is_line)
+        found = figures_at(points, tip.shape[1], self._volumes(films))
+        if self._tip_way is None:
+            return found
+        nodes, weights = self._tip_way
+        way = np.einsum("n,knr->kr", weights, films.take(nodes, axis=1))
+        return replace(found, tip_direction=way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def tips(self, shapes: Sequence[Array]) -> Array:
         """Return the tips; see `ShapeReader.tips`."""

@@ -22,6 +22,7 @@ from cosim.errors import MeshError
 from cosim.soft.elements import cable, frame_ring, material, membrane
 from cosim.soft.elements.element import DirectElement, Element, Instant
 from cosim.soft.elements.hinge import Hinges
+from cosim.soft.geometry.named_mesh import TIP_END
 from cosim.soft.geometry.surface import check_face_groups, dihedral_angle, rows_of
 
 
@@ -181,6 +182,8 @@ class SoftBody:
         center_rings: names of those that the centre line runs through before the tip; none: base to tip.
         frame_rings: names of those that are frames of a section model, base to tip; none: it has none.
         chambers: which parts enclose their own gas; none: all of it encloses one.
+        tip_along: (3,) drawn direction of the film in ring `TIP_END`, which gives that of a tip that is a
+            line; None: the line from `before_tip` to the tip does.
         copies: flange_from_copy of the copies that it is made of, node after node; none: it is one body.
     """
 
@@ -195,6 +198,7 @@ class SoftBody:
     center_rings: tuple[str, ...] = ()
     frame_rings: tuple[str, ...] = ()
     chambers: tuple[GasChamber, ...] = ()
+    tip_along: Array | None = None
     copies: tuple[Pose, ...] = ()
 
     def __post_init__(self) -> None:
@@ -380,15 +384,45 @@ class SoftBody:
             return self.rings[self.center_rings[-1]]
         return self.rings.get("base", self.base)
 
+    @cached_property
+    def tip_way(self) -> tuple[IntArray, Array]:
+        """Nodes (k,) and weights (k,) whose sum of w_i r_i is along a tip that is a line.
+
+        With `tip_along`, weights of the linear fit r = c + a u + b v to the film at the tip, u along it and v
+        across in the drawn shape: the sum is a, the fitted derivative of the position along the film.
+        """
+        if self.tip_along is None:
+            weights = [np.full(len(self.tip), 1.0 / len(self.tip))]
+            weights.append(np.full(len(self.before_tip), -1.0 / len(self.before_tip)))
+            return np.concatenate([self.tip, self.before_tip]), np.concatenate(weights)
+        nodes = np.unique(self.rings[TIP_END])
+        away = self.positions[nodes] - self.positions[nodes].mean(axis=0)
+        along = away @ self.tip_along
+        across = away - np.outer(along, self.tip_along)
+        across = across @ np.linalg.svd(across, full_matrices=False)[2][0]
+        return nodes, np.linalg.pinv(np.stack([along, across], axis=1))[0]
+
+    @property
+    def tip_measured_by(self) -> str:
+        """By what the tip's direction is measured, in words."""
+        if not self.tip_is_line:
+            return "normal of the tip ring"
+        if self.tip_along is not None:
+            _, weights = self.tip_way
+            extent = np.ptp(self.positions[np.unique(self.rings[TIP_END])] @ self.tip_along)
+            return f"film of {1e3 * extent:.1f} mm at the tip ({len(weights)} nodes)"
+        return f"line from '{self.center_rings[-1] if self.center_rings else 'base'}' to the tip"
+
     def tip_direction(self, positions: Array) -> Array:
         """Return the unit normal (3,) of the tip ring, pointing away from the body.
 
         The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap. Of a tip that is a line
-        in the drawn shape: the direction of the centre line there.
+        in the drawn shape: see `tip_way`.
         """
         r = positions[self.tip]
         if self.tip_is_line:
-            way = r.mean(axis=0) - positions[self.before_tip].mean(axis=0)
+            nodes, weights = self.tip_way
+            way = weights @ positions[nodes]
             return np.asarray(way / np.linalg.norm(way))
         area = cross(r, r[np.arange(1, len(r) + 1) % len(r)]).sum(axis=0)
         return np.asarray(area / np.linalg.norm(area))

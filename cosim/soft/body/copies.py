@@ -52,6 +52,7 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
         center_rings=body.center_rings,
         frame_rings=body.frame_rings,
         chambers=_chambers(body, number),
+        tip_along=None if body.tip_along is None else poses[0].rotation @ body.tip_along,
         copies=tuple(poses),
     )
 

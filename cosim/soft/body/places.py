@@ -44,13 +44,11 @@ def center_line_length(rings: IntArray, positions: Array) -> float:
 
 
 @kernel
-def ring_figures(
-    points: Blocks, nodes: int, is_line: bool, center: Matrix, normal: Matrix, length: Vector
-) -> None:
+def ring_figures(points: Blocks, nodes: int, center: Matrix, normal: Matrix, length: Vector) -> None:
     """Fill center, normal (k, 3) and length (k,) of k shapes from points (k, n, 3).
 
     The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the
-    others are the polyline. Of a tip that is a line, the polyline's last step is in the normal's place.
+    others are the polyline.
     """
     area, one, two = small_vector(3), small_vector(3), small_vector(3)
     for k in range(points.shape[0]):
@@ -62,12 +60,9 @@ def ring_figures(
             for r in range(3):
                 s, t = (r + 1) % 3, (r + 2) % 3
                 area[r] += one[s] * two[t] - one[t] * two[s]
-        if is_line:
-            for r in range(3):
-                area[r] = points[k, points.shape[1] - 1, r] - points[k, points.shape[1] - 2, r]
         size = np.sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2])
         for r in range(3):
-            normal[k, r] = area[r] / size
+            normal[k, r] = area[r] / size if size > 0.0 else 0.0
             total = 0.0
             for i in range(nodes):
                 total += points[k, i, r]
@@ -121,8 +116,8 @@ class TipFrame:
         shift = moved.mean(axis=0)
         x, _, z = self.rotation.T
         if body.tip_is_line:
-            area = self.position - positions[body.before_tip].mean(axis=0)
-            d_area = shift - displacement[body.before_tip].mean(axis=0)
+            nodes, weights = body.tip_way
+            area, d_area = weights @ positions[nodes], weights @ displacement[nodes]
         else:
             area = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
             d_area = (

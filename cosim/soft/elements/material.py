@@ -165,5 +165,9 @@ class Film:
 
     @property
     def flexural_rigidity_Nm(self) -> float:
-        """E t^3 / (12 (1 - nu^2)) [N m], bending moment per width over curvature."""
-        return self.bending_stiffness_Nm / (1.0 - self.poisson_ratio**2)
+        """E t^3 / (12 (1 - nu^2)) [N m], bending moment per width over curvature.
+
+        Of fabric, sqrt(E_1 E_2) t^3 / (12 (1 - nu^2 E_2 / E_1)), whichever direction is called the warp.
+        """
+        weft = 1.0 if self.fabric is None else self.fabric.modulus_weft_Pa / self.young_modulus_Pa
+        return self.bending_stiffness_Nm / (1.0 - self.poisson_ratio**2 * weft)

@@ -19,12 +19,15 @@ from cosim.base.resources import extra_module
 from cosim.errors import MeshError
 from cosim.soft.geometry import flat_mesh, surface
 from cosim.soft.geometry.flat_mesh import FlatLine, FlatMesh, LineKind, mesh_sheet, sheet_within, signed_area
-from cosim.soft.geometry.named_mesh import BENDING_FACTOR, Crease, NamedMesh
+from cosim.soft.geometry.named_mesh import BENDING_FACTOR, TIP_END, Crease, NamedMesh
 
 FRONT, BACK, WELDED = "front", "back", "welded"
 SheetName = Literal["both", "front", "back"]
 _EDGES_TO_SEAM: Final = 4.0
 _MOST_BY_DEFAULT: Final = 3000  # triangles of a sheet
+_TIP_SHARE: Final = 0.05
+_MORE_THAN_AN_EDGE: Final = 1.1
+_LEAST_EXTENT: Final = 0.3
 _WELDED_BENDING: Final = 4.0  # of each sheet: two sheets as one, twice as thick, bend 8 times as hard as one
 
 
@@ -463,6 +466,9 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         choice.name: _as_cap(_on_sheets(film.sets[choice.name], choice, flat, sheets), caps)
         for choice in pattern.sets
     }
+    ends = _tip_end(film, placing, flat) if len(placing.center) == 1 else np.zeros(0, np.int64)
+    if len(ends):
+        sets[TIP_END] = np.unique(np.concatenate([side[ends] for pair in sheets for side in pair]))
     frames = {f"frame_{number}": sheets[0][0][nodes] for number, nodes in enumerate(film.frames, start=1)}
     groups = {FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded}
     for number, name in enumerate(pattern.chambers):  # what is welded holds no gas, so any may have it
@@ -476,13 +482,29 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         base_ring=placing.base,
         tip_ring=placing.tip,
         center_rings=placing.center,
-        lines=sets,
+        lines={name: nodes for name, nodes in sets.items() if name != TIP_END},
         face_groups=groups,
         face_values={"wrinkle_panel_m": np.full(len(triangles), film.panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
         chambers=pattern.chambers,
         creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
+        tip_along=np.array([0.0, not placing.upright, placing.upright], float) if len(ends) else None,
     )
+
+
+def _tip_end(film: FlatFilm, placing: Placing, flat: Array) -> IntArray:
+    """Return the nodes of one sheet whose film gives the direction of a tip that is a line.
+
+    They are within a twentieth of the way from base to tip of the tip's nodes, or within a row of triangles
+    where that is longer.
+    """
+    tip, base = (flat[film.sets[name]] for name in (placing.tip, placing.base))
+    sides = flat[film.mesh.triangles] - flat[np.roll(film.mesh.triangles, 1, axis=1)]
+    row = _MORE_THAN_AN_EDGE * float(np.median(np.linalg.norm(sides, axis=2)))
+    within = max(_TIP_SHARE * float(np.linalg.norm(tip.mean(axis=0) - base.mean(axis=0))), row)
+    ends = np.flatnonzero(cKDTree(tip).query(flat)[0] <= within)
+    has_length = np.ptp(flat[ends, 1]) >= _LEAST_EXTENT * within
+    return ends if has_length else np.zeros(0, np.int64)
 
 
 def _as_cap(nodes: IntArray, caps: Sequence[IntArray]) -> IntArray:

@@ -18,6 +18,8 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
 from cosim.soft.geometry import surface
 
+TIP_END: Final = "end of the tip"
+"""Ring of the nodes that give the direction of a tip that is a line."""
 BENDING_FACTOR: Final = "bending_factor"
 """Face value that multiplies the bending stiffness of the film at its hinges; omitted: 1."""
 
@@ -58,6 +60,7 @@ class NamedMesh:
             within a sheet and turns freely between two. None: the film is one surface.
         chambers: face groups that enclose a gas each; every triangle is in one. None: the film encloses one.
         creases: of flat sheets.
+        tip_along: (3,) direction of the film at a tip that is a line; None: unknown.
 
     Raises:
         MeshError: see `cosim.soft.geometry.surface.check_mesh`; or a ring or line names a node that does not
@@ -79,6 +82,7 @@ class NamedMesh:
     sheets: tuple[str, ...] = ()
     chambers: tuple[str, ...] = ()
     creases: tuple[Crease, ...] = ()
+    tip_along: Array | None = None
 
     def __post_init__(self) -> None:
         surface.check_mesh(self.positions, self.triangles, [self.face_groups[name] for name in self.sheets])
