@@ -17,7 +17,8 @@ from cosim.base.numba_insides import call_native
 from cosim.coupling.contact.contact_arrays import BodyLoads, fill_speed, led
 from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
 from cosim.reduced.sections.assembly import CENTER, INERTIA, WRENCH
-from cosim.rigid.scene.bodies import BEGIN, FACTORISE, FINISH, NativeScene
+from cosim.rigid.scene.bodies import BEGIN, FACTORISE, NativeScene
+from cosim.rigid.scene.servos import finish_step
 
 LEVER_M = 0.1  # torques count as forces at this lever
 SMALLEST_N = 1e-2  # loads below it count as this large: what is left of them is rounding
@@ -183,7 +184,7 @@ def _read_scene(scene: NativeScene, bodies: BodyLoads, ticks: Any, k: int) -> No
         ticks.mounted[k, r] = scene.mounted[r]
     for j in range(scene.position.shape[0]):
         ticks.joints[k, j], ticks.joint_speed[k, j] = scene.position[j], scene.speed[j]
-        ticks.servo_torque[k, j] = scene.servo_torque[j]
+        ticks.servo_torque[k, j] = scene.servos.torque[j]
     for body in range(scene.places.shape[0]):
         for r in range(3):
             ticks.places[k, body, r] = scene.places[body, r]
@@ -241,7 +242,7 @@ def rigid_half(rigid: RigidSide, servos: Any, ticks: Any, k: int) -> bool:
     for i in range(scene.pace[0]):
         if i > 0:
             _go_on(scene)
-        call_native(scene.steps[FINISH], scene.sides[0], scene.sides[1])
+        finish_step(scene.servos)
         _add_mounted(scene)
         _drive(scene, scene.pace[1] - i)
         call_native(scene.steps[BEGIN], scene.sides[0], scene.sides[1])

@@ -49,7 +49,7 @@ class Measurement(Shown):
             length by which it would be the same.
         joint_position: (joints,) [rad].
         joint_velocity: (joints,) [rad/s].
-        joint_torque: (joints,) [N m], that the servos gave in the last tick; zero before the first.
+        joint_torque: (joints,) [N m], that the servos gave in the last tick; at rest, their holding torque.
         flange: world_from_flange.
         flange_twist: (6,) [m/s, rad/s], linear then angular, of the flange's origin, world axes.
         flange_wrench: that soft robot and palm exert on the flange, about the flange's origin, world axes.

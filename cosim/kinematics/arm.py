@@ -120,6 +120,7 @@ def _bare_chain(arm: ArmFile) -> str:
 
 _POSE_FREEDOMS: Final = 6
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+_CREEP_RAD_s: Final = 1e-4  # below it dry friction grows with the speed (of joints that slide: m/s)
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ class Arm:
         self.upper = _read_only(np.where(arm.continuous, np.inf, model.upperPositionLimit))
         self.turns_fully = ~self.prismatic & (self.upper - self.lower >= 2.0 * np.pi - 1e-6)
         self.joint_damping = _read_only(model.damping)
-        self._damped = bool(self.joint_damping.any())
+        self._dry: Array = _read_only(model.upperDryFrictionLimit)
         self._frame = model.getFrameId(arm.flange_frame, pin.FrameType.BODY)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
         placement = self._last_joint_from_flange
@@ -331,6 +332,22 @@ class Arm:
         model, data = self._loaded_with(payload)
         return np.array(pin.computeGeneralizedGravity(model, data, q))
 
+    def friction(self, velocity: Array) -> Array:
+        """Return the torque (..., joints) [N m] that moving against viscous and dry friction takes.
+
+        Args:
+            velocity: (..., joints) [rad/s].
+        """
+        return np.asarray(self.joint_damping * velocity + self.dry_friction(velocity))
+
+    def dry_friction(self, velocity: Array) -> Array:
+        """Return the torque (..., joints) [N m] that moving against Coulomb friction takes; none at rest.
+
+        Args:
+            velocity: (..., joints) [rad/s].
+        """
+        return np.asarray(self._dry * np.clip(velocity / _CREEP_RAD_s, -1.0, 1.0))
+
     def inverse_dynamics(
         self,
         q: Array,
@@ -339,9 +356,9 @@ class Arm:
         armature: Array | None = None,
         payload: Payload | None = None,
     ) -> Array:
-        """Return tau = (M + diag(armature)) a + c(q, v) + d v + g(q) (joints,) [N m] (Featherstone's RNEA).
+        """Return tau = (M + diag(armature)) a + c(q, v) + g(q) + d v + f (joints,) [N m], by RNEA.
 
-        d is the viscous joint friction that the arm's file names, if it does.
+        d v is the viscous and f the dry friction of the joints, if the arm's file names any.
 
         Args:
             q: (joints,) [rad].
@@ -352,8 +369,7 @@ class Arm:
         """
         model, data = self._loaded_with(payload)
         torque: Array = pin.rnea(model, data, q, velocity, acceleration)
-        if self._damped:
-            torque = torque + self.joint_damping * velocity
+        torque = torque + self.friction(velocity)
         return torque if armature is None else torque + armature * acceleration
 
     def torque_rows(
@@ -374,7 +390,7 @@ class Arm:
         model, data = self._model, self._data
         rows = zip(q, velocity, acceleration, strict=True)
         regressor = np.stack([pin.computeJointTorqueRegressor(model, data, *row) for row in rows])
-        bare = regressor @ self._own_parameters + self.joint_damping * velocity + armature * acceleration
+        bare = regressor @ self._own_parameters + self.friction(velocity) + armature * acceleration
         return bare, regressor[:, :, -COUNT:] @ self._last_joint_by_flange
 
     def _loaded_with(self, payload: Payload | None) -> tuple[pin.Model, pin.Data]:

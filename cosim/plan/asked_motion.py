@@ -3,6 +3,7 @@
 A phase that takes s times as long passes through the same joint angles with speeds of 1 / s and accelerations
 of 1 / s^2. A torque tau = g + d + i, of weight, viscous friction and inertia, becomes g + d / s + i / s^2. A
 reference that jumps has no duration: it needs a smooth ramp, of a length that follows from the same rules.
+Dry friction is part of g, as it does not depend on the speed.
 """
 
 from __future__ import annotations
@@ -164,6 +165,7 @@ class Dynamics:
         """Return the largest root s of bound = g + d / s + i / s^2, of any joint."""
         torque = self.arm.inverse_dynamics(position, velocity, acceleration, self.armature, self.payload)
         weight, bound = self.arm.gravity_torque(position, self.payload), self.limits.torque
+        weight = weight + self.arm.dry_friction(velocity)
         if (np.abs(weight) >= bound).any():
             return math.inf
         friction = self.arm.joint_damping * velocity

@@ -58,7 +58,7 @@ class Carrier(ABC):
 
     @property
     def joint_torque(self) -> Array:
-        """(joints,) [N m], that the servos gave in the last tick."""
+        """(joints,) [N m], that the servos gave in the last tick; at rest, their holding torque."""
         return np.zeros(0)
 
     @property
@@ -81,8 +81,8 @@ class Carrier(ABC):
         """Return (6, joints): the twist of the flange's origin by the joint speeds, world axes."""
         return np.zeros((6, 0))
 
-    def holding_torque(self, wrench: Wrench) -> Array:
-        """Return what the servos give (joints,) [N m] at rest, with a wrench on the flange."""
+    def hold(self, wrench: Wrench) -> Array:
+        """Let the servos hold the arm at rest under a wrench on the flange; return their torque (joints,)."""
         return np.zeros(0)
 
     @property

@@ -159,7 +159,7 @@ class DynamicSimulation(SteppedRun):
         ledger = LedgerEntry(
             found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
         )
-        still, torque = np.zeros_like(plan.joints), carrier.holding_torque(found.wrench)
+        still, torque = np.zeros_like(plan.joints), carrier.hold(found.wrench)
         moment = TickState(
             0, 0.0, 0, plan.joints, loads, carrier.flange_pose, Twist(), still, torque,
             branchings=found.branchings,

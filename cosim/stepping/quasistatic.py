@@ -201,7 +201,7 @@ class QuasistaticSimulation(SteppedRun):
         )  # fmt: skip
         moment = TickState(
             to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
-            motion.joint_velocity, parts.carrier.holding_torque(here.wrench), touched,
+            motion.joint_velocity, parts.carrier.hold(here.wrench), touched,
             self._branchings(to, here.branchings),
             parts.overlaps(parts.soft.shape_now(), joints) if self._looked_at(to, 1) else (),
             to.done == self._counts[to.phase],

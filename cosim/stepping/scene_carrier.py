@@ -189,9 +189,10 @@ class ArmCarrier(SceneCarrier):
     def flange_jacobian(self) -> Array:
         return self._scene.flange.jacobian()
 
-    def holding_torque(self, wrench: Wrench) -> Array:
-        load = np.concatenate([wrench.force, wrench.torque])
-        return np.asarray(self._scene.bias_torque - self._scene.flange.jacobian().T @ load)
+    def hold(self, wrench: Wrench) -> Array:
+        scene, load = self._scene, np.concatenate([wrench.force, wrench.torque])
+        scene.servos.torque[:] = scene.bias_torque - scene.flange.jacobian().T @ load
+        return scene.servo_torque
 
     def linear_half(self) -> Array:
         coupling = self._coupling

@@ -84,7 +84,7 @@ def test_a_controller_sees_the_state_that_its_tick_begins_with(tmp_path: Path) -
         assert seen.time_s == pytest.approx(result.time_s[k])
         np.testing.assert_array_equal(seen.joint_position, result.joint_position[k])
         np.testing.assert_array_equal(seen.joint_velocity, result.joint_velocity[k])
-        np.testing.assert_array_equal(seen.joint_torque, result.joint_torque[k] if k else np.zeros(6))
+        np.testing.assert_array_equal(seen.joint_torque, result.joint_torque[k])
         np.testing.assert_array_equal(seen.flange.translation, result.flange_position[k])
         np.testing.assert_array_equal(seen.flange_wrench.force, result.flange_force[k])
         np.testing.assert_array_equal(seen.flange_wrench.torque, result.flange_torque[k])

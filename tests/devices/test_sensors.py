@@ -116,16 +116,21 @@ def test_the_joints_of_an_arm_are_read_after_every_tick() -> None:
     sensors = [
         {"name": "encoders", "kind": "joint_position", "delay_s": 0.004},
         {"name": "motors", "kind": "joint_torque"},
+        {"name": "late", "kind": "joint_torque", "delay_s": 0.004},
     ]
     changes = {"phase": [], "fidelity": "rigid", "contact.enabled": False, "sensor": sensors}
     here = cosim.Simulation("ur5e_hexagon_arm", overrides=changes)
+    held = here.measure().joint_torque
+    assert np.abs(held).max() > 10.0  # N m, of the arm's weight
     twist, rows = (0.1, 0.0, 0.0, 0.0, 0.0, 0.0), []
-    for _ in range(6):
+    for k in range(6):
         shown = here.step(cosim.Command(flange_twist=twist))
         measured = here.measure()
         rows.append(measured.joint_position)
         assert np.array_equal(measured.sensors["motors"], shown.joint_torque)
-        assert np.array_equal(shown.sensor_truth, [*shown.joint_position, *shown.joint_torque])
+        assert np.array_equal(shown.sensor_truth[:12], [*shown.joint_position, *shown.joint_torque])
+        if k < 2:  # before a sample is due, the first one is seen
+            assert np.array_equal(measured.sensors["late"], held)
     assert np.array_equal(measured.sensors["encoders"], rows[-3])
     assert np.array_equal(here.measure(["encoders"]).joint_position, rows[-3])
     with pytest.raises(

@@ -38,7 +38,7 @@ def test_poses_jacobians_and_dynamics(name: str, states: int) -> None:
         twist = np.concatenate((scene.flange_twist.linear, scene.flange_twist.angular))
         np.testing.assert_allclose(twist, jacobian @ v, atol=1e-9)
         np.testing.assert_allclose(scene.mass_matrix, mass, atol=1e-9 * np.abs(mass).max())
-        bias = arm.inverse_dynamics(q, v, np.zeros_like(q)) - arm.joint_damping * v
+        bias = arm.inverse_dynamics(q, v, np.zeros_like(q)) - arm.friction(v)
         np.testing.assert_allclose(scene.bias_torque, bias, atol=1e-9 * np.abs(bias).max())
         scene.set_joint_state(q)
         gravity = arm.gravity_torque(q)

@@ -26,7 +26,8 @@ def stiffness(scene: RigidScene) -> Array:
     """Return the torque per angle (joints,) [N m/rad] with which the servos pull from where they are."""
     scene.set_control(scene.joint_position + 1e-3)
     scene.finish_step()
-    return 1e3 * scene.servo_torque
+    # they damp by the speed at the end of the step
+    return 1e3 * (scene.servo_torque + scene.servo_damping * scene.joint_velocity)
 
 
 def test_gains_of_the_ur5e_are_the_usual_ones() -> None:

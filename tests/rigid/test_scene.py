@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -223,6 +224,22 @@ def test_effort_limits_are_respected() -> None:
     scene.set_control(HOME + 1.0, feedforward=np.full(6, 1e4))
     scene.finish_step()
     np.testing.assert_allclose(scene.servo_torque, [150, 150, 150, 28, 28, 28])
+
+
+def test_the_second_half_of_a_step_is_that_of_mujoco() -> None:
+    """Where no servo is at its limit: the same state and sensors, bit for bit, with and without contacts."""
+    ball = SceneObject("ball", "sphere", (0.05,), (0.6, 0.6, 0.06), mass_kg=0.1)
+    scene, other = make_scene(objects=(ball,)), make_scene(objects=(ball,))
+    for each in (scene, other):
+        each.set_control(HOME + 0.05)
+        each.apply_flange_wrench(LOAD)
+    for _ in range(100):
+        scene.finish_step()
+        mujoco.mj_step2(other._model, other._data)
+        for name in ("time", "qpos", "qvel", "qacc", "qacc_warmstart", "sensordata"):
+            np.testing.assert_array_equal(getattr(scene._data, name), getattr(other._data, name), name)
+        for each in (scene, other):
+            each.begin_step()
 
 
 def test_arm_stands_on_its_base() -> None:

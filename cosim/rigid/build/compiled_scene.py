@@ -46,6 +46,7 @@ from cosim.rigid.build.description import (
 )
 
 ROTOR: Final = 1e6  # kg, kg m^2
+_STIFF_FRICTION: Final = 0.999  # impedance of joints with dry friction that stand still, below 1
 
 
 _FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2
@@ -534,6 +535,9 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
     all_inputs = int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF)
     for joint, rotor, stiffness, damping in zip(joints, rotors, gains.stiffness, gains.damping, strict=True):
         joint.armature = rotor
+        # dry friction opposes the speed at a step's end; MuJoCo's soft one lags, and may push a braking joint
+        joint.solref_friction = [-1.0, -_STIFF_FRICTION / description.step_s]
+        joint.solimp_friction = [_STIFF_FRICTION, _STIFF_FRICTION, 1e-3, 0.5, 2.0]
         servo = spec.add_actuator(
             name=f"{joint.name}_servo", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )

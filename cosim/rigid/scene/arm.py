@@ -120,8 +120,8 @@ def _object_sensors(model: mujoco.MjModel, mount: int) -> IntArray:
 
 def effort_limit(model: mujoco.MjModel, layout: ArmLayout) -> Array:
     """Return the largest servo torques (joints,) [N m]; infinite where the arm's file names none."""
-    limited = model.jnt_actfrclimited[layout.joints]
-    return np.where(limited, model.jnt_actfrcrange[layout.joints, 1], np.inf)
+    largest = model.jnt_actfrcrange[layout.joints, 1]
+    return np.where(largest > 0.0, largest, np.inf)
 
 
 def _consecutive(addresses: IntArray) -> slice:

@@ -13,6 +13,7 @@ from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene import host_scene, scene
+from cosim.rigid.scene.servos import servo_side, take_second_half
 
 
 @final
@@ -30,7 +31,7 @@ class SharedScene(host_scene.HostScene):
         self._arm = arm
         own = arm.native()
         self._native = self._native._replace(
-            position=own.position, speed=own.speed, servo_torque=own.servo_torque, sensed=own.sensed,
+            position=own.position, speed=own.speed, servos=own.servos, sensed=own.sensed,
             flange_sensor=own.flange_sensor, object_sensors=own.object_sensors,
         )  # fmt: skip
 
@@ -76,6 +77,8 @@ class SceneOfArms:
             arm.coupled = exchange
             arm.other_arms = tuple(each.prefix for each in descriptions if each is not arm.description)
         self._control = data.ctrl.reshape(-1, 3)
+        of_arms = [(arm.servos.dofs, arm.servos.damping, arm.servos.limit) for arm in self.arms]
+        self._servos = servo_side(model, data, *map(np.concatenate, zip(*of_arms, strict=True)))
 
     def step(self) -> None:
         """Take the rigid half of a tick, for which all arms have begun theirs.
@@ -89,10 +92,14 @@ class SceneOfArms:
         for step in range(self.arms[0].substeps):
             if step:
                 self._control[:, 0] += float(model.opt.timestep) * self._control[:, 1]
-            mujoco.mj_step2(model, data)
+            take_second_half(self._servos)
             for each in exchanges:
                 each.add_mounted()
             mujoco.mj_step1(model, data)
             self.arms[0].check()
             for each in exchanges:
                 each.carry()
+        first = 0
+        for arm in self.arms:
+            end = first + len(arm.joint_names)
+            arm.servos.torque[:], first = self._servos.torque[first:end], end

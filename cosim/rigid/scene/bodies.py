@@ -8,9 +8,6 @@ How bodies of a compiled scene answer impulses.
 Stepping by way of Python costs several times what the step itself does.
 """
 
-import ctypes
-from functools import cache
-from pathlib import Path
 from typing import Annotated, NamedTuple, final
 
 import mujoco
@@ -21,8 +18,9 @@ from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.errors import InputError, SceneError
+from cosim.errors import InputError
 from cosim.rigid.scene.arm import ArmLayout, CellDrives, Mounting
+from cosim.rigid.scene.servos import ServoSide, addresses
 
 
 @final
@@ -296,11 +294,11 @@ def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = Fal
     return np.asarray(np.flatnonzero(collides & ~own), dtype=np.int64)
 
 
-BEGIN, FINISH, FACTORISE = 0, 1, 2
-"""Places in `NativeScene.steps`: the half steps, and the factorisation of the mass matrix."""
-ACCELERATE, CONSTRAIN, VELOCITIES, REBEGIN, REFINISH, REFACTORISE = range(6)
+BEGIN, FACTORISE = 0, 1
+"""Places in `NativeScene.steps`: the first half step, and the factorisation of the mass matrix."""
+ACCELERATE, CONSTRAIN, VELOCITIES, REBEGIN, REFACTORISE, REFINISH = range(6)
 """Places in `Foresight.steps`: accelerations without and with constraints, velocities of bodies; then those
-of `NativeScene.steps`."""
+of `NativeScene.steps`, and the second half step."""
 
 
 class NativeScene(NamedTuple):
@@ -310,12 +308,13 @@ class NativeScene(NamedTuple):
         pace: (2,), how many steps of MuJoCo the next rigid half takes, and how many are left until its
             tick of the clock ends.
         step_s: the length of one [s].
-        steps: (3,) addresses of the functions of both half steps and of the factorisation of the mass matrix.
+        steps: (2,) addresses of the functions of the first half step and of the factorisation of the mass
+            matrix.
         sides: (2,) addresses of model and state, which are their arguments.
         control: (joints, 3), position, velocity and feedforward of each servo.
         position: (joints,) [rad].
         speed: (joints,) [rad/s].
-        servo_torque: (joints,) [N m], of the last finished step.
+        servos: of the arm, which take the second half step.
         acceleration: (joints,) [rad/s^2].
         torque: (joints,) [N m], applied besides servos.
         applied: (6,), load on the flange at its origin, world axes.
@@ -350,7 +349,7 @@ class NativeScene(NamedTuple):
     control: Matrix
     position: Vector
     speed: Vector
-    servo_torque: Vector
+    servos: ServoSide
     acceleration: Vector
     torque: Vector
     applied: Vector
@@ -459,8 +458,8 @@ def foresight(
     """
     diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
     return Foresight(
-        np.array(_addresses(_ANSWERS + _STEPS)), np.array((model._address, data._address)), data.qvel,
-        data.qacc, np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
+        np.array(addresses((*_ANSWERS, *_STEPS, "mj_step2"))), np.array((model._address, data._address)),
+        data.qvel, data.qacc, np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
         _steps_ahead(model, data, mounting, pace, carried),
     )  # fmt: skip
 
@@ -484,7 +483,12 @@ def _steps_ahead(
 
 
 def native_scene(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: ArmLayout, cell: CellDrives, pace: IntArray
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    layout: ArmLayout,
+    servos: ServoSide,
+    cell: CellDrives,
+    pace: IntArray,
 ) -> NativeScene:
     """Return a compiled scene as kernels see it.
 
@@ -493,9 +497,9 @@ def native_scene(
     """
     mount, placed = layout.mount, (layout.force.start, layout.torque.start, layout.contacts)
     return NativeScene(
-        pace, float(model.opt.timestep), np.array(_addresses(_STEPS)),
+        pace, float(model.opt.timestep), np.array(addresses(_STEPS)),
         np.array((model._address, data._address)), data.ctrl.reshape(-1, 3)[layout.joints],
-        data.qpos[layout.positions], data.qvel[layout.dofs], data.qfrc_actuator[layout.dofs],
+        data.qpos[layout.positions], data.qvel[layout.dofs], servos,
         data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
         data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
         data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
@@ -520,16 +524,5 @@ def mass_places(model: mujoco.MjModel, mounting: Mounting) -> IntArray:
     return places
 
 
-_STEPS = "mj_step1", "mj_step2", "mj_factorM"
+_STEPS = "mj_step1", "mj_factorM"
 _ANSWERS = "mj_fwdAcceleration", "mj_fwdConstraint", "mj_comVel"
-
-
-@cache
-def _addresses(names: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the addresses of functions of MuJoCo's library."""
-    folder = Path(mujoco.__file__).parent
-    for path in sorted(folder.glob("*mujoco*")):
-        if path.suffix in (".dll", ".dylib") or ".so." in path.name:
-            library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
-            return tuple(ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names)
-    raise SceneError(f"MuJoCo's library is not in {folder}: install its package (`pip install mujoco`)", None)

@@ -26,6 +26,7 @@ from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting
 from cosim.rigid.scene.bodies import Bodies, NativeScene, mass_places, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
+from cosim.rigid.scene.servos import no_servos
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _MOST_OFF: Final = 1e-6
@@ -347,8 +348,8 @@ class HostScene(CoupledScene):
         origin, axes = self._mounting.frame(data)
         none, nowhere = np.zeros(0), np.zeros(0, np.int64)
         return NativeScene(
-            np.full(2, self._steps), float(model.opt.timestep), np.zeros(3, np.int64),
-            np.array((model._address, data._address)), np.zeros((0, 3)), none, none, none,
+            np.full(2, self._steps), float(model.opt.timestep), np.zeros(2, np.int64),
+            np.array((model._address, data._address)), np.zeros((0, 3)), none, none, no_servos(),
             self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
             data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
             mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),

@@ -34,6 +34,7 @@ from cosim.rigid.build.description import SceneDescription, body_names
 from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene import bodies, coupled_scene
 from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, Mounting, droop, effort_limit
+from cosim.rigid.scene.servos import servo_side, take_second_half
 
 _SHAPES: Final[dict[int, SolidShape]] = {
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")): shape
@@ -284,7 +285,8 @@ class RigidState:
         integration: MuJoCo's own state vector, inputs and warm start included.
         armature: (dofs,) [kg m^2] or [kg].
         acceleration: (dofs,) of the last finished step.
-        servo_torque: (dofs,) [N m] or [N], of the last finished step.
+        actuation: (dofs,) [N m] or [N], MuJoCo's actuator forces in the last finished step.
+        servo_torque: (joints,) [N m], of the last finished step.
         flange_load: (6,) reading of the flange sensor.
         loaded: bodies that contact loads at present.
         on_arm: (joints, joints) [kg m^2], that the arm's joints carry.
@@ -293,6 +295,7 @@ class RigidState:
     integration: Array
     armature: Array
     acceleration: Array
+    actuation: Array
     servo_torque: Array
     flange_load: Array
     loaded: Annotated[IntArray, ("k",)]
@@ -356,6 +359,11 @@ class RigidScene(coupled_scene.CoupledScene):
         self._servo_inertia = self._step_s * self.servo_damping
         self._resisting[self._v] += (tick_s - self._step_s) * self.servo_damping
         self._model.dof_armature[self._v] += self._servo_inertia
+        self._model.jnt_actfrclimited[layout.joints] = 0  # MuJoCo's limit knows nothing of h K a, `servos` do
+        self.servos = servo_side(
+            self._model, self._data, np.arange(self._model.nv)[self._v], self.servo_damping, self.effort_limit
+        )
+        """The arm's servos as kernels see them."""
         self.cell = CellDrives(self._model, self._data)
         self.bodies = bodies.Bodies(self._model, self._data, layout.mounting, self.cell.bodies, self._pace)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
@@ -426,7 +434,7 @@ class RigidScene(coupled_scene.CoupledScene):
     @property
     def servo_torque(self) -> Array:
         """(joints,) [N m] that the servos gave in the last finished step, within the arm's limits."""
-        return np.array(self._data.qfrc_actuator[self._v])
+        return self.servos.torque.copy()
 
     @property
     def servo_reference(self) -> Array:
@@ -515,9 +523,9 @@ class RigidScene(coupled_scene.CoupledScene):
             InstabilityError: the state is no longer finite.
         """
         for _ in range(self._pace[0] - 1):
-            mujoco.mj_step2(self._model, self._data)
+            take_second_half(self.servos)
             self.begin_step()
-        mujoco.mj_step2(self._model, self._data)
+        take_second_half(self.servos)
         # Site axes still belong to the instant of the reading until `begin_step`.
         self.flange.read_sensor()
         self.check()
@@ -534,7 +542,7 @@ class RigidScene(coupled_scene.CoupledScene):
         Raises:
             SceneError: MuJoCo's library cannot be found.
         """
-        return bodies.native_scene(self._model, self._data, self._layout, self.cell, self._pace)
+        return bodies.native_scene(self._model, self._data, self._layout, self.servos, self.cell, self._pace)
 
     def stepped(self, began: Pose) -> None:
         """Follow steps that kernels have taken.
@@ -572,9 +580,11 @@ class RigidScene(coupled_scene.CoupledScene):
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
-        servo_torque = np.array(self._data.qfrc_actuator)
+        actuation, servo_torque = np.array(self._data.qfrc_actuator), self.servo_torque
         load, on_arm = self.flange.measured, self.bodies.carried.on_arm.copy()
-        return RigidState(integration, armature, acceleration, servo_torque, load, self.bodies.loaded, on_arm)
+        return RigidState(
+            integration, armature, acceleration, actuation, servo_torque, load, self.bodies.loaded, on_arm
+        )
 
     def restore_state(self, state: RigidState) -> None:
         """Return to a state of `save_state`, model edits included; everything readable follows.
@@ -592,7 +602,8 @@ class RigidScene(coupled_scene.CoupledScene):
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
         self.begin_step()
         self._data.qacc[:] = state.acceleration
-        self._data.qfrc_actuator[:] = state.servo_torque
+        self._data.qfrc_actuator[:] = state.actuation
+        self.servos.torque[:] = state.servo_torque
         self.flange.measured = state.flange_load
 
 
