@@ -357,6 +357,11 @@ def stage_of(
         grasps=scenario.soft_robot.palm is not None or _films(body) > 1,
         sliding=carrier.sliding,
         tip_measured_by=body.tip_measured_by,
+        tip_directions={
+            k: phase.tip_target.direction
+            for k, phase in enumerate(scenario.phases)
+            if phase.tip_target is not None and phase.tip_target.direction is not None
+        },
         stored_m=None if robot is None else robot.stored_m,
         sensors=sensor.sensor_names(scenario, carrier.joint_names),
         cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),

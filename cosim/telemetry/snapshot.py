@@ -317,6 +317,7 @@ class RunInfo(Shown):
         grasps: whether the soft robot has a palm or several films.
         sliding: (joints,), whether a joint slides.
         tip_measured_by: by what the tip's direction is measured, in words; empty: unknown.
+        tip_directions: (3,) that tip targets ask for, by the index of their phase.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
         sensors: names, units and values of the sensors.
         cameras: their names, sizes and rates.
@@ -358,6 +359,7 @@ class RunInfo(Shown):
     grasps: bool = False
     sliding: tuple[bool, ...] = ()
     tip_measured_by: str = ""
+    tip_directions: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
     stored_m: float | None = None
     sensors: tuple[SensorNames, ...] = ()
     cameras: tuple[CameraInfo, ...] = ()

@@ -569,6 +569,10 @@ class SummaryBuilder:
         row["branchings"] = [*figures.branching_lines(own), *figures.undecided_warnings(own)]
         row |= figures.footing_figures(self._last.footing, own, self._stage.decay)
         row |= figures.elastic_figures(self._stage, self._last.node_position)
+        wanted = self._stage.tip_directions.get(self._last.phase)
+        if wanted is not None:
+            across = np.linalg.norm(np.cross(wanted, self._last.tip_direction))
+            row["tip_angle_error_rad"] = float(np.arctan2(across, np.dot(wanted, self._last.tip_direction)))
         stored_m = self._stage.stored_m
         row["extension_ratio"] = None if stored_m is None else row["length_m"] / stored_m
         self._shortest_m = min(self._shortest_m, row["length_m"])

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+import cosim
 from benchmarks import tip_targets
 from benchmarks.tip_targets import BOUNDS, measure, summary
+from tests.small_section import on_a_ur5e
 
 
 def test_two_targets_are_met_and_held(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,3 +27,29 @@ def test_two_targets_are_met_and_held(monkeypatch: pytest.MonkeyPatch) -> None:
     assert totals["targets"] == 2
     assert totals["tip_mm"]["within_bound"] == 2
     assert totals["tip_mm"]["max"] == max(entry.tip_mm for entry in found)
+
+
+TARGETS = """
+[[phase]]
+name = "free"
+duration_s = 0.6
+tip_target = { position_m = [0.42, 0.02, 0.35] }
+
+[[phase]]
+name = "turned"
+duration_s = 0.6
+tip_target = { position_m = [0.42, 0.02, 0.35], direction = [0.3, 0.0, -2.0] }
+"""
+
+
+def test_how_far_the_direction_is_off_is_in_the_summary(tmp_path: Path) -> None:
+    file = tmp_path / "turned.toml"
+    file.write_text(on_a_ur5e(10e3, TARGETS, robot='"square_core"', published=False), encoding="utf-8")
+    changes = {"fidelity": "rigid", "contact.enabled": False}
+    run = cosim.run(file, overrides=changes, error=False)
+    free, turned = run.summary["phases"]
+    assert "tip_angle_error_rad" not in free
+    wanted = np.array([0.3, 0.0, -2.0]) / np.linalg.norm([0.3, 0.0, -2.0])
+    off = float(np.arccos(run.tip_direction[-1] @ wanted))
+    assert turned["tip_angle_error_rad"] == pytest.approx(off, abs=1e-7)
+    assert 0.0 < turned["tip_angle_error_rad"] < 0.05
