@@ -323,8 +323,8 @@ def _range(
 def _asked_name(scenario: Scenario, model: SoftModel) -> str:
     """Return a name of all that the statics of a plan depend on."""
     return name_of(
-        model.name, scenario.start, scenario.phases, scenario.gas, scenario.gravity_m_s2, scenario.mode,
-        scenario.solver.air_drag_per_s,
+        model.statics_name, scenario.start, scenario.phases, scenario.gas, scenario.gravity_m_s2,
+        scenario.mode, scenario.solver.air_drag_per_s,
     )  # fmt: skip
 
 

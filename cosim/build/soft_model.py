@@ -130,9 +130,9 @@ class SoftModel:
     """The model of a scenario's soft robot.
 
     Attributes: `kept`, parts that may be used again; `body`, in the flange frame; `section`, None unless that
-    is the fidelity; `body_name` and `name`, of all that the body, and the soft sides, depend on; `lasting`,
-    whether these names tell it from all others in other processes too: where users' own code has a part in
-    it, they do not.
+    is the fidelity; `body_name`, `statics_name` and `name`, of all that the body, its equilibria and the soft
+    sides depend on; `lasting`, whether these names tell it from all others in other processes too: where
+    users' own code has a part in it, they do not.
 
     Args:
         scenario: checked.
@@ -168,10 +168,10 @@ class SoftModel:
                 "section model", kept_parts.name_of(self.body_name, largest, self._films),
                 lambda: section_model(scenario, tell, self.body),
             )  # fmt: skip
-        self.name = kept_parts.name_of(
-            self.body_name, scenario.fidelity, largest, self._flange, self._statics, self._dynamics,
-            self._films,
-        )  # fmt: skip
+        self.statics_name = kept_parts.name_of(
+            self.body_name, scenario.fidelity, largest, self._flange, self._statics, self._films
+        )
+        self.name = kept_parts.name_of(self.statics_name, self._dynamics)
 
     def trial(self) -> soft_side.SoftSide:
         """Return a soft side to plan phases on.

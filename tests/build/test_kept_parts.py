@@ -75,7 +75,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
     {"clock.tick_s": 0.0025},
     {"gravity_m_s2": [0.0, 0.5, -9.7]},
     {"solver.damping_per_s": 10.0},
-    {"solver.integrator": "bdf2"},
+    {"solver.integrator": "implicit_euler"},
     {"solver.residual_tolerance_N": 1e-7},
     {"soft_robot.mass.node_mass_kg": 4e-4},
     {"soft_robot.film.thickness_m": 1.1e-4},
@@ -203,6 +203,24 @@ def test_a_plan_on_disk_is_the_one_that_would_be_solved(
         with pytest.warns(RuntimeWarning, match="its content is computed again"):
             assert seen(Simulation(scenario, kept=KeptParts(tmp_path))) == alone
         assert file.read_bytes()[:60] == whole[:60]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"solver.damping_per_s": 15.0},
+        {"solver.dynamic_tolerance_N": 1e-3},
+        {"solver.integrator": "implicit_euler"},
+    ],
+    ids=" ".join,
+)
+def test_a_plan_on_disk_is_that_of_other_steps_in_time_too(
+    scenario: cosim.Scenario, tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    Simulation(scenario, kept=KeptParts(tmp_path))
+    alone = seen(Simulation(scenario, overrides=changes, kept=KeptParts()))
+    assert seen(Simulation(scenario, overrides=changes, kept=KeptParts(tmp_path))) == alone
+    assert len(list(tmp_path.glob("plan_*.kept"))) == 1
 
 
 def test_plans_on_disk_are_bounded_in_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
