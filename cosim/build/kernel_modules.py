@@ -152,7 +152,7 @@ def compile_contact(tell: Callable[[str], None], scenario: Scenario) -> None:
     """
     from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
     from cosim.coupling.contact.contact_kernels import find_touched
-    from cosim.rigid.distance import shapes, signed_distance
+    from cosim.rigid.distance import shapes
 
     more = scenario.objects or scenario.wires or scenario.scene is not None
-    compile_modules(tell, contact_modules() if more else (find_touched, shapes, signed_distance))
+    compile_modules(tell, contact_modules() if more else (find_touched, shapes))

@@ -203,3 +203,22 @@ def test_an_annotation_that_says_too_little_is_refused() -> None:
     for function, what in ((given, "ndarray"), (returned, "ndarray"), (nothing, "does not annotate 'x'")):
         with pytest.raises(TypeError, match=rf"{function.__name__}\(\).*{what}"):
             kernel(function)
+
+
+def test_a_run_with_nothing_to_touch_compiles_no_distances(tmp_path: Path) -> None:
+    scenario = tmp_path / "hang.toml"
+    scenario.write_text(
+        'schema = 2\ntitle = "Hang"\nrobot = "ur5e"\nsoft_robot = "square_core"\n'
+        "[start]\nflange = { position_m = [0.4, 0.0, 0.6], direction = [0.0, 0.0, -1.0] }\n"
+        '[[phase]]\nname = "hang"\nduration_s = 0.01\n'
+    )
+    run = f"""
+import cosim
+from cosim.rigid.distance.signed_distance import points_near
+done = cosim.run({str(scenario)!r}, error=False)
+assert done.summary["status"] == "completed"
+print(len(points_near.overloads))
+"""
+    done = run_forked(run, ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1] == "0"

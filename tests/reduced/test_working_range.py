@@ -43,6 +43,21 @@ def test_the_section_that_uses_most_of_its_range_is_named() -> None:
     assert found.text.startswith("section 4 of 4 (unit_3.outer to tip) is stretched by ")
 
 
+def test_no_bend_is_within_a_range_whose_square_has_fallen_below_zero() -> None:
+    body = section()
+    straight = body.straight(PRESSURE_Pa)
+    body.set_pressure(PRESSURE_Pa)
+    limit, bent = float(body.coefficients[1, BENT]), strains(straight[:-1], straight[1:])
+    bent[1, 3:5] = 0.01
+    body.coefficients[1, BENT] = -1e-6  # as a spline through few pressures may be between them
+    try:
+        found = place_in_range(body, frames_from_strains(straight[0], bent), PRESSURE_Pa)
+    finally:
+        body.coefficients[1, BENT] = limit
+    assert found.at_its_end
+    assert found.text.startswith("section 2 of 4 (unit_1.outer to unit_2.outer) is bent by ")
+
+
 def test_a_pressure_beyond_the_samples_is_refused() -> None:
     end = section().model.spline.largest_Pa
     check_pressure(section(), end, 0.0, 1)

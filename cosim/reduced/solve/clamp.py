@@ -194,7 +194,9 @@ def place_in_range(
     section.set_pressure(pressure_Pa)
     values, limits = section.frames.strains(frames), section.coefficients
     stretch = values[:, 2] * section.inverse_length - 1.0
-    bend, bend_end = np.hypot(values[:, 3], values[:, 4]), np.sqrt(limits[:, BENT])
+    # a spline through few pressures may fall below zero between them: no bend is within the range there
+    bend_end = np.sqrt(np.maximum(limits[:, BENT], np.finfo(float).tiny))
+    bend = np.hypot(values[:, 3], values[:, 4])
     stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
     fractions = np.stack([np.where(bends_only, 0.0, stretch / stretch_end), bend / bend_end])
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
