@@ -94,17 +94,38 @@ def expected_error(scenario: Scenario) -> dict[str, dict[str, Any] | None]:
     for figure in FIGURES:
         rows = (row for row in _measured()["error"] if row["of"] == figure and _fits(row, robot, refine))
         row = next(rows, None)
+        pressure_Pa = None if row is None else _pressures(robot)
         found[figure] = (
-            None if row is None else {**{key: row[key] for key in keys}, "pressure_Pa": list(PRESSURE_Pa)}
+            None
+            if row is None or pressure_Pa is None
+            else {**{key: row[key] for key in keys}, "pressure_Pa": pressure_Pa}
         )
     return found
 
 
+def _pressures(robot: SoftRobotTable) -> list[float] | None:
+    """Return between which pressures [Pa] rows hold for a film; None where they do not, at any."""
+    stack, film = robot.stack, robot.film
+    assert stack is not None
+    size_m = stack.corner_radius_m
+    within = next((each for each in _measured()["range"] if stack.sides in each["sides"]), None)
+    if within is None:
+        return None
+    ratios = {"thickness": film.thickness_m / size_m, "hole": stack.hole_radius_m / size_m}
+    if not all(within[key][0] <= ratio <= within[key][1] for key, ratio in ratios.items()):
+        return None
+    most, least = (film.young_modulus_Pa * film.thickness_m / (end * size_m) for end in within["tension"])
+    low, high = max(PRESSURE_Pa[0], least), min(PRESSURE_Pa[1], most)
+    return [low, high] if low < high else None
+
+
 def expected_error_report(scenario: Scenario) -> str:
     """Return the same for people."""
-    low, high = (1e-3 * pressure for pressure in PRESSURE_Pa)
-    texts = [f"{figure} {_text(error)}" for figure, error in expected_error(scenario).items()]
-    return f"{'; '.join(texts)}; from {low:g} to {high:g} kPa"
+    found = expected_error(scenario)
+    within = next((error["pressure_Pa"] for error in found.values() if error is not None), PRESSURE_Pa)
+    low, high = (1e-3 * pressure for pressure in within)
+    texts = [f"{figure} {_text(error)}" for figure, error in found.items()]
+    return f"{'; '.join(texts)}; from {low:.3g} to {high:.3g} kPa"
 
 
 def extension_report(scenario: Scenario) -> str:
