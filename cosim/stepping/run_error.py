@@ -39,7 +39,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh, SourceFilm
+from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, PATIENCE, FinerMesh, SourceFilm
 from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
@@ -192,6 +192,11 @@ _TOUCHES: Final = "the soft robot touches the scene, and contact with it is not 
 _NOT_AT_REST: Final = "no state at rest was found near its end, on the run's mesh or on the refined one"
 _HELD: Final = "rings are held where the run's mesh had them, which on the refined mesh is not known"
 _DEAR: Final = "only of the last phase and those it needs, as more would cost over a third of the run"
+_TOO_DEAR: Final = "it would cost more than the run; --error works it out all the same"
+
+
+class TooDearError(Exception):
+    """Another state at rest is asked for once all that bars may cost is spent."""
 
 
 @final
@@ -234,8 +239,8 @@ def at_rest(side: SoftArm, state: SoftArmState) -> Equilibrium:
     Raises:
         ConvergenceError: no equilibrium was found near it.
     """
-    soft = SoftState.at_rest(state.soft.positions, state.soft.memory)
-    return side.rest_near(soft, state.flange, state.loads, ITERATIONS_MAX)
+    soft = SoftState.at_rest(state.soft.positions, state.soft.memory, state.soft.touching)
+    return side.rest_near(soft, state.flange, state.loads, ITERATIONS_MAX, PATIENCE)
 
 
 def shape_figures(side: SoftArm, shape: Array, flange: tuple[Array, Array]) -> dict[str, Any]:
@@ -300,6 +305,7 @@ class ErrorFinder:
         self._ends_at = {tick: phase for phase, tick in enumerate(accumulate(self._counts))}
         self.ends: list[PhaseEnd] = []
         self._pairs: dict[int, Pair] = {}
+        self._most = math.inf  # iterations on the refined mesh, failed factorisations included
         self._branched: dict[int, str] = {}
         self._swings: Swings | None = None
         self._films: dict[int, SoftArmState] = {}
@@ -364,7 +370,8 @@ class ErrorFinder:
             )
         cost = iterations / _TANGENT[self._parts.scenario.mode] * (1.0 if chain is None else _CHAIN)
         if not everywhere and (why := _too_dear(cost, chain)):
-            return RunErrors(reason=f"{why}; --error works it out all the same")
+            return RunErrors(reason=why)
+        self._most = math.inf if everywhere or chain is not None else cost
         side, soft = self.side, self._parts.soft
         saved, found = soft.save_state(), dict[int, dict[str, Any]]()
         whole = len(self.ends) == len(self._counts)
@@ -375,7 +382,7 @@ class ErrorFinder:
             mesh, dear = FinerMesh(side.body, refined(1)), False
             for place in reversed(range(len(self.ends))):
                 if len(found) == 1 and not everywhere:
-                    dear = mesh.iterations / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
+                    dear = mesh.side.effort.work / max(1, len(self._pairs)) * len(self.ends) > _SHARE * cost
                 if dear and place not in self._pairs:  # what the last one has needed is there
                     reason = _DEAR
                     continue
@@ -403,6 +410,8 @@ class ErrorFinder:
             parts, why_not = self._compared(place, mesh)
         except ConvergenceError:
             parts, why_not = {}, _NOT_AT_REST
+        except TooDearError:
+            parts, why_not = {}, _TOO_DEAR
         if why_not:
             return none | {"reason": why_not}
         bars = {key: sum(part.get(key, 0.0) for part in parts.values()) for key in parts["of_mesh"]}
@@ -413,6 +422,7 @@ class ErrorFinder:
 
         Raises:
             ConvergenceError: no equilibrium was found near that of the run.
+            TooDearError: it is not there yet, and all that it may cost is spent.
         """
         if place not in self._pairs:
             film, side, before = self._film(place), self.side, None
@@ -428,6 +438,8 @@ class ErrorFinder:
                 clamp = mesh.clamp(film.clamp, (before.clamp, before.finer))
                 if not self.ends[place - 1].why_not:
                     along = self._pair(place - 1, mesh)
+            if mesh.side.effort.work > self._most:
+                raise TooDearError
             rest = self._at_rest(place, mesh)
             try:
                 finer = mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
@@ -470,6 +482,7 @@ class ErrorFinder:
 
         Raises:
             ConvergenceError: there is no state at rest near that of the run.
+            TooDearError: all that it may cost is spent before.
         """
         end, side = self.ends[place], self.side
         pair = None if end.why_not else self._pair(place, mesh)
@@ -555,9 +568,11 @@ class ErrorFinder:
 def _too_dear(cost: float, chain: SectionArm | None) -> str:
     """Return why even one phase end is too dear unasked, for a run that cost so much; empty if not."""
     if chain is None:
-        return "it would cost more than the run" if cost * _MOST < _USUAL else ""
+        return _TOO_DEAR if cost * _MOST < _USUAL else ""
     nodes = chain.body.nodes
-    return f"with a film of {nodes} nodes it takes 10 s and longer" if nodes > FILM_NODES_MAX else ""
+    if nodes <= FILM_NODES_MAX:
+        return ""
+    return f"with a film of {nodes} nodes it takes 10 s and longer; --error works it out all the same"
 
 
 def _leaps(passed: branching.Branching, length_m: float) -> bool:

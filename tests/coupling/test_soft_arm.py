@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -69,6 +70,41 @@ def test_what_newtons_method_does_not_reach_a_body_slides_to() -> None:
     with pytest.raises(ConvergenceError, match="bound of 30 "):
         arm.rest_near(arm.state, HANGING, loads, 30)
     assert arm.effort.most == NewtonOptions().search_iterations_max
+
+
+def test_a_slide_that_gets_no_nearer_to_rest_is_given_up() -> None:
+    arm, loads = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=(PRESSURE_Pa,))
+    arm = SoftArm(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
+    found = arm.rest_near(arm.state, HANGING, loads, 500, 100)
+    assert arm.effort.patience == math.inf
+    impatient = SoftArm(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
+    with pytest.raises(ConvergenceError):
+        impatient.rest_near(impatient.state, HANGING, loads, 500, 1)
+    assert impatient.effort.work < arm.effort.work
+    assert found.iterations <= arm.effort.work  # those of tangents that were indefinite on top
+
+
+def test_a_start_that_no_shift_makes_definite_is_left_at_once() -> None:
+    arm = hanging_arm()
+    loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
+    crumpled = arm.state.positions + np.random.default_rng(1).uniform(-0.01, 0.01, arm.state.positions.shape)
+    stiff = NewtonOptions(shift_max_N_m=1.0)
+    arm = SoftArm(arm.body, HANGING, stiff, TIGHT)
+    with pytest.raises(ConvergenceError, match="no shift up to its bound"):
+        arm.rest_near(arm.in_shape(crumpled, HANGING), HANGING, loads, 500)
+    # four solutions try three shifts each, and the tangent as it is
+    assert 4 <= arm.effort.work <= 20
+
+
+def test_a_residual_that_rounding_keeps_from_falling_takes_no_new_tangent() -> None:
+    arm = hanging_arm()
+    solver, loads = arm.equilibrium_solver.solver, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
+    options = NewtonOptions(tolerance_N=1e-4, start_tolerance_N=1e-15, reuse_max=12)
+    rest = solver.solve(arm.state.positions, arm.state.memory, loads, options)
+    for _ in range(3):
+        again = solver.solve(rest.positions, rest.memory, loads, options)
+        assert again.converged
+        assert again.factorisations == 0
 
 
 def test_reaction_changes_momentum_and_angular_momentum() -> None:

@@ -7,6 +7,7 @@ to 3.5, whatever the calibration has found. The two are solved apart: from anoth
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,21 @@ def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
     assert followed.loads.pressure_Pa == (2e3,)
     ends = [mesh.side.body.tip_position(found.state.positions) for found in (followed, near)]
     assert ends[0] == pytest.approx(ends[1], abs=2e-4)
+
+
+def test_a_difference_that_folds_films_is_not_taken_along() -> None:
+    model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
+    side = model.side()
+    assert isinstance(side, SoftArm)
+    mesh = FinerMesh(side.body, model.refined(1))
+    rest = side.start(side.save_state().flange, Loads((2e3,), (), (0.0, 0.0, 0.0)))
+    clamp = mesh.clamp(side.clamp)
+    found = mesh.at_rest(clamp, rest)
+    spent, x = mesh.iterations, found.state.positions
+    folded = x + np.random.default_rng(1).uniform(-0.02, 0.02, x.shape)
+    again = mesh.at_rest(clamp, rest, (rest, replace(found, state=replace(found.state, positions=folded))))
+    assert mesh.iterations - spent <= spent
+    assert again.state.positions == pytest.approx(x, abs=1e-6)
 
 
 def test_tensions_for_a_target_are_found_again_on_the_refined_mesh(arm: Path) -> None:

@@ -19,10 +19,16 @@ from cosim.errors import ConvergenceError
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp
 from cosim.soft.body import body, places
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.self_contact_pairs import FilmMemory
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 ITERATIONS_MAX = 600
 """Of each try to find a state at rest, on either mesh."""
+PATIENCE = 100
+"""Iterations within which a slide to rest halves what is out of balance, on either mesh."""
+_FOLDED = 100.0
+"""Times as far out of balance as without it: what is taken along from another state has folded films."""
+_NOTHING_PRESSES = FilmMemory(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
 
 
 @final
@@ -63,13 +69,18 @@ class FinerMesh:
         """
         side, shape, flange = self.side, rest.state.positions, rest.world_from_flange
         self.hold(clamp)
-        wanted = shape[self._parents].mean(axis=1)
+        wanted, loads = shape[self._parents].mean(axis=1), self._loads(rest)
+        start = side.in_shape(wanted, flange)
         if before is not None:
             coarse, finer = before
             turn = flange.rotation @ finer.world_from_flange.rotation.T
-            wanted += (finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)) @ turn.T
-        start, loads = side.in_shape(wanted, flange), self._loads(rest)
-        return self._spent(lambda: side.rest_near(start, flange, loads, ITERATIONS_MAX))
+            away = finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)
+            along, solver = side.in_shape(wanted + away @ turn.T, flange), side.equilibrium_solver
+            off_N = [solver.out_of_balance(state, flange, loads) for state in (start, along)]
+            start = along if off_N[1] < _FOLDED * off_N[0] else start
+        if rest.loads.self_contact is not None:  # films that press on the run's mesh do so on this one
+            start = replace(start, touching=_NOTHING_PRESSES)
+        return self._spent(lambda: side.rest_near(start, flange, loads, ITERATIONS_MAX, PATIENCE))
 
     def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium) -> Equilibrium:
         """Return the equilibrium that one of the refined mesh is followed to.

@@ -361,7 +361,12 @@ class SoftArm(soft_side.SoftSide):
             return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
 
     def rest_near(
-        self, state: SoftState, world_from_flange: Pose, loads: Loads, iterations_max: int
+        self,
+        state: SoftState,
+        world_from_flange: Pose,
+        loads: Loads,
+        iterations_max: int,
+        patience: float = math.inf,
     ) -> Equilibrium:
         """Find the equilibrium near a state; where Newton's method finds none, that to which it slides.
 
@@ -370,11 +375,12 @@ class SoftArm(soft_side.SoftSide):
             world_from_flange: pose of the flange.
             loads: that act.
             iterations_max: of each of both; then it is given up.
+            patience: iterations within which a slide halves what is out of balance, or is given up.
 
         Raises:
             ConvergenceError: it comes to rest nowhere.
         """
-        with self.effort.within(iterations_max):
+        with self.effort.within(iterations_max, patience):
             try:
                 return self.solve(state, world_from_flange, loads)
             except ConvergenceError as error:
@@ -393,7 +399,7 @@ class SoftArm(soft_side.SoftSide):
             share = system.segment_share(between, slack)
             system.evaluate(between, slack, share, memory, hessian=False)
             memory = system.advanced(between, system.memory)
-        return SoftState.at_rest(np.ascontiguousarray(positions), memory)
+        return SoftState.at_rest(np.ascontiguousarray(positions), memory.copy())
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium beside one that is not; one that is stable as it is."""

@@ -36,6 +36,7 @@ _PROPER_BELOW_N_m = 10.0  # where Newton's method proper is tried
 _ITERATIONS_MAX = 12  # of a step
 _STEPS_MAX = 150
 _UNMOVED_MAX = 400  # iterations that moved nothing, before a slide is given up
+_LESS = 0.5  # of the force out of balance: gets a slide some more patience, see `SearchEffort`
 
 
 def slide(
@@ -63,12 +64,15 @@ def slide(
     step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
     bed, x, spent, lost, shifted = _BED_N_m, start, 0, 0, 0
     moved, softer, rests = np.inf, False, False
+    least_N, since = np.inf, 0
     found: NewtonResult | None = None
     for _ in range(_STEPS_MAX):
         loads, bounded = loads_at(x), effort.bounded(step)
         tried = solver.solve(x, memory, loads, bounded, Inertia(np.full(len(x), bed), x))
         effort.spend(tried)
         spent, shifted = spent + tried.iterations, shifted + tried.shifted
+        if tried.outcome is Outcome.INDEFINITE and not tried.iterations:
+            break  # shifts larger than any bed were tried here
         if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
             bed *= _RISE
             lost += tried.iterations
@@ -76,6 +80,9 @@ def slide(
             before, moved = moved, float(np.abs(tried.positions - x).max())
             rests, softer = softer and moved <= before, tried.converged
             x, memory = tried.positions, tried.memory
+            borne_N = bed * moved  # by the bed: out of balance without it
+            if tried.converged and borne_N < _LESS * least_N:
+                least_N, since = borne_N, spent
             bed *= _FALL if tried.converged else _RISE
         # beyond the end of a branch steps grow as the bed softens: no equilibrium is near yet
         if tried.converged and bed < _PROPER_BELOW_N_m and rests:
@@ -86,7 +93,7 @@ def slide(
                 break
             lost += found.iterations
         bed = max(bed, _LEAST_BED_N_m)
-        if bed > _LARGEST_BED_N_m or lost >= _UNMOVED_MAX:
+        if bed > _LARGEST_BED_N_m or lost >= _UNMOVED_MAX or spent - since >= effort.patience:
             break
     if found is None:
         found = solver.solve(x, memory, loads_at(x), effort.bounded(options))
@@ -162,6 +169,22 @@ class EquilibriumSolver:
             return found
         again = self._solve(films, *here)
         return replace(again, iterations=found.iterations + again.iterations)
+
+    def out_of_balance(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> float:
+        """Return the largest force [N] that is out of balance in a state, that of films that press included.
+
+        Args:
+            state: any.
+            world_from_flange: pose of the flange, which clamped components are moved to first.
+            loads: that act.
+        """
+        system, x = self.solver.system, self.clamp.place(state.positions, world_from_flange)
+        loads, gradient = self._touched(self.self_contact, x, loads), system.gradient.copy()
+        share = system.segment_share(x, loads, state.memory)
+        system.evaluate(x, loads, share, state.memory.copy(), hessian=False)
+        found = float(np.abs(system.gradient[self.solver.free]).max())
+        system.gradient[:] = gradient
+        return found
 
     def _solve(
         self, films: SelfContact | None, guess: Array, memory: Array, world_from_flange: Pose, loads: Loads

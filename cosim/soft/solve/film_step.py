@@ -250,7 +250,9 @@ def _judge_kept(side: FilmSide, motion: Any, part: int, residual: float) -> int:
         ends = work.solution[0, begin:end], work.served[1, begin:end], work.gradient[begin:end]
         shown = _own(work, begin, end), known, *ends, side.kept.free[begin:end]
         state[PAIRS_KNOWN] = _keep_pair(work.calls[_KEEP], shown)
-    if finite and residual <= numbers.reuse_rate * before:
+    # rounding may keep a residual from falling that the step's own bound accepts
+    done = state[MOVED] != 0.0 and residual < numbers.tolerance
+    if finite and (done or residual <= numbers.reuse_rate * before):
         state[RUN], state[LEFT] = state[RUN] + state[MOVED], state[LEFT] - state[MOVED]
         return _accept(side, motion, part, residual)
     if state[AGAIN] != 0.0 or state[PAIRS_KNOWN] == known:

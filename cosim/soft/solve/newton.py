@@ -95,7 +95,7 @@ class NewtonProgress:
         motion, spent = self.motion, self.reused + self.tangents
         return NewtonResult(
             motion.new_x, motion.new_memory, outcome, self.residual, spent, self.tangents + self.shifts,
-            self.energy, self.shifted,
+            self.energy, self.shifted, failed=self.shifts,
         )  # fmt: skip
 
     @property

@@ -78,6 +78,7 @@ class NewtonResult:
         shifted: iterations in which the tangent was indefinite.
         negative_pivots: 0 where the last tangent, one step before the end, was positive definite; None where
             that is not known.
+        failed: factorisations of them that found a tangent indefinite.
     """
 
     positions: Array
@@ -89,6 +90,7 @@ class NewtonResult:
     potential_J: float
     shifted: int
     negative_pivots: int | None = None
+    failed: int = 0
 
     @property
     def converged(self) -> bool:
@@ -107,6 +109,9 @@ class SearchEffort:
     A search is whatever solves for one result: an equilibrium that is followed, or all that is tried for a
     target. Searches within a search count as part of it.
 
+    Attributes: `work`, iterations and failed factorisations of all searches; `patience`, iterations within
+    which a slide halves what is out of balance, or is given up.
+
     Args:
         most: iterations that one search may take.
     """
@@ -115,6 +120,7 @@ class SearchEffort:
         self.most, self.spent, self._left, self._residual_N = most, 0, "", math.inf
         self.place, self.trying, self._bound = "", "", most
         self.tell: Callable[[str], None] = say_nothing
+        self.work, self.patience = 0, math.inf
         self._within: list[str] = []
         self._began = self._next = 0.0
 
@@ -148,17 +154,19 @@ class SearchEffort:
             self._within.pop()
 
     @contextmanager
-    def within(self, most: int) -> Iterator[None]:
+    def within(self, most: int, patience: float = math.inf) -> Iterator[None]:
         """Let searches within take fewer iterations.
 
         Args:
             most: that each of them may take.
+            patience: iterations within which a slide halves what is out of balance.
         """
-        before, self.most = self.most, min(self.most, most)
+        before = self.most, self.patience
+        self.most, self.patience = min(self.most, most), min(self.patience, patience)
         try:
             yield
         finally:
-            self.most = before
+            self.most, self.patience = before
 
     @contextmanager
     def search_apart(self, what: str) -> Iterator[None]:
@@ -214,6 +222,7 @@ class SearchEffort:
             found: by the solution.
         """
         self.spent, self._residual_N = self.spent + found.iterations, found.residual_N
+        self.work += found.iterations + found.failed
         self._left = "" if found.converged else f", with {found.residual_N:.3g} N out of balance at the last"
         self.watch(0)
 
