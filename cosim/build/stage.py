@@ -109,7 +109,7 @@ def _pressures(robot: SoftRobotTable) -> list[float] | None:
     assert stack is not None
     size_m = stack.corner_radius_m
     within = next((each for each in _measured()["range"] if stack.sides in each["sides"]), None)
-    if within is None:
+    if within is None or film.young_modulus_Pa is None:
         return None
     ratios = {"thickness": film.thickness_m / size_m, "hole": stack.hole_radius_m / size_m}
     if not all(within[key][0] <= ratio <= within[key][1] for key, ratio in ratios.items()):
