@@ -1,7 +1,7 @@
 """Figures of a summary: of what is stretched, of tip paths, of the arm, of devices."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import zip_longest
 from typing import Annotated, Any, Final, final
@@ -25,39 +25,6 @@ def elastic_figures(run: snapshot.RunInfo, positions: Array) -> dict[str, Any]:
         strength = strain.strength if strain.strength < math.inf else None
         figures["stiffener"] = {"peak_strain": strain.peak, "strength_strain": strength}
     return figures
-
-
-def section_warnings(model: Mapping[str, Any] | None) -> list[str]:
-    """Return what to say of a section model whose accuracy is not known.
-
-    Args:
-        model: `RunInfo.section_model`.
-    """
-    if model is None or math.isfinite(model["tip_error"]):
-        return []
-    return [
-        "the section model's accuracy is not known: it has no equilibrium at some loads at which its film "
-        "has one; compare with fidelity = 'lumped' before you rely on its figures"
-    ]
-
-
-def strength_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
-    """Return a warning for each phase that ends with stiffeners beyond their strength."""
-    found = []
-    for phase in phases:
-        peak, strength = (phase.get("stiffener", {}).get(key) for key in ("peak_strain", "strength_strain"))
-        if peak is not None and strength is not None and peak > strength:
-            found.append(
-                f"at the end of phase '{phase['name']}' the stiffeners are strained by "
-                f"{_percent_beyond(peak, strength)} %, beyond the {100.0 * strength:.2g} % that they bear"
-            )
-    return found
-
-
-def _percent_beyond(value: float, bound: float) -> str:
-    """Return a value above a bound in percent, in as many digits as tell it from the bound, at least two."""
-    texts = (f"{100.0 * value:.{digits}g}" for digits in range(2, 17))
-    return next((text for text in texts if float(text) > float(f"{100.0 * bound:.2g}")), f"{100.0 * value}")
 
 
 @final

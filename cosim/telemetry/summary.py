@@ -14,7 +14,7 @@ from cosim.base.state_check import check_state
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
-from cosim.telemetry import figures, holding, tick_batch
+from cosim.telemetry import bounds, figures, holding, tick_batch
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 
@@ -97,15 +97,6 @@ def _largest(changes: list[dict[str, Any]], key: str) -> float:
 
 
 _ITSELF: Final = "contact with itself"
-_ERRORS: Final = {
-    "tip_m": ("tip", "mm", 1e3),
-    "sag_m": ("sag", "mm", 1e3),
-    "length_m": ("length", "mm", 1e3),
-    "volume_m3": ("volume", "cm^3", 1e6),
-    "cable_tension_N": ("tension", "N", 1.0),
-    "peak_strain": ("strain of frames", "%", 1e2),
-}
-"""Of each figure that has a bar: name, unit, and how many of it are one in SI."""
 _NAMED: Final = 3
 """Phases that a line names, the rest are counted."""
 _WIDTH: Final = len("stability: ")
@@ -181,7 +172,7 @@ def error_line(summary: dict[str, Any]) -> str:
     """Return how far each figure may be off, the largest over the phases; or why that is not known."""
     rows = [(phase["name"], phase["error"]) for phase in summary["phases"] if phase["error"] is not None]
     texts = []
-    for key, (name, unit, scale) in _ERRORS.items():
+    for key, (name, unit, scale) in bounds.BARS.items():
         known = {phase: scale * row[key] for phase, row in rows if row[key] is not None}
         if known:
             worst = max(known, key=lambda phase: known[phase])
@@ -498,6 +489,7 @@ class SummaryBuilder:
         errors = errors or RunErrors(reason="it was not asked for")
         stage, last = self._stage, self._last
         simulated_s = last.time_s if last is not None else 0.0
+        phases = [row | {"error": errors.phases.get(k)} for k, row in enumerate(self._phases)]
         summary = {
             "schema": SUMMARY_SCHEMA,
             "cosim_version": self._version,
@@ -527,8 +519,8 @@ class SummaryBuilder:
             "overlaps": self._overlaps,
             "objects": self._objects.figures(stage.objects),
             "arm": self._arm_section(),
-            "warnings": self._warnings(),
-            "phases": [row | {"error": errors.phases.get(k)} for k, row in enumerate(self._phases)],
+            "warnings": [*self._warnings(), *bounds.bar_warnings(phases)],
+            "phases": phases,
         }
         return {key: json_ready(value) for key, value in summary.items()}
 
@@ -541,8 +533,8 @@ class SummaryBuilder:
 
     def _warnings(self) -> list[str]:
         planned = self._stage.arm
-        beyond = [*figures.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
-        beyond += [*swing_warnings(self._phases), *figures.section_warnings(self._stage.section_model)]
+        beyond = [*bounds.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
+        beyond += [*swing_warnings(self._phases), *bounds.section_warnings(self._stage.section_model)]
         beyond += figures.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
         beyond = [*self._missed, *beyond]
         if planned is None:

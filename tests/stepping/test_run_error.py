@@ -289,3 +289,12 @@ def test_a_section_model_is_compared_with_its_film_at_rest(
         monkeypatch.setattr(run_error, "FILM_NODES_MAX", nodes)
         unasked = cosim.run(path, overrides={"fidelity": "section", "mode": "quasistatic"})
         assert unasked.summary["error"]["reason"] == reason
+
+
+def test_a_bar_above_a_quarter_of_its_figure_is_a_warning_with_its_cause() -> None:
+    run = cosim.run("three_unit_inflation", error=True).summary
+    (text,) = (text for text in run["warnings"] if "'inflate'" in text)
+    last = run["phases"][-1]
+    assert last["error"]["length_m"] > 0.25 * last["length_m"]
+    assert "volume by " in text
+    assert text.endswith("the mesh is coarse: fidelity = 'refined' divides every triangle into four")

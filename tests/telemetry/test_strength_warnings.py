@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cosim.telemetry.figures import section_warnings, strength_warnings
+from cosim.telemetry.bounds import section_warnings, strength_warnings
 
 
 @pytest.mark.parametrize(("peak", "told"), [(0.0221, "2.2"), (0.02004, "2.004"), (0.31, "31")])

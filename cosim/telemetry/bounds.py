@@ -1,0 +1,99 @@
+"""Warnings of figures beyond a bound: strength of frames, range of a section model, size of an error bar."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+BARS: Final = {
+    "tip_m": ("tip", "mm", 1e3),
+    "sag_m": ("sag", "mm", 1e3),
+    "length_m": ("length", "mm", 1e3),
+    "volume_m3": ("volume", "cm^3", 1e6),
+    "cable_tension_N": ("tension", "N", 1.0),
+    "peak_strain": ("strain of frames", "%", 1e2),
+}
+"""Of each figure that has a bar: name, unit, and how many of it are one in SI."""
+_LARGE: Final = 0.25
+"""Of a figure: a larger bar is a warning."""
+_CAUSES: Final = {
+    "of_mesh": "the mesh is coarse: fidelity = 'refined' divides every triangle into four",
+    "of_tick": "ticks are long: shorten clock.tick_s",
+    "of_solver": "the solver's tolerance is large: lower it",
+    "of_section": "the section model is off its film: use fidelity = 'lumped'",
+}
+
+
+def bar_warnings(phases: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a warning for each phase with error bars above a quarter of their figures, and the cause.
+
+    Bars of tip and sag are compared with the length.
+
+    Args:
+        phases: of a summary, with their `error`.
+    """
+    found = []
+    for phase in phases:
+        bars = phase.get("error")
+        if bars is None or bars["reason"]:
+            continue
+        large = {key: size for key in BARS if (size := _figure(phase, key)) * _LARGE < (bars[key] or 0.0)}
+        if not large:
+            continue
+        texts = []
+        for key, size in large.items():
+            name, unit, scale = BARS[key]
+            of = "a length of " if key in ("tip_m", "sag_m") else ""
+            texts.append(f"{name} by {scale * bars[key]:.2g} of {of}{scale * size:.3g} {unit}")
+        key = max(large, key=lambda key: bars[key] / max(large[key], 1e-300))
+        parts = {part: bars.get(part, {}).get(key, 0.0) for part in _CAUSES}
+        cause = _CAUSES[max(parts, key=lambda part: parts[part])]
+        found.append(
+            f"at the end of phase '{phase['name']}' figures may be far off: {', '.join(texts)}; {cause}"
+        )
+    return found
+
+
+def _figure(phase: Mapping[str, Any], key: str) -> float:
+    """Return the size of the figure that a bar is of; infinite where there is none."""
+    if key == "peak_strain":
+        value = phase.get("stiffener", {}).get("peak_strain")
+    else:
+        value = phase.get("length_m" if key in ("tip_m", "sag_m") else key)
+    if value is None or not np.size(value):
+        return math.inf
+    return float(np.max(np.abs(value)))
+
+
+def section_warnings(model: Mapping[str, Any] | None) -> list[str]:
+    """Return what to say of a section model whose accuracy is not known.
+
+    Args:
+        model: `RunInfo.section_model`.
+    """
+    if model is None or math.isfinite(model["tip_error"]):
+        return []
+    return [
+        "the section model's accuracy is not known: it has no equilibrium at some loads at which its film "
+        "has one; compare with fidelity = 'lumped' before you rely on its figures"
+    ]
+
+
+def strength_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a warning for each phase that ends with stiffeners beyond their strength."""
+    found = []
+    for phase in phases:
+        peak, strength = (phase.get("stiffener", {}).get(key) for key in ("peak_strain", "strength_strain"))
+        if peak is not None and strength is not None and peak > strength:
+            found.append(
+                f"at the end of phase '{phase['name']}' the stiffeners are strained by "
+                f"{_percent_beyond(peak, strength)} %, beyond the {100.0 * strength:.2g} % that they bear"
+            )
+    return found
+
+
+def _percent_beyond(value: float, bound: float) -> str:
+    """Return a value above a bound in percent, in as many digits as tell it from the bound, at least two."""
+    texts = (f"{100.0 * value:.{digits}g}" for digits in range(2, 17))
+    return next((text for text in texts if float(text) > float(f"{100.0 * bound:.2g}")), f"{100.0 * value}")
