@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from cosim.errors import SceneError as SceneError
     from cosim.errors import SensitivityError as SensitivityError
     from cosim.errors import SolverError as SolverError
+    from cosim.errors import TickWorkError as TickWorkError
     from cosim.errors import UnreachableError as UnreachableError
     from cosim.errors import WorkerError as WorkerError
     from cosim.results.episodes import LearningEpisode as LearningEpisode
@@ -86,7 +87,7 @@ _NAMES = {
     "cosim.errors": (
         "ConvergenceError CosimError InputError InstabilityError MeshError OutOfRangeError "
         "OutputError RunInterrupted ScenarioError SceneError SensitivityError SolverError "
-        "UnreachableError WorkerError"
+        "TickWorkError UnreachableError WorkerError"
     ),
     "cosim.results.episodes": "LearningEpisode episode_of write_episodes",
     "cosim.results.exports": "JointTable",

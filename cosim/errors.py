@@ -10,7 +10,8 @@ CosimError
 ├── OutputError             the results cannot be written (exit code 3)
 └── SolverError             the physics could not be solved (exit code 1)
     ├── ConvergenceError    Newton's method stopped; carries residual and iterations
-    │   └── OutOfRangeError what is asked for lies beyond what a section model was built from; carries where
+    │   ├── OutOfRangeError what is asked for lies beyond what a section model was built from; carries where
+    │   └── TickWorkError   one tick took more work than any should: the motion is too fast for the tick
     ├── SensitivityError    an equilibrium has no derivative by a parameter: a fold, a slip, a kink
     └── InstabilityError    a non-finite number or runaway state appeared
 RunInterrupted              Ctrl-C during `cosim.run`; a KeyboardInterrupt, no CosimError
@@ -120,6 +121,10 @@ class OutOfRangeError(ConvergenceError):
     def __init__(self, message: str, residual_N: float, iterations: int, place: str) -> None:
         self.place = place
         super().__init__(message, residual_N, iterations)
+
+
+class TickWorkError(ConvergenceError):
+    """One tick took more Newton iterations, or divisions of its steps, than any should; its begin is kept."""
 
 
 class SensitivityError(SolverError):

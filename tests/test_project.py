@@ -93,6 +93,6 @@ def test_an_installed_wheel_finds_its_data_from_another_directory(tmp_path: Path
 
 def test_dependencies_are_bounded_where_their_interfaces_move() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for name in ("mujoco", "pin", "rerun-sdk"):
+    for name in ("coal", "example-robot-data", "mujoco", "numba", "pin", "rerun-sdk"):
         (entry,) = (text for text in project["dependencies"] if re.match(rf"{name}[^a-z-]", text))
         assert "<" in entry or "==" in entry

@@ -48,6 +48,7 @@ EXPECTED = {
     "SolverError",
     "SweepOutcome",
     "SweepProgress",
+    "TickWorkError",
     "Twin",
     "UnreachableError",
     "WorkerError",

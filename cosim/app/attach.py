@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import Enum
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
@@ -63,6 +65,15 @@ class AttachedState(state_archive.WrittenState):
         return self.tick
 
 
+class _Stage(Enum):
+    BETWEEN = ""
+    STEPPING = "before() was called twice; after mj_step comes after(model, data)"
+    BROKEN_OFF = "the last step of the soft robot was broken off"
+
+
+_AGAIN: Final = "; after an interrupted or failed step, call reset(model, data) or restore(saved)"
+
+
 @dataclass
 class _Hung:
     """A soft robot that hangs on a scene.
@@ -74,7 +85,7 @@ class _Hung:
         loads: on the soft robot at the end of the tick in progress.
         tick: ticks taken.
         steps: of MuJoCo taken in the tick in progress.
-        stepping: whether one is being taken.
+        stage: between two steps, in one, or broken off.
         ledger: of the last tick.
         ahead: what ticks to come are asked for, as long as nothing new is commanded.
         ahead_tick: the first of them.
@@ -89,7 +100,19 @@ class _Hung:
     ahead_tick: int = 0
     tick: int = 0
     steps: int = 0
-    stepping: bool = False
+    stage: _Stage = _Stage.BETWEEN
+
+
+@contextmanager
+def _uninterrupted(run: _Hung) -> Iterator[None]:
+    """Change a run in a block; if Ctrl-C ends it in the middle, the run is broken off."""
+    stage, run.stage = run.stage, _Stage.BROKEN_OFF
+    try:
+        yield
+    except Exception:
+        run.stage = stage
+        raise
+    run.stage = stage
 
 
 @final
@@ -143,13 +166,15 @@ class Attached:
         if run is None:
             run = self._begun(model, data)
         _check(run, model, data)
-        if run.stepping:
-            raise InputError("before() was called twice; after mj_step comes after(model, data)")
+        if run.stage is not _Stage.BETWEEN:
+            raise InputError(f"{run.stage.value}{_AGAIN}")
+        run.scene.check_step()
+        run.stage = _Stage.BROKEN_OFF  # until all of it is done, whatever interrupts it
         if not run.steps:
             run.loads = self._loads(run)
             run.carrier.begin()
         run.scene.begin_step()
-        run.stepping = True
+        run.stage = _Stage.STEPPING
 
     def after(self, model: Model, data: Data) -> None:
         """Move the soft robot to where one step of MuJoCo has brought its mount.
@@ -165,19 +190,22 @@ class Attached:
             SolverError: the physics could not be solved; `restore` leads back to a saved state.
         """
         run = self._hung
-        if run is None or not run.stepping:
+        if run is None or run.stage is _Stage.BETWEEN:
             raise InputError("after() was called without before(); call before(model, data) ahead of mj_step")
         _check(run, model, data)
-        run.stepping = False
+        if run.stage is _Stage.BROKEN_OFF:
+            raise InputError(f"{run.stage.value}{_AGAIN}")
+        run.stage = _Stage.BROKEN_OFF
         run.scene.end_step()
-        run.steps = (run.steps + 1) % self._host.steps
-        if run.steps:
-            return
-        try:
-            run.carrier.end(run.loads)
-        except SolverError as error:
-            raise error.at(f"soft robot at {self._host.at!r}, {run.scene.time_s:.4f} s") from error.__cause__
-        run.tick, run.ledger = run.tick + 1, run.carrier.last_entry
+        steps = (run.steps + 1) % self._host.steps
+        if not steps:
+            try:
+                run.carrier.end(run.loads)
+            except SolverError as error:
+                where = f"soft robot at {self._host.at!r}, {run.scene.time_s:.4f} s"
+                raise error.at(where) from error.__cause__
+            run.tick, run.ledger = run.tick + 1, run.carrier.last_entry
+        run.steps, run.stage = steps, _Stage.BETWEEN
 
     def step(self, model: Model, data: Data, steps: int = 1) -> None:
         """Take steps of MuJoCo with the soft robot, each of them `before`, `mj_step`, `after`.
@@ -193,9 +221,14 @@ class Attached:
         """
         for _ in range(steps):
             self.before(model, data)
-            assert self._hung is not None, "before() has made it"
-            self._hung.scene.step()
-            self.after(model, data)
+            scene = self._begun_run.scene
+            try:
+                scene.step()
+                self.after(model, data)
+            except BaseException:  # Ctrl-C as well: MuJoCo's data is to be as the loop has set it
+                self._begun_run.stage = _Stage.BROKEN_OFF
+                scene.abandon_step()
+                raise
 
     def reset(self, model: Model, data: Data) -> None:
         """Begin again: bring the soft robot to rest where its mount is, as after `mj_resetData`.
@@ -208,7 +241,14 @@ class Attached:
             InputError: they are of another model, or the soft robot begins inside of something.
             SolverError: there is no rest.
         """
+        self._break_off()
         self._begun(model, data)
+
+    def _break_off(self) -> None:
+        """Leave the step in progress, if there is one."""
+        if self._hung is not None:
+            self._hung.stage = _Stage.BROKEN_OFF
+            self._hung.scene.abandon_step()
 
     def _begun(self, model: Model, data: Data) -> _Hung:
         from cosim.build.simulation import build_hosted  # here, see above
@@ -230,10 +270,10 @@ class Attached:
         carrier.couple(found.wrench)
         parts.plan.phases[0].holding.apply(parts.soft, carrier.flange_pose)
         parts.commands.begin_phase(0)
-        self._hung = run = _Hung(scene, carrier, parts, loads, ledger)
         for command, ticks in self._waiting:
             parts.commands.command(command, ticks)
-        self._waiting.clear()
+        run = _Hung(scene, carrier, parts, loads, ledger)
+        self._hung, self._waiting = run, []
         return run
 
     def _check_far(self, scene: HostScene, positions: Array) -> None:
@@ -272,15 +312,16 @@ class Attached:
             raise InputError(f"over_s is {over_s!r}; must be a time in seconds, 0 or more")
         ticks = max(1, round(over_s / self.tick_s))
         if self._hung is not None:
-            self._hung.carrier.follow()  # what was not commanded yet continues from what is there
+            self._run  # noqa: B018  # what was not commanded yet continues from what is there
         self._ask(command, ticks)
 
     def _ask(self, command: Command, ticks: int) -> None:
         if self._hung is None:
             self._waiting.append((command, ticks))
         else:
-            self._hung.parts.commands.command(command, ticks)
-            self._hung.ahead = ()
+            with _uninterrupted(self._hung):
+                self._hung.parts.commands.command(command, ticks)
+                self._hung.ahead = ()
 
     @property
     def pressure_Pa(self) -> tuple[float, ...]:
@@ -368,7 +409,9 @@ class Attached:
             InputError: a tick is in progress.
         """
         run = self._run
-        if run.stepping or run.steps:
+        if run.stage is _Stage.BROKEN_OFF:
+            raise InputError(f"{run.stage.value}{_AGAIN}")
+        if run.stage is _Stage.STEPPING or run.steps:
             raise InputError("a tick is in progress; save after after(), at the end of the soft robot's tick")
         return self._state(run)
 
@@ -395,18 +438,21 @@ class Attached:
             raise InputError(f"{saved}: holds no attached soft robot but a {type(state).__name__}")
         if state not in self._known:
             state_check.check_state(state, self._state(run), AttachedState)
+        self._break_off()
         run.parts.soft.restore_state(state.soft)
         run.carrier.restore_state(state.carrier)
         run.parts.commands.restore_state(state.commands)
         run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
-        run.steps, run.stepping, run.ahead = 0, False, ()
+        run.steps, run.ahead = 0, ()
         self._known.add(state)
+        run.stage = _Stage.BETWEEN
 
     @property
     def _run(self) -> _Hung:
         """What hangs, all of it where the last tick has ended."""
         run = self._begun_run
-        run.carrier.follow()
+        with _uninterrupted(run):
+            run.carrier.follow()
         return run
 
     @property
@@ -503,9 +549,10 @@ def _compile(scenario: Scenario, glued: bool) -> None:
     from cosim.base.compilation import compile_modules  # here: it brings the kernels
     from cosim.build.kernel_modules import contact_modules, exchange_modules
     from cosim.coupling import open_ticks
+    from cosim.rigid.scene import step_loads
 
     touched = contact_modules() if scenario.contact.enabled or glued else ()
-    compile_modules(log, (*exchange_modules(scenario), open_ticks, *touched))
+    compile_modules(log, (*exchange_modules(scenario), open_ticks, step_loads, *touched))
 
 
 def _check(run: _Hung, model: Model, data: Data) -> None:

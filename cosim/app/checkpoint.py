@@ -18,7 +18,7 @@ import numpy as np
 
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
 from cosim.base import resources, state_archive
-from cosim.base.files import changed_file
+from cosim.base.files import changed_file, unfinished_files
 from cosim.base.kept_parts import code_identity
 from cosim.base.state_check import check_indices, check_state
 from cosim.config.schema.scenario import Scenario
@@ -197,7 +197,8 @@ class CheckpointKeeper:
             error: what was raised, in the middle of a tick.
         """
         if status == "completed":
-            self._path.unlink(missing_ok=True)
+            for path in (self._path, *unfinished_files(self._path)):
+                path.unlink(missing_ok=True)
             return
         if error is None and self._simulation.saves_now:
             self._keep()
@@ -236,6 +237,8 @@ class CheckpointKeeper:
         )
         header = {"tick": summary.tick, "loaded": dict(self._files.loaded), "written_by": code_identity()}
         try:
+            for path in unfinished_files(self._path):  # of a process that was killed
+                path.unlink(missing_ok=True)
             state_archive.write_archive(self._path, header, state)
         except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind
             # the run itself is sound, and its other files are still to be written

@@ -15,6 +15,9 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from cosim.base.numba_insides import SLOW
+
+_UNSAID = [SLOW]  # announced once
 _SECONDS_EACH = 1.1  # of CPU time, on average
 _SECONDS_EACH_BY_NAME = 4.5  # with another numba (measured: 0.60): kernels compile all that they call
 _MOST_PROCESSES = 4  # the slowest kernel bounds what more of them save
@@ -34,6 +37,9 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -
     found: dict[int, Any] = {id(kernel): kernel for entry in modules for kernel in _kernels_of(entry)}
     kernels = [kernel for kernel in found.values() if not kernel.overloads]
     missing = [k for k in kernels if k.cache is None or not k.cache.is_there(k.fixed_signature)]
+    for sentence in filter(None, _UNSAID):
+        announce(sentence)
+    _UNSAID.clear()
     with _seldom_collecting():
         if missing:
             announce(_sentence(missing))
@@ -150,7 +156,7 @@ def _is_shared(kernel: Any) -> bool:
     """Return whether another process finds a kernel by its name, and leaves it where this one looks."""
     module = sys.modules.get(kernel.__module__)
     named = getattr(module, kernel.__name__, None) is kernel and kernel.__module__.startswith("cosim.")
-    return named and kernel.cache is not None
+    return named and kernel.cache is not None and kernel.cache.keeps
 
 
 def _parts(kernels: list[Any]) -> list[str]:

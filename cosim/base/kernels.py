@@ -7,7 +7,7 @@ A device function is compiled as a part of each kernel that calls it. Kernels ca
 each is compiled once, and only where it is needed.
 
 Machine code is kept under a hash of all source that it comes from. It is read by pickle, so whoever writes to
-its folder can run code: a folder is used only if nobody else owns it or may write to it.
+its folder can run code: it is read only from folders that the user or root owns and nobody else may write to.
 """
 
 import _thread
@@ -36,6 +36,7 @@ from cosim.base.kernel_types import Matrix, Vector, numba_type
 from cosim.base.numba_insides import KNOWN, from_bytes, has_arrays, processor, stack_array, to_bytes
 from cosim.base.numba_insides import call_native as call_native
 from cosim.base.numba_insides import caller as caller
+from cosim.base.numba_insides import number_at as number_at
 from cosim.base.numba_insides import same_bits as same_bits
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -75,38 +76,52 @@ def _annotated(function: Any) -> Any:
 class KernelCache:
     """Keeps a kernel's machine code: numba asks it before it compiles, and hands it what it has compiled.
 
+    `keeps` says whether anything can be written.
+
     Args:
         function: of the kernel, in a file.
-        folder: in which it is kept, see `kernel_folder`.
+        folder: in which it is kept, see `kernel_folders`; None: nowhere.
         alone: whether no other kernel calls it by name.
+        others: folders in which it may have been kept by root.
     """
 
-    def __init__(self, function: Any, folder: Path, *, alone: bool) -> None:
+    def __init__(
+        self, function: Any, folder: Path | None, *, alone: bool, others: tuple[Path, ...] = ()
+    ) -> None:
         self._base, self._alone = f"{function.__module__}.{function.__qualname__}", alone
         self._source = source_hash(Path(function.__code__.co_filename).resolve())
-        self._folder, self.cache_path = folder, str(folder)
+        self._others, self.keeps = others, folder is not None
+        self._folder = others[0] if folder is None else folder
+        self.cache_path = str(self._folder)
 
     def path(self, signature: Any) -> Path:
         """Return the file for a signature, or a tuple of argument types."""
         digest = sha256(f"{self._source} {signature} {self._alone}".encode()).hexdigest()[:12]
         return self._folder / f"{self._base}-{digest}.nbc"
 
+    def _kept(self, signature: Any, read: Callable[[bytes], Any]) -> Any:
+        """Return what is made of the first sound file for a signature; None if there is none."""
+        path = self.path(signature)
+        places = (path, *(folder / path.name for folder in self._others if folder != self._folder))
+        return next(filter(None, (files.kept(place, read) for place in places)), None)
+
     def is_there(self, signature: Any) -> bool:
         """Return whether there is sound machine code; warn of a damaged file, and delete it."""
-        path = self.path(signature)
-        if files.kept(path, bool):
+        if self._kept(signature, bool):
             return True
         with suppress(OSError):
-            path.unlink(missing_ok=True)
+            self.path(signature).unlink(missing_ok=True)
         return False
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return what is kept for a signature; None if there is nothing."""
         context.refresh()
-        return files.kept(self.path(signature), lambda data: from_bytes(data, context))
+        return self._kept(signature, lambda data: from_bytes(data, context))
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep what was compiled, where it can be."""
+        if not self.keeps:
+            return
         with suppress(*(() if KNOWN else (Exception,))):  # another numba may keep other things
             data = to_bytes(compiled, alone=self._alone)
             if data is not None:
@@ -114,6 +129,8 @@ class KernelCache:
 
     def remove_old(self, signature: Any) -> None:
         """Delete what was kept of other versions of the kernel more than a week ago."""
+        if not self.keeps:
+            return
         own = self.path(signature).name
         with suppress(OSError):  # another process may do the same
             for path in self._folder.glob(f"{self._base}-*.nbc"):
@@ -123,35 +140,41 @@ class KernelCache:
 
 def cache_of(function: Any, *, alone: bool) -> KernelCache | None:
     """Return the cache of a kernel; None where no folder can be used, or its code is not all in files."""
-    folder = kernel_folder(os.environ.get("NUMBA_CACHE_DIR"))
+    own, others = kernel_folders(os.environ.get("NUMBA_CACHE_DIR"))
     in_file = os.path.isfile(function.__code__.co_filename) and not function.__closure__
-    return KernelCache(function, folder, alone=alone) if folder and in_file else None
+    return KernelCache(function, own, alone=alone, others=others) if (own or others) and in_file else None
 
 
 @cache
-def kernel_folder(chosen: str | None) -> Path | None:
-    """Return the folder of machine code, which is made if need be; None where nothing can be written.
+def kernel_folders(chosen: str | None) -> tuple[Path | None, tuple[Path, ...]]:
+    """Return the folder to which machine code is written, and those of root from which it is read as well.
+
+    The first is made if need be, readable for everybody if root makes it; None where nothing can be written.
 
     Args:
         chosen: folder in which it is; within the package unless given. If others own it or may write to it,
             it is in the user's cache folder.
     """
+    user = os.getuid()
+    of_root: list[Path] = []
     for place in (Path(chosen) if chosen else _PACKAGE / "__pycache__", files.cache_directory()):
         folder = place / "kernels"
         try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700 if user else 0o755, parents=True, exist_ok=True)
             status = folder.stat()
         except OSError:
             continue
-        if status.st_uid != os.getuid() or status.st_mode & _OTHERS_WRITE:
+        if status.st_uid not in (user, 0) or status.st_mode & _OTHERS_WRITE:
             what = "kernels are not read from it, as whoever writes to it could run code"
             remedy = f"delete it, or make it yours alone: chmod 700 {folder}"
             warnings.warn(
                 f"{folder}: others own it or may write to it; {what}; {remedy}", RuntimeWarning, stacklevel=2
             )
-        elif os.access(folder, os.W_OK | os.X_OK):
-            return folder
-    return None
+        elif status.st_uid == user and os.access(folder, os.W_OK | os.X_OK):
+            return folder, tuple(of_root)
+        elif os.access(folder, os.X_OK):
+            of_root.append(folder)
+    return None, tuple(of_root)
 
 
 @cache
@@ -206,13 +229,23 @@ def kernel(function: Function) -> Function:
 
 @overload
 def kernel(
-    function: None = None, *, reorder_sums: bool = ..., allocates: bool = ..., taken_in: bool = ...
+    function: None = None,
+    *,
+    reorder_sums: bool = ...,
+    allocates: bool = ...,
+    taken_in: bool = ...,
+    for_c: bool = ...,
 ) -> Callable[[Function], Function]:
     """Return what turns a function into a kernel."""
 
 
 def kernel(
-    function: Any = None, *, reorder_sums: bool = False, allocates: bool = False, taken_in: bool = False
+    function: Any = None,
+    *,
+    reorder_sums: bool = False,
+    allocates: bool = False,
+    taken_in: bool = False,
+    for_c: bool = False,
 ) -> Any:
     """Turn a function into a kernel with the signature of its annotations, kept as `fixed_signature`.
 
@@ -223,6 +256,7 @@ def kernel(
         allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
             calls what does; see `device_function` for what that costs, and `small_vector` for the others.
         taken_in: whether other kernels call it by its name, each of which compiles it as its own part.
+        for_c: whether C may call it as well, see `c_address`; it must not raise.
 
     Raises:
         TypeError: it returns arrays, and does not say that it allocates; or an annotation is missing.
@@ -234,7 +268,7 @@ def kernel(
             raise TypeError(f"a kernel of {fixed} returns arrays: it has to say that it allocates")
         options = dict(_OPTIONS, fastmath={"reassoc", "contract"}) if reorder_sums else dict(_OPTIONS)
         if KNOWN:
-            options |= {"_nrt": allocates, "no_cfunc_wrapper": True}
+            options |= {"_nrt": allocates, "no_cfunc_wrapper": not for_c}
         result: Any = numba.njit(function, **options)
         result.by_address = KNOWN and not taken_in
         if result.by_address:
@@ -308,6 +342,12 @@ def address_of(kernel: Any) -> int:
     place = c_int64(0)
     _PLACES[addressof(place)] = kernel, place
     return addressof(place)
+
+
+def c_address(kernel: Any) -> int:
+    """Return the address at which C calls a kernel that was made for it; it is compiled if need be."""
+    compilation.compile_modules(logging.getLogger("cosim").warning, (kernel,))
+    return numba_insides.code_for_c(kernel, kernel.fixed_signature)
 
 
 def _code_at(at: int) -> int:

@@ -16,7 +16,7 @@ Any numba other than `KNOWN` compiles in its public way instead; results are the
 
 import pickle
 from collections.abc import Callable
-from ctypes import CFUNCTYPE, c_int64, c_void_p, cast
+from ctypes import CFUNCTYPE, addressof, c_int64, c_void_p, cast
 from types import SimpleNamespace
 from typing import Any, Final, NoReturn, final
 
@@ -25,11 +25,18 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models, register_model
 
 KNOWN: Final = str(numba.__version__).startswith("0.68.")  # its insides are as the code below expects
+SLOW: Final = (
+    ""
+    if KNOWN
+    else (
+        f"numba {numba.__version__} is not 0.68: kernels compile by its public functions, four times as "
+        "long; install numba>=0.68,<0.69"
+    )
+)
+"""What to say where the insides are not known; empty where they are."""
 _ALIGNMENT = 32  # [bytes], of the widest loads
 _FIND = "cosim_code_at"  # the name of what finds kernels, in compiled code
 processor: Any = llvm.get_host_cpu_name
@@ -75,6 +82,8 @@ if KNOWN:
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
     from numba.core.targetconfig import ConfigStack
+    from numba.core.typeconv.castgraph import Conversion
+    from numba.core.typing.templates import AttributeTemplate, infer_getattr
     from numba.np.arrayobj import make_array, populate_array
 
     @final
@@ -154,7 +163,7 @@ class RecordAt(types.Type):
 
     def can_convert_to(self, _context: Any, other: Any) -> Any:
         """Return that it can be copied where a named tuple is asked for."""
-        return Conversion.safe if other == self.record else None
+        return Conversion.safe if KNOWN and other == self.record else None
 
 
 @register_model(RecordAt)
@@ -163,12 +172,14 @@ class _RecordModel(models.PrimitiveModel):
         super().__init__(manager, kind, ir.IntType(8).as_pointer())
 
 
-@infer_getattr
-class _RecordFields(AttributeTemplate):
-    key = RecordAt
+if KNOWN:
 
-    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
-        return kind.kind_of(kind.fields.index(name)) if name in kind.fields else None
+    @infer_getattr
+    class _RecordFields(AttributeTemplate):
+        key = RecordAt
+
+        def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
+            return kind.kind_of(kind.fields.index(name)) if name in kind.fields else None
 
 
 def words_of(kind: Any) -> int:
@@ -215,12 +226,38 @@ def _copy_record(context: Any, builder: Any, from_: Any, to: Any, value: Any) ->
 
 
 def reference(address: Any, kind: Any, record: Any) -> Any:
-    """Return type and code of what takes an integer for the address of a record."""
+    """Return type and code of what takes an integer for the address of a record; a copy unless `KNOWN`."""
 
-    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        return builder.inttoptr(values[0], ir.IntType(8).as_pointer())
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        at = builder.inttoptr(values[0], ir.IntType(8).as_pointer())
+        return at if KNOWN else _as_value(context, builder, at, RecordAt(record), record)
 
-    return RecordAt(record)(address, kind), generate
+    return (RecordAt(record) if KNOWN else record)(address, kind), generate
+
+
+def number_at(name: str, place: c_int64) -> Any:
+    """Return what reads, in a kernel, a number of this process; kept machine code finds it by its name.
+
+    Args:
+        name: in compiled code.
+        place: of the number; it stays where it is.
+    """
+    llvm.add_symbol(name, addressof(place))
+
+    def read(_typing: Any) -> Any:
+        def generate(_context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
+            known = builder.module.globals.get(name)
+            return builder.load(known or ir.GlobalVariable(builder.module, ir.IntType(64), name))
+
+        return types.int64(), generate
+
+    return untyped_intrinsic(read)
+
+
+def code_for_c(kernel: Any, signature: Any) -> int:
+    """Return the address at which C may call a compiled kernel."""
+    compiled = kernel.overloads[tuple(signature.args)]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))
 
 
 def find_kernels_by(find: Callable[[int], int]) -> Any:

@@ -44,16 +44,25 @@ def upgrade_command(files: Sequence[str]) -> bool:
     """Rewrite files of the schema number before, then check them; return whether all are fine.
 
     Raises:
-        InputError: a file is not there, or cannot be rewritten; those before it have been.
+        InputError: a file is not there; nothing has been rewritten.
+        ScenarioError: some cannot be rewritten, such as read-only ones; all others have been.
         OutputError: a file cannot be written.
     """
-    done = {}
+    absent = [name for name in files if not resources.is_file(Path(name))]
+    if absent:
+        raise InputError(f"upgrade {absent[0]}: no such file")
+    done: dict[str, str] = {}
+    left: list[tuple[str, str]] = []
     for name in files:
-        if not resources.is_file(Path(name)):
-            raise InputError(f"upgrade {name}: no such file")
-        count = upgrading.upgrade_file(Path(name))
+        try:
+            count = upgrading.upgrade_file(Path(name))
+        except ScenarioError as error:
+            left += error.faults
+            continue
         done[name] = f"upgraded to schema {SCHEMA}, {count} changes" if count else "nothing to upgrade"
     fine = [_checked(name, text) for name, text in done.items()]
+    if left:
+        raise ScenarioError(*left[0], tuple(left[1:]))
     return all(fine)
 
 

@@ -6,6 +6,7 @@ import os
 import shutil
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -132,9 +133,8 @@ def test_a_folder_to_which_others_may_write_is_not_used(package: Path, tmp_path:
     chosen.mkdir(mode=0o777)
     places = {"NUMBA_CACHE_DIR": str(chosen), "XDG_CACHE_HOME": str(own)}
     assert run(package, **places) == (2.0, 1, "")
-    assert (
-        chosen / "kernels"
-    ).stat().st_mode & 0o777 == 0o700  # an own one, whoever writes to that around it
+    # an own one, whoever writes to that around it; what root makes everybody may read
+    assert (chosen / "kernels").stat().st_mode & 0o777 == (0o700 if os.getuid() else 0o755)
     (file,) = kept_files(chosen)
     file.write_bytes(b"not to be read")
     (chosen / "kernels").chmod(0o777)
@@ -153,6 +153,23 @@ def test_a_folder_to_which_others_may_write_is_not_used(package: Path, tmp_path:
 def test_without_a_folder_that_can_be_written_kernels_are_compiled_each_time(package: Path) -> None:
     places = {"NUMBA_CACHE_DIR": str(package / "errors.py"), "XDG_CACHE_HOME": str(package / "errors.py")}
     assert run(package, **places) == run(package, **places) == (2.0, 1, "")
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can write as somebody else")
+def test_another_user_reads_what_root_has_compiled(package: Path) -> None:
+    """Without a folder to write to as well; not what a third user might have written."""
+    with TemporaryDirectory() as place:  # that of pytest is closed to other users
+        Path(place).chmod(0o755)
+        shutil.copytree(package, Path(place, "cosim"), dirs_exist_ok=True)
+        package, nowhere = Path(place, "cosim"), str(Path(place, "cosim", "errors.py"))
+        assert run(package, XDG_CACHE_HOME=nowhere) == (2.0, 1, "")
+        other = "import os; os.setgid(12345); os.setuid(12345);"
+        assert run(package, before=other, XDG_CACHE_HOME=nowhere) == (2.0, 0, "")
+        (file,) = kept_files(package / "__pycache__")
+        os.chown(file.parent, 54321, 54321)
+        value, misses, said = run(package, before=other, XDG_CACHE_HOME=nowhere)
+        assert (value, misses) == (2.0, 1)
+        assert "others own it or may write to it" in said
 
 
 def test_settings_of_the_compiler_count(package: Path) -> None:

@@ -40,6 +40,21 @@ def whole(
     return figures(other.directory)
 
 
+def test_what_a_killed_process_left_of_a_checkpoint_is_removed(command: Command) -> None:
+    """With the next checkpoint, and where the run ends; other files of such names stay."""
+    command.directory.mkdir()
+    assert command.start(at_tick=interrupt_at(7)) == 130
+    left, other = (command.directory / f"checkpoint.npz.{name}.part" for name in ("12345", "mine"))
+    for path in (left, other):
+        path.write_bytes(b"half of it")
+    assert command.resume(at_tick=interrupt_at(18)) == 130
+    assert not left.exists()
+    left.write_bytes(b"half of it")
+    assert command.resume() == 0
+    assert not left.exists()
+    assert other.exists()
+
+
 def test_an_interrupted_run_goes_on(command: Command, whole: dict[str, Any]) -> None:
     began = time.perf_counter()
     assert command.start(at_tick=interrupt_at(7)) == 130

@@ -225,6 +225,24 @@ def test_a_read_only_file_is_not_upgraded(tmp_path: Path, capsys: pytest.Capture
     assert path.read_bytes().decode() == upgraded(ROBOT)[0]
 
 
+def test_files_beside_a_read_only_one_are_upgraded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = []
+    for name in ("first", "second", "third", "fourth"):
+        (tmp_path / name).mkdir()
+        paths.append(old_file(tmp_path / name))
+    locked = paths[1:3]
+    for path in locked:
+        path.chmod(0o444)
+    assert main(["upgrade", *map(str, paths)]) == EXIT_INPUT
+    told = capsys.readouterr().err
+    assert all(f"{path}: is read-only and not upgraded" in told for path in locked)
+    for path in paths:
+        assert path.read_bytes().decode() == (ROBOT if path in locked else upgraded(ROBOT)[0])
+    assert main(["upgrade", str(paths[0]), str(tmp_path / "absent.toml")]) == EXIT_INPUT
+
+
 def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path: Path) -> None:
     path, text = old_file(tmp_path), ROBOT.replace("'chamber'", "chamber")
     path.write_text(text, encoding="utf-8", newline="")

@@ -326,7 +326,8 @@ class IteratedCoupling(Coupling):
 
         last, owed = vector.answered(), vector.from_world(self._left_over)
         search = InterfaceSearch(interface, vector, rigid_half, loads[0], self._options, self._inverse)
-        found = search.run(self._expected(vector, last) + owed, last, owed)
+        with interface.soft.work.tick():
+            found = search.run(self._expected(vector, last) + owed, last, owed)
         acted = vector.wrench(found.load)
         interface.take_reply(taken, found.reply, np.concatenate([acted.force, acted.torque]))
         taken.ticks.momentum_error[0] = self._account(vector, found)

@@ -320,7 +320,8 @@ class StaggeredCoupling(Coupling):
             return taken
         self.follow()
         interface.scene.stepped(taken.ticks.flange(taken.done))
-        interface.take_reply(taken, interface.advance_soft(loads))
+        with interface.soft.work.tick():
+            interface.take_reply(taken, interface.advance_soft(loads))
         self._fine.look()
         return taken
 
@@ -373,7 +374,8 @@ class StaggeredCoupling(Coupling):
         most = interface.ticks_to_weighing
         if self._fine.left:
             self._halves.end(taken)
-            self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
+            with interface.soft.work.tick():
+                self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
             return not self._halves.plain
         done, ending = self._halves.take(rigid, servos.some(0, most), loads[:most], taken)
         if done:
@@ -385,7 +387,8 @@ class StaggeredCoupling(Coupling):
             return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
-        interface.take_reply(taken, interface.advance_soft(loads[done]))
+        with interface.soft.work.tick():
+            interface.take_reply(taken, interface.advance_soft(loads[done]))
         self._fine.look()
         return not self._halves.plain and interface.soft.rowing is self._rowing
 

@@ -125,6 +125,7 @@ class HandoverArm(soft_side.SoftSide):
     def __init__(self, chain: SectionArm, film: lumped_arm.SoftArm, *, bridged: bool = True) -> None:
         self.chain, self.film, self.body = chain, film, film.body
         self.effort: newton_options.SearchEffort = film.effort
+        self.work = chain.work = film.work
         chain.final = OutOfRangeError  # halves near the end of its range only put the change off
         self._bridged, self._over = bridged, TakingOver(chain, film)
         self._film_acts, self._why = False, ""

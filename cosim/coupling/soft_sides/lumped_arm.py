@@ -191,6 +191,7 @@ class SoftArm(soft_side.SoftSide):
         """Be held as a clamp has it."""
         self.clamp = clamp
         newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
+        newton.tick_work = self.work
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
         self._stepper = time_step.ImplicitStepper(newton, clamp, self.dynamics, self.films)
@@ -229,8 +230,9 @@ class SoftArm(soft_side.SoftSide):
         self._begin = (begin, self._flange_before, self._piece_s)
         self._work = [0.0, 0.0]
         try:
-            iterations = self._march(begin, end, step_s, aim)
-        except ConvergenceError:
+            with self.work.tick():
+                iterations = self._march(begin, end, step_s, aim)
+        except BaseException:
             self.state = before
             raise
         self._flange_before, (self._flange, self._loads) = begin[0], end
@@ -302,7 +304,7 @@ class SoftArm(soft_side.SoftSide):
         """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
         bound, before = self.dynamics.substep_error_m, self.state
         if bound is None:
-            return soft_side.step_or_halves(self._step, self.restart, begin, end, step_s, aim)
+            return soft_side.step_or_halves(self._stepping, begin, end, step_s, aim)
         if aim is not None and aim.start is not None:  # again: cut as it was the first time
             return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
         order = 2 if self.dynamics.integrator == "bdf2" else 1
@@ -329,9 +331,13 @@ class SoftArm(soft_side.SoftSide):
             fraction, before = k / pieces, self.state
             flange = pose_within(self._flange_before, begin[0], end[0], fraction)
             here, last = (flange, begin[1].interpolated(end[1], fraction)), here
-            spent += soft_side.step_or_halves(self._step, self.restart, last, here, length, part)
+            spent += soft_side.step_or_halves(self._stepping, last, here, length, part)
             worst = max(worst, step_error(self.dynamics.integrator, before, self.state, length))
         return spent, worst
+
+    @property
+    def _stepping(self) -> tuple[soft_side.StepTaken, Callable[[], None], newton_options.TickWork]:
+        return self._step, self.restart, self.work
 
     def _step(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         before = self.state

@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides import chain_equilibria, soft_side
-from cosim.errors import ConvergenceError, InputError
+from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve import newton, stability, time_step
@@ -148,7 +148,7 @@ class SectionArm(soft_side.SoftSide):
     """A chain of frames held by the flange; owns solver and state.
 
     The film's own nodes are made from the frames when somebody asks. `final` is a kind of error after which a
-    tick is not tried in halves; None for none.
+    tick is not tried in halves.
 
     Args:
         section: what it is.
@@ -165,7 +165,7 @@ class SectionArm(soft_side.SoftSide):
         self._dynamics, self._stepper = dynamics, time_step.ChainStepper(self._solver, dynamics)
         self.options = statics
         self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
-        self.final: type[ConvergenceError] | None = None
+        self.final: type[ConvergenceError] = TickWorkError
         self._leaves = 0  # of unstable equilibria, one on the way on from another
         self._film: SoftState | None = None
         self._films = chain_equilibria.ChainFilms(section)
@@ -245,10 +245,10 @@ class SectionArm(soft_side.SoftSide):
     def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
         self._begin = (self._last, self._flange, self._loads)
         try:
-            iterations = soft_side.step_or_halves(
-                self._step, self.restart, self._begin[1:], (flange, loads), step_s, aim, final=self.final
-            )
-        except ConvergenceError:
+            drives, stepper = (self._begin[1:], (flange, loads)), (self._step, self.restart, self.work)
+            with self.work.tick():
+                iterations = soft_side.step_or_halves(stepper, *drives, step_s, aim, self.final)
+        except BaseException:
             self._last = self._begin[0]
             raise
         finally:
@@ -259,7 +259,12 @@ class SectionArm(soft_side.SoftSide):
     def _step(self, _begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         flange, loads = end
         task = self._stepper.task(self._last.chain, self.clamp, step_s, flange)
-        self._last = self._stepper.step(task, loads, self._last.pressure_Pa, aim)
+        try:
+            self._last = self._stepper.step(task, loads, self._last.pressure_Pa, aim)
+        except ConvergenceError as error:
+            self.work.spend(error.iterations, error.residual_N)
+            raise
+        self.work.iterations += self._last.iterations
         return self._last.iterations
 
     def restart(self) -> None:

@@ -23,6 +23,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, TypeAlias, final
 
 import numpy as np
@@ -31,7 +32,7 @@ from scipy.linalg import lapack
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
 from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, TickWorkError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings, ring_figures
@@ -241,6 +242,7 @@ class MeshReader(ShapeReader):
 
 Drive: TypeAlias = tuple[Pose, Loads]
 """Pose of the flange and loads at one instant."""
+StepTaken: TypeAlias = Callable[[Drive, Drive, float, StepAim | None], int]
 _HALVINGS_MAX = 5
 
 
@@ -277,6 +279,11 @@ class SoftSide(ABC):
     state: SoftState
     obstacles: Obstacles | None = None
     effort: newton_options.SearchEffort | None = None
+
+    @cached_property
+    def work(self) -> newton_options.TickWork:
+        """Counts and bounds the work of a tick; models that take parts of the same ticks share it."""
+        return newton_options.TickWork()
 
     @abstractmethod
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -601,43 +608,45 @@ class SoftSide(ABC):
 
 
 def step_or_halves(
-    step: Callable[[Drive, Drive, float, StepAim | None], int],
-    restart: Callable[[], None],
+    stepper: tuple[StepTaken, Callable[[], None], newton_options.TickWork],
     begin: Drive,
     end: Drive,
     step_s: float,
     aim: StepAim | None,
-    halvings: int = _HALVINGS_MAX,
-    final: type[ConvergenceError] | None = None,
+    final: type[ConvergenceError] = TickWorkError,
 ) -> int:
     """Take one step, or two halves where it does not converge; return the Newton iterations.
 
     Args:
-        step: takes a step between two flange poses and loads, or leaves the state as it is.
-        restart: lets the next step be the first one: a two-step integrator cannot look back over a change of
-            step.
+        stepper: takes a step between two flange poses and loads, or leaves the state as it is; lets the next
+            step be the first one, as a two-step integrator cannot look back over a change of step; counts.
         begin: flange pose and loads at the beginning.
         end: at the end.
         step_s: length [s].
-        aim: what the step is asked for; None for nothing.
-        halvings: how often it may be halved.
-        final: a kind of error after which no halves are tried; None for none.
+        aim: None for an ordinary step.
+        final: a kind of error after which no halves are tried.
 
     Raises:
         ConvergenceError: not even the shortest pieces converge.
     """
-    try:
-        return step(begin, end, step_s, aim)
-    except ConvergenceError as error:
-        if final is not None and isinstance(error, final):
-            raise
-        if halvings == 0:
-            raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
-        spent = error.iterations
-    middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
-    restart()
-    part = None if aim is None else StepAim(aim.tolerance_N)
-    for first, last in ((begin, middle), (middle, end)):
-        spent += step_or_halves(step, restart, first, last, 0.5 * step_s, part, halvings - 1, final)
-    restart()
-    return spent
+
+    def take(begin: Drive, end: Drive, step_s: float, aim: StepAim | None, halvings: int) -> int:
+        try:
+            return step(begin, end, step_s, aim)
+        except ConvergenceError as error:
+            if isinstance(error, final | TickWorkError):
+                raise
+            if halvings == 0:
+                raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
+            spent, left_N = error.iterations, error.residual_N
+        work.divide(left_N)
+        middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
+        restart()
+        aim = None if aim is None else StepAim(aim.tolerance_N)
+        for first, last in ((begin, middle), (middle, end)):
+            spent += take(first, last, 0.5 * step_s, aim, halvings - 1)
+        restart()
+        return spent
+
+    step, restart, work = stepper
+    return take(begin, end, step_s, aim, _HALVINGS_MAX)

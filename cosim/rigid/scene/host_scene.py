@@ -1,10 +1,8 @@
 """A scene that somebody else steps: a soft robot hangs on it for one of their steps; whether it may.
 
-What is applied for a step and taken off after it, so that a loop may write its loads whenever it likes.
-
 Before a step, the load of the soft robot is added to what the loop itself applies (`xfrc_applied`,
-`qfrc_applied`); after it, both are put back. Inertia that the soft robot's mount carries is added to the mass
-matrix by MuJoCo's control callback, which is called between the two halves of a step.
+`qfrc_applied`); after it, both are put back, so a loop may write its loads whenever it likes. Inertia that
+the mount carries is added within the step, see `step_loads`.
 """
 
 import math
@@ -14,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias, final
-from weakref import WeakValueDictionary
+from weakref import finalize
 
 import mujoco
 import numpy as np
@@ -27,6 +25,7 @@ from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting
 from cosim.rigid.scene.bodies import Bodies, NativeScene, mass_places, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.servos import no_servos
+from cosim.rigid.scene.step_loads import CarriedInStep, StepLoads, loads_of, steps_in_progress
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _MOST_OFF: Final = 1e-6
@@ -41,65 +40,6 @@ def _servo_damping(model: mujoco.MjModel) -> Array:
     damping = -model.actuator_biasprm[on_joints, 2] * model.actuator_gear[on_joints, 0] ** 2
     np.add.at(found, model.jnt_dofadr[model.actuator_trnid[on_joints, 0]], damping)
     return found
-
-
-@final
-class StepLoads:
-    """What soft robots apply to one scene for the length of a step.
-
-    Args:
-        data: state of the scene.
-    """
-
-    def __init__(self, data: mujoco.MjData) -> None:
-        self._data = data
-        self._on: list[HostScene] = []
-        self._given: tuple[Array, Array] | None = None  # by the loop
-        self._left: tuple[Array, Array] | None = None  # for the step
-        self._others: Any = None
-
-    def put_on(self, scene: "HostScene") -> None:
-        """Add what a scene's soft robot applies, and let its mount carry inertia."""
-        data = self._data
-        if not self._on:
-            self._given, self._others = self._copy(), mujoco.get_mjcb_control()
-        data.xfrc_applied += scene.load
-        data.qfrc_applied += scene.torque
-        self._left = self._copy()
-        if scene.carries and not any(each.carries for each in self._on):
-            mujoco.set_mjcb_control(self._carry)
-        self._on.append(scene)
-
-    def take_off(self, scene: "HostScene") -> list[str]:
-        """Undo `put_on`; what the loop has applied is there again once all have been taken off.
-
-        Returns:
-            Names of the arrays that somebody has written to meanwhile.
-        """
-        assert self._left is not None, "put_on() comes before"
-        if any(each.carries for each in self._on):
-            mujoco.set_mjcb_control(self._others)
-        here, left = self._copy(), self._left
-        self._on.remove(scene)
-        if not self._on:
-            assert self._given is not None, "put_on() has set it"
-            self._data.xfrc_applied[:], self._data.qfrc_applied[:] = self._given
-        names = ("xfrc_applied", "qfrc_applied")
-        return [n for n, one, other in zip(names, here, left, strict=True) if not np.array_equal(one, other)]
-
-    def _copy(self) -> tuple[Array, Array]:
-        return self._data.xfrc_applied.copy(), self._data.qfrc_applied.copy()
-
-    def _carry(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Add what is carried to the mass matrix, which MuJoCo has just computed; its control callback."""
-        if data._address == self._data._address:
-            for scene in self._on:
-                scene.carry()
-        if self._others is not None:
-            self._others(model, data)
-
-
-_LOADS: Final[WeakValueDictionary[int, StepLoads]] = WeakValueDictionary()
 
 
 @final
@@ -157,7 +97,10 @@ class HostScene(CoupledScene):
         self._given_back, self._acceleration = np.zeros(dofs), np.zeros(dofs)
         self._speed = np.zeros(dofs)
         self._applied = data.xfrc_applied, data.qfrc_applied  # they stay where they are
-        self._loads = _LOADS.setdefault(data._address, StepLoads(data))
+        self._loads, self._robot = loads_of(data), object()
+        self._carried = CarriedInStep(model, data, mounting, self.bodies.carried.on_arm)
+        finalize(self, _deleted, self._loads, self._robot, self._carried).atexit = False
+        self._options, self._ended_s = _StepOptions(model), float(data.time)
         self._native = self._as_native()
         self.read()
 
@@ -236,10 +179,33 @@ class HostScene(CoupledScene):
         self.torque[dofs] = self._given_back
         self._speed[:] = self._data.qvel[dofs]
 
+    def check_step(self) -> None:
+        """Check that a step may begin where the last one has ended.
+
+        Raises:
+            InputError: options of the model have changed, or the loop has gone elsewhere in time.
+        """
+        self._options.check()
+        now = float(self._data.time)
+        if now != self._ended_s:
+            raise InputError(
+                f"data.time is {now:g} s, and was {self._ended_s:g} s at the end of the last after(): each "
+                "mj_step needs before() and after(); after mj_resetData or another jump in time comes "
+                "reset(model, data) or restore(saved)"
+            )
+
     def begin_step(self) -> None:
         """Apply all of it for one step of MuJoCo."""
         self._began_s = float(self._data.time)
-        self._loads.put_on(self)
+        self._loads.put_on(self._robot, self.load, self.torque)
+        if self.carries:
+            steps_in_progress().enter(self._carried)
+
+    def abandon_step(self) -> None:
+        """Take off what a step that was left in the middle has put on."""
+        if self._carried.in_step:
+            steps_in_progress().leave(self._carried)
+        self._loads.abandon(self._robot)
 
     def step(self) -> None:
         """Take one step of MuJoCo."""
@@ -258,10 +224,14 @@ class HostScene(CoupledScene):
         """Take it off.
 
         Raises:
-            InputError: MuJoCo has not taken one step, or loads have been written to meanwhile.
+            InputError: MuJoCo has not taken one step, loads have been written to meanwhile, or the inertia of
+                the mount was left out.
             InstabilityError: MuJoCo has begun anew, as its state was no longer finite.
         """
-        written = self._loads.take_off(self)
+        carries = self._carried.in_step
+        if carries:
+            steps_in_progress().leave(self._carried)
+        written = self._loads.take_off(self._robot)
         began, now, step_s = self._began_s, float(self._data.time), float(self._model.opt.timestep)
         in_time = abs(now - began - step_s) <= _MOST_OFF * step_s
         if in_time and written:
@@ -269,7 +239,13 @@ class HostScene(CoupledScene):
                 f"data.{written[0]} was written to between before() and after(), which undid the load of "
                 "the soft robot; write to it ahead of before()"
             )
+        if in_time and carries and not self._carried.added[0]:
+            raise InputError(
+                "MuJoCo did not call the control callback by which the mount carries inertia: set yours by "
+                "mujoco.set_mjcb_control() ahead of before(), and do not disable actuation in model.opt"
+            )
         if in_time:
+            self._ended_s = now
             return
         if now < began + 0.5 * step_s and np.count_nonzero(self._data.warning.number):
             raise InstabilityError(
@@ -338,7 +314,7 @@ class HostScene(CoupledScene):
         self.bodies.loaded = state.loaded
         self.bodies.carried.on_arm[:] = state.carried
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)
-        self.load[:] = state.load
+        self.load[:], self._ended_s = state.load, float(self._data.time)
         self.read()
         self._acceleration[:], self._given_back[:] = state.acceleration, state.given_back
 
@@ -355,6 +331,46 @@ class HostScene(CoupledScene):
             mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),
             np.zeros(6), none, nowhere, np.zeros((0, 3), np.int64),
         )  # fmt: skip
+
+
+def _deleted(loads: StepLoads, robot: object, carried: CarriedInStep) -> None:
+    """Take off what a scene has applied that is deleted in the middle of a step."""
+    loads.abandon(robot)
+    if carried.in_step:
+        steps_in_progress().leave_later(carried)
+
+
+@final
+class _StepOptions:
+    """Options of a model on which the steps of a soft robot depend, as they were when it began.
+
+    Args:
+        model: whose options may change.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._option, self._gravity = model, model.opt, model.opt.gravity
+        self._begun, self._begun_as = self._now(), self._named()
+
+    def check(self) -> None:
+        """Raise InputError where they have changed."""
+        if self._now() == self._begun:
+            return
+        _check_steps(self._model)
+        for name, value in self._named().items():
+            if value != self._begun_as[name]:
+                raise InputError(
+                    f"model.opt.{name} is {value}, and was {self._begun_as[name]} when the soft robot began; "
+                    "set it back, or attach to the changed model"
+                )
+
+    def _now(self) -> tuple[float, bool, int, bytes]:
+        option = self._option
+        weightless = option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        return option.timestep, option.integrator == _RK4, weightless, self._gravity.tobytes()
+
+    def _named(self) -> dict[str, Any]:
+        return {"timestep": float(self._option.timestep), "gravity": _gravity(self._model)}
 
 
 HostSource: TypeAlias = "mujoco.MjSpec | mujoco.MjModel | str | Path"

@@ -30,7 +30,7 @@ from cosim.soft.linear.linear_solver import NODE, EnvelopeArrays, LinearSolver, 
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.film_step import FilmSide, film_step, step_calls
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, say_nothing
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, TickWork, say_nothing
 from cosim.soft.solve.state import HeldNodes
 
 _STATICS = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -99,6 +99,11 @@ class NewtonProgress:
         )  # fmt: skip
 
     @property
+    def factorised(self) -> int:
+        """Iterations with a new tangent, and further attempts to factorise one."""
+        return self.tangents + self.shifts
+
+    @property
     def frame(self) -> Array:
         """Rotation (3, 3) of the flange."""
         return np.ascontiguousarray(self.motion.flange[1:].T)
@@ -136,6 +141,7 @@ class NewtonSolver:
         self.store = RecordStore(FilmSide)  # where kernels read what this solver gives them
         self._last_wide: tuple[BlockPattern, WideTangent] | None = None
         self.watch: Callable[[int], None] = say_nothing  # told the iterations so far after each round of them
+        self.tick_work: TickWork | None = None  # counts the iterations of time steps
 
     def solve(
         self,
@@ -236,9 +242,13 @@ class NewtonSolver:
         Args:
             solution: is moved.
             place: where it continues.
+
+        Raises:
+            TickWorkError: the tick has taken too many iterations.
         """
         loads = solution.task.loads
         plain, touching = loads.arrays(self.system.gas.count), loads.touching
+        counted = solution.factorised
         while True:
             side = self.side(solution.task)
             found = film_step(self.store.address(side), plain, touching, solution.motion, place)
@@ -248,6 +258,9 @@ class NewtonSolver:
             if converged:
                 return Outcome.CONVERGED
             self.watch(solution.tangents + solution.reused)
+            if self.tick_work is not None and solution.task.inertia is not None:
+                self.tick_work.spend(solution.factorised - counted, solution.residual)
+                counted = solution.factorised
             parts = side.work.parts[: len(side.film.parts) - 1]
             asking = np.flatnonzero(parts[:, ASKS])
             finite, asked = math.isfinite(solution.residual), parts[asking, ASKS]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final, final
 
 from cosim.base.frames import Array
-from cosim.errors import ConvergenceError
+from cosim.errors import ConvergenceError, TickWorkError
 
 _SILENT_S: Final = 5.0
 """Wall time until a search first says what it tries; from then on at twice the time."""
@@ -96,6 +96,70 @@ class NewtonResult:
     def converged(self) -> bool:
         """Whether the residual is below its bound."""
         return self.outcome is Outcome.CONVERGED
+
+
+TICK_ITERATIONS_MAX: Final = 1000
+"""New tangents of one tick, further attempts to factorise one counted, before it is given up."""
+TICK_DIVISIONS_MAX: Final = 64
+
+
+@final
+class TickWork:
+    """Bounds the work on one tick, whatever repeats or divides its steps; by counts, which repeat."""
+
+    def __init__(self) -> None:
+        self.iterations = self.divisions = 0
+        self._within = False
+
+    @contextmanager
+    def tick(self) -> Iterator[None]:
+        """Take one tick, or a part of the one in progress."""
+        if self._within:
+            yield
+            return
+        self.iterations = self.divisions = 0
+        self._within = True
+        try:
+            yield
+        finally:
+            self._within = False
+
+    def spend(self, iterations: int, residual_N: float) -> None:
+        """Count iterations with a new tangent, and further attempts to factorise one.
+
+        Args:
+            iterations: since the last call.
+            residual_N: largest out-of-balance component that is left.
+
+        Raises:
+            TickWorkError: no more are left.
+        """
+        self.iterations += iterations
+        if self._within and self.iterations > TICK_ITERATIONS_MAX:
+            raise self._used_up(f"{TICK_ITERATIONS_MAX} new tangents", residual_N)
+
+    def divide(self, residual_N: float) -> None:
+        """Count a division of a step.
+
+        Args:
+            residual_N: see `spend`.
+
+        Raises:
+            TickWorkError: no more are left.
+        """
+        self.divisions += 1
+        if self._within and self.divisions > TICK_DIVISIONS_MAX:
+            raise self._used_up(f"{TICK_DIVISIONS_MAX} divisions of its steps", residual_N)
+
+    def _used_up(self, what: str, residual_N: float) -> TickWorkError:
+        return TickWorkError(
+            f"the soft step reached the bound of a tick, {what}, with {residual_N:.3g} N out of balance: the "
+            "motion or the loads change too fast for it. Spread the command over more time (a ramp, not a "
+            "jump), take a shorter tick (clock.tick_s; the timestep of an attached model), or raise "
+            "solver.damping_per_s",
+            residual_N,
+            self.iterations,
+        )
 
 
 def say_nothing(_what: object) -> None:
