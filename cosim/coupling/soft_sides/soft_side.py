@@ -620,9 +620,7 @@ def step_or_halves(
     Args:
         stepper: takes a step between two flange poses and loads, or leaves the state as it is; lets the next
             step be the first one, as a two-step integrator cannot look back over a change of step; counts.
-        begin: flange pose and loads at the beginning.
-        end: at the end.
-        step_s: length [s].
+        begin: flange pose and loads at the beginning; `end`: at the end of `step_s` [s].
         aim: None for an ordinary step.
         final: a kind of error after which no halves are tried.
 
