@@ -137,10 +137,15 @@ def arm_of(chain: Chain, source: ArmSource) -> arm_file.ArmFile:
         home_known=known,
         shapes=chain.shapes,
         files=(*source.files, *chain.files),
-        notes=(*chain.notes, *_unbounded(moving)),
+        notes=(*chain.notes, *_unbounded(moving), *_assumed(table.limits.assumed)),
         drawn_as=table.drawn_as,
     )
     return arm_table.on_moving_base(arm, base)
+
+
+def _assumed(limits: tuple[str, ...]) -> list[str]:
+    """Return which limits are assumed, as parts of a sentence."""
+    return [f"assumed limits, not from a data sheet: {', '.join(limits)}"] if limits else []
 
 
 def _unbounded(moving: list[ElementTree.Element]) -> list[str]:

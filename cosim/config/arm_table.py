@@ -12,7 +12,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple, final
+from typing import Annotated, Final, Literal, NamedTuple, final
 
 import numpy as np
 
@@ -237,6 +237,7 @@ class LimitsTable:
         velocity: largest speeds.
         acceleration: beyond which a motion is reported.
         effort: largest torques.
+        assumed: which of these, or of those in the arm's file, no data sheet states; every run says so.
     """
 
     lower: tuple[float, ...] | None = None
@@ -244,6 +245,7 @@ class LimitsTable:
     velocity: tuple[keys.Positive, ...] | None = None
     acceleration: tuple[keys.Positive, ...] | None = None
     effort: tuple[keys.Positive, ...] | None = None
+    assumed: tuple[Literal["lower", "upper", "velocity", "acceleration", "effort"], ...] = ()
 
 
 @final

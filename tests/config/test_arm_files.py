@@ -193,3 +193,27 @@ def test_all_files_of_an_arm_count_among_what_a_run_was_loaded_from(tmp_path: Pa
     assert changed_file(before) is None
     (folder / "arm.toml").write_text('file = "mine.urdf"\nhome = [0.1, 0.2]\n')
     assert changed_file(before) == str(folder / "arm.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "effort", "velocity"),
+    [
+        ("ur3", [56.0, 56.0, 28.0, 12.0, 12.0, 12.0], [180.0] * 3 + [360.0] * 3),
+        ("ur5", [150.0] * 3 + [28.0] * 3, [180.0] * 6),
+        ("ur5e", [150.0] * 3 + [28.0] * 3, [180.0] * 6),
+        ("ur10", [330.0, 330.0, 150.0] + [56.0] * 3, [120.0] * 2 + [180.0] * 4),
+        ("xarm7", [50.0, 50.0, 30.0, 30.0, 30.0, 20.0, 20.0], [180.0] * 7),
+    ],
+)
+def test_named_arms_have_the_limits_that_their_makers_publish(
+    name: str, effort: list[float], velocity: list[float]
+) -> None:
+    limits = [joint.find("limit") for joint in ElementTree.fromstring(find_arm(name).urdf).iter("joint")]
+    found = [limit.attrib for limit in limits if limit is not None and float(limit.get("effort", "0")) > 0.0]
+    assert [float(each["effort"]) for each in found] == effort
+    assert np.rad2deg([float(each["velocity"]) for each in found]) == pytest.approx(velocity, rel=1e-6)
+
+
+def test_an_arm_says_which_of_its_limits_are_assumed() -> None:
+    assert find_arm("kinova").notes[-1] == "assumed limits, not from a data sheet: effort, velocity"
+    assert not any("assumed" in note for note in find_arm("panda").notes)
