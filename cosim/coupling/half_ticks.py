@@ -170,8 +170,9 @@ def _read_touch(scene: NativeScene, bodies: BodyLoads, touch: Matrix) -> None:
         touch[0, 1] = scene.sensed[scene.flange_sensor[2]]
     for o in range(scene.object_sensors.shape[0]):
         row = scene.object_sensors[o]
-        touch[row[0], 1], touch[row[0], 2] = scene.sensed[row[2]], scene.sensed[row[1]]
+        touch[row[0], 1], touch[row[0], 2] = scene.others[row[0]], scene.sensed[row[1]]
         for k in range(2, row.shape[0]):
+            touch[row[0], 1] += scene.sensed[row[k]]
             touch[row[0], 2] -= scene.sensed[row[k]]
 
 

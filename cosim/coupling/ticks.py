@@ -86,9 +86,9 @@ class Ticks(NamedTuple):
         hit: (n, 3), see `LedgerEntry`: speed [m/s], way that resolves it [m], body.
         mounted: (n, 6), of what is fixed next to the soft robot on the flange, see `NativeScene`.
         touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that have
-            acted in the tick [N]; of a free object also its contacts with what is mounted on the flange, and
-            with other rigid bodies, what is mounted on other flanges left out; of the world also all contacts
-            of what is mounted with rigid bodies.
+            acted in the tick [N]; of an object also its contacts with what is mounted on flanges, to which
+            other arms' soft robots count as one, and with other rigid bodies; of the world also all
+            contacts of what is mounted on the own flange with rigid bodies.
     """
 
     figures: Matrix

@@ -93,9 +93,9 @@ class TickBatch(RigidColumns):
         wrench: (n, 6), force [N] and torque [N m] of the soft robot on the flange, at its origin, world axes.
         mounted_load: (n, 6), the same of what is fixed next to it, mean over the tick.
         body_touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that
-            have acted in the tick [N]; of a free object also its contacts with what is mounted on the flange,
-            and with other rigid bodies, what is mounted on other flanges left out; of the world also all
-            contacts of what is mounted with rigid bodies.
+            acted in the tick [N]; of an object also its contacts with what is mounted on flanges, to which
+            other arms' soft robots count as one, and with other rigid bodies; of the world also all
+            contacts of what is mounted on the own flange with rigid bodies.
         rigid_power_W: (n,), as all that follow down to `slides`; each is described in `LedgerEntry`.
         tick_wall_s: (n,), wall time.
         energy_J: (n, terms) [J], `TERMS` of the balance; (n, 0) before the summary has taken the ticks in,

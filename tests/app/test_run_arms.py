@@ -95,6 +95,13 @@ def test_two_arms_hold_a_box_and_both_ledgers_balance(held: dict[str, cosim.RunR
         assert run.body_position[-1, box, 2] > run.body_position[0, box, 2] + 0.015
 
 
+def test_both_arms_hold_the_box_and_neither_has_dropped_it(held: dict[str, cosim.RunResult]) -> None:
+    for run in held.values():
+        (box,) = run.summary["objects"]
+        assert box["held"][-1]["until_s"] is None
+        assert box["dropped_s"] == []
+
+
 def test_the_box_gets_what_both_ledgers_hand_over(held: dict[str, cosim.RunResult]) -> None:
     """In the air m a is its weight and what both films press on it, tick by tick, to rounding.
 

@@ -89,6 +89,9 @@ class SceneOfArms:
         model, data, exchanges = self._model, self._data, self.exchanges
         data.xfrc_applied[:] = np.sum([each.load for each in exchanges], axis=0)
         data.qfrc_applied[:] = np.sum([each.torque for each in exchanges], axis=0)
+        pressed = np.array([each.load.any(axis=1) for each in exchanges])
+        for k, each in enumerate(exchanges):
+            each.native().others[:] = np.delete(pressed, k, axis=0).any(axis=0)
         for step in range(self.arms[0].substeps):
             if step:
                 self._control[:, 0] += float(model.opt.timestep) * self._control[:, 1]

@@ -340,6 +340,7 @@ class NativeScene(NamedTuple):
             contacts of what is mounted; (0,) with nothing mounted.
         object_sensors: (o, 2 + k), a free object of each row, where in it all of its contacts with rigid
             bodies are counted, and where those with what is mounted on each flange, this one first.
+        others: (bodies,), 1 where the soft robots of other arms press.
     """
 
     pace: Indices
@@ -372,6 +373,7 @@ class NativeScene(NamedTuple):
     sensed: Vector
     flange_sensor: Indices
     object_sensors: IndexTable
+    others: Vector
 
 
 class StateRows(NamedTuple):
@@ -506,7 +508,7 @@ def native_scene(
         data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
         data.M, mass_places(model, layout.mounting), data.qpos, data.qvel, np.array(cell.places, np.int64),
         np.array(cell.dofs, np.int64), cell.goal, np.zeros(6), data.sensordata,
-        np.array(placed if layout.carries else (), np.int64), layout.object_sensors,
+        np.array(placed if layout.carries else (), np.int64), layout.object_sensors, np.zeros(model.nbody),
     )  # fmt: skip
 
 

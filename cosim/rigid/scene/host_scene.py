@@ -329,7 +329,7 @@ class HostScene(CoupledScene):
             self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
             data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
             mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),
-            np.zeros(6), none, nowhere, np.zeros((0, 3), np.int64),
+            np.zeros(6), none, nowhere, np.zeros((0, 3), np.int64), np.zeros(model.nbody),
         )  # fmt: skip
 
 
