@@ -125,6 +125,24 @@ def led(lead: Vector, place: Vector, r: int) -> float:
     return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]
 
 
+@device_function
+def see_hit(contact: Any, e: int) -> None:
+    """Take note of a contact that presses, if the step resolves its hit less than those before."""
+    figures, body, speed = contact.end.figures, contact.touched.planes.body[e], contact.ties.approach[e]
+    way = contact.resolved[body]
+    if speed > 0.0 and (figures[5] < 0.0 or speed * figures[4] > figures[3] * way):
+        figures[3], figures[4], figures[5] = speed, way, body
+
+
+@device_function
+def add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
+    """Add part of a force at a place and its torque about the world's origin."""
+    for r in range(3):
+        s, q = (r + 1) % 3, (r + 2) % 3
+        loads[r] += part * force[r]
+        loads[3 + r] += part * (place[s] * force[q] - place[q] * force[s])
+
+
 class NearPoints(NamedTuple):
     """Contact points of the film near shapes, then features near triangles of the film.
 

@@ -348,15 +348,6 @@ def find_touched(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float
 
 
 @device_function
-def _add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
-    """Add part of a force at a place and its torque about the world's origin."""
-    for r in range(3):
-        s, q = (r + 1) % 3, (r + 2) % 3
-        loads[r] += part * force[r]
-        loads[3 + r] += part * (place[s] * force[q] - place[q] * force[s])
-
-
-@device_function
 def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> None:
     """Fill row `kept` of the memory from contact e, whose anchor is a stretch behind its point."""
     ties, memory, rotation, point = contact.ties, contact.kept, contact.shapes.rotation, contact.end.point
@@ -367,15 +358,6 @@ def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> 
         for s in range(3):
             behind = point[e, s] - ties.carrier[e, s] if e < contact.counts[contact_arrays.POINTS] else 0.0
             memory.offset[kept, r] += rotation[g, s, r] * (behind - stretch[s])
-
-
-@device_function
-def _see_hit(contact: Any, e: int) -> None:
-    """Take note of a contact that presses, if the step resolves its hit less than those before."""
-    figures, body, speed = contact.end.figures, contact.touched.planes.body[e], contact.ties.approach[e]
-    way = contact.resolved[body]
-    if speed > 0.0 and (figures[5] < 0.0 or speed * figures[4] > figures[3] * way):
-        figures[3], figures[4], figures[5] = speed, way, body
 
 
 @device_function
@@ -412,14 +394,14 @@ def _conclude(contact: Any, x: Matrix) -> int:
         # a point that has just come off may still rub: friction is bounded by the last tick's normal force
         if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
             end.acting[b] = 1
-            _add_load(1.0, own, point, end.loads[b])
+            contact_arrays.add_load(1.0, own, point, end.loads[b])
             for a in range(3):
-                _add_load(planes.weights[e, a], own, x[planes.nodes[e, a]], end.film)
+                contact_arrays.add_load(planes.weights[e, a], own, x[planes.nodes[e, a]], end.film)
         if push > 0.0:
             end.figures[0] += push
             end.pressing[b] += push
             end.figures[1] = max(end.figures[1], -distance)
-            _see_hit(contact, e)
+            contact_arrays.see_hit(contact, e)
             for r in range(3):
                 stretch[r] = point[r] - anchor[r]
             shorten(stretch, n, stick)
