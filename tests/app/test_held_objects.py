@@ -144,7 +144,8 @@ def test_the_summary_says_what_was_held_and_how_hard(lifted: RunResult) -> None:
     assert tray["tilted_rad"] < 1e-3
     assert tray["dropped_s"] == []
     assert tray["max_squeeze_N"] == pytest.approx(lifted.contact_force_N.max(), rel=0.05)
-    assert 0.0 < tray["max_contact_force_N"] <= tray["max_squeeze_N"]
+    # friction is in the force on it, not in the sum of normal forces
+    assert 0.0 < tray["max_contact_force_N"] < 1.01 * tray["max_squeeze_N"]
     assert lifted.summary["warnings"] == []
     lines = [line for line in closing_lines(lifted.summary, Path("runs/tray"), []) if "object:" in line]
     assert len(lines) == 1
