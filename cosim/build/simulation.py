@@ -17,7 +17,7 @@ from cosim.base.files import keep, kept
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
 from cosim.build import kernel_modules, options
 from cosim.build.soft_model import SoftModel
-from cosim.build.stage import contact_decision, decisions, largest_pressure, stage_of
+from cosim.build.stage import contact_decision, decisions, finer_steps, largest_pressure, stage_of
 from cosim.config import loading, several_arms
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
@@ -290,7 +290,7 @@ def _carried(
     )  # fmt: skip
     clearance.check_clearances(clear, plan, scenario.plan)
     asked = parts.asked(plan, planned.payload, clear)
-    modelled = decisions(scenario, soft.body, plan, contact, travel)
+    modelled = decisions(scenario, soft.body, plan, contact, travel) + finer_steps(scenario, scene)
     way = parts.motion_name(plan)
     modelled += _range(scenario, plan, model, arm, way, touched=contact.included)
     return plan, carrier, modelled, asked, arm

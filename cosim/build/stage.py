@@ -260,6 +260,20 @@ def decisions(
     )
 
 
+def finer_steps(scenario: Scenario, scene: "RigidScene") -> tuple[Decision, ...]:
+    """Return that a free object shortens the steps of rigid bodies, and which one; nothing if none does."""
+    if scene.substeps == 1:
+        return ()
+    free = [entry for entry in scenario.objects if entry.mass_kg and not (entry.hinge or entry.slide)]
+    lightest = min(free, key=lambda entry: entry.mass_kg or 0.0)
+    step_ms = 1e3 * scenario.clock.tick_s / scene.substeps
+    reason = (
+        f"'{lightest.name}' ({lightest.mass_kg:g} kg) has rigid bodies take {scene.substeps} steps in a "
+        "tick, the arm as well, wherever it is"
+    )
+    return (Decision(f"rigid steps of {step_ms:g} ms for '{lightest.name}'", True, reason, "clock.tick_s"),)
+
+
 def _elasticity(scenario: Scenario) -> Decision:
     if scenario.fidelity == "rigid":
         return Decision("elasticity", False, "the shape of the start is kept", "fidelity")

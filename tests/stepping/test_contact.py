@@ -110,6 +110,15 @@ def test_the_force_of_a_hit_is_the_impulse_that_the_ball_gets_over_the_tick(
     assert f"over one tick of {1e3 * tick_s:g} ms" in summary_markdown(result.summary)
 
 
+def test_a_run_says_which_object_shortens_the_steps_of_the_arm(tmp_path: Path) -> None:
+    path = tmp_path / "hit.toml"
+    path.write_text(HIT, encoding="utf-8")
+    for mass_kg, named in ((0.05, ["rigid steps of 1 ms for 'ball'"]), (20.0, [])):
+        changes = {"clock.tick_s": 4e-3, "object.ball.mass_kg": mass_kg}
+        rows = cosim.Simulation(path, overrides=changes).stage.modelled
+        assert [row.what for row in rows if row.what.startswith("rigid steps")] == named
+
+
 def test_the_tick_that_a_warning_names_resolves_the_hit(tmp_path: Path) -> None:
     near = {"object__ball__position_m": [0.52, 0.0, 0.72], "phase__fall__duration_s": 0.2}
     coarse = hit(tmp_path, clock__tick_s=8e-3, **near)
@@ -241,6 +250,21 @@ def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
     assert ends[3] == pytest.approx(ends[2], abs=1e-3)
     assert height > 0.245 + 0.05
     assert snapshot.ledger.contact_force_N > 0.1 * 9.81
+
+
+def test_a_shake_does_not_pull_the_rim_of_a_roll_through_the_edge_of_a_finger() -> None:
+    """Its corner jumped to the film's other face: 12.1 N of normal forces after 0.36 s for a net 10.3 N."""
+    simulation, lifted_N, shaken_N = build_simulation(load_scenario("gripper_lifts_roll")), 0.0, []
+    names = simulation.stage.phase_names
+    for snapshot in simulation.steps():
+        if names[snapshot.phase] == "lift":
+            lifted_N = snapshot.ledger.contact_force_N
+        elif names[snapshot.phase] == "shake":
+            shaken_N.append(snapshot.ledger.contact_force_N)
+        if len(shaken_N) == 125:  # half a second
+            break
+    # the roll, 100 g, is shaken by 0.3 N
+    assert max(shaken_N) == pytest.approx(lifted_N, rel=0.03)
 
 
 def test_default_fingers_draw_300_g_up_to_the_palm_and_lift_it() -> None:

@@ -213,13 +213,14 @@ class MemoryRows(NamedTuple):
     offset: Matrix
     place: Matrix
     triangle: Indices
+    face: Indices
 
     @classmethod
     def room(cls, count: int) -> MemoryRows:
         """Return room for so many."""
         return cls(
             _no_indices(count), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)),
-            _no_indices(count),
+            _no_indices(count), _no_indices(count),
         )  # fmt: skip
 
 
@@ -341,7 +342,8 @@ class Search(NamedTuple):
         surface: of the film.
         lists: that may be valid.
         near: filled from the beginning.
-        held: (f,) the triangle that has held each listed feature back until now, -1 for none.
+        held: (f,) the triangle that has held each listed feature back until now; -2 less the one that it has
+            brushed; -1 for none.
         places: (p, 3) [m], of the film's points; those that no shape is near may be anywhere.
         spans: (s, 2).
         around: (f, 3) [m], where listed features are.

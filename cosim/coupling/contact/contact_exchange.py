@@ -302,10 +302,11 @@ class ContactExchange:
             InputError: there is no such node or shape.
         """
         memory, query, surface = state.memory, self.query, self.surface
-        of_features = memory.triangle >= 0
+        of_features = memory.face >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
         state_check.check_indices(features, len(query.features.shape), "features")
-        state_check.check_indices(memory.triangle[of_features], len(surface.triangles), "triangles")
+        for triangle in (memory.face[of_features], memory.triangle[memory.triangle >= 0]):
+            state_check.check_indices(triangle, len(surface.triangles), "triangles")
         if state.planes is not None:
             state_check.check_indices(state.planes.body, self.bodies.count, "bodies")
             surface.check_planes(state.planes)

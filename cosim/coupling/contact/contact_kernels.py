@@ -309,11 +309,11 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     for f in range(listed.shape[0]):  # which triangle has held it back until now
         held[f] = -1
     for e in range(contact.counts[contact_arrays.REMEMBERED]):
-        if memory.triangle[e] >= 0:
+        if memory.face[e] >= 0:
             feature = memory.key[e] - body.shape[0] * search.surface.nodes.shape[0]
             at = _place_of(feature, listed)
             if at >= 0:
-                held[at] = memory.triangle[e]
+                held[at] = memory.triangle[e] if memory.triangle[e] >= 0 else -2 - memory.face[e]
     asked = x, low, high, bounds.near[:near], reach, contact.numbers.behind, search
     return _find_near(contact.calls[_FIND], asked)
 
@@ -353,6 +353,7 @@ def _remember(contact: Any, e: int, kept: int, push: float, stretch: Vector) -> 
     ties, memory, rotation, point = contact.ties, contact.kept, contact.shapes.rotation, contact.end.point
     g = ties.shape[e]
     memory.key[kept], memory.normal_force[kept], memory.triangle[kept] = ties.key[e], push, ties.triangle[e]
+    memory.face[kept] = ties.triangle[e]
     for r in range(3):
         memory.place[kept, r], memory.offset[kept, r] = ties.carrier[e, r], 0.0
         for s in range(3):
@@ -594,7 +595,7 @@ def settle_touched(at: int, before: Matrix, x: Matrix) -> None:
     counts[contact_arrays.REMEMBERED] = pressing
     for e in range(pressing):  # they are those of the last tick from now on
         memory.key[e], memory.normal_force[e] = kept.key[e], kept.normal_force[e]
-        memory.triangle[e] = kept.triangle[e]
+        memory.triangle[e], memory.face[e] = kept.triangle[e], kept.face[e]
         for r in range(3):
             memory.offset[e, r], memory.place[e, r] = kept.offset[e, r], kept.place[e, r]
     loaded = contact.bodies.loaded

@@ -21,6 +21,7 @@ class ContactMemory:
         place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
         triangle: (k,) of the film, that held a feature back; -1 for points of the film, and for features
             that it only brushed, no deeper than the law's transition.
+        face: (k,) of the film, on which a feature pressed, brushed ones as well; -1 for points of the film.
     """
 
     key: Annotated[IntArray, ("k",)]
@@ -28,13 +29,15 @@ class ContactMemory:
     offset: Annotated[Array, ("k", 3)]
     place: Annotated[Array, ("k", 3)]
     triangle: Annotated[IntArray, ("k",)]
+    face: Annotated[IntArray, ("k",)]
 
     @classmethod
     def empty(cls) -> "ContactMemory":
         """Return the memory of no contact."""
         return cls(
-            np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64)
-        )
+            np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64),
+            np.zeros(0, np.int64),
+        )  # fmt: skip
 
 
 @final

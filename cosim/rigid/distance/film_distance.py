@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, zero_vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector
 from cosim.rigid.distance.signed_distance import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
@@ -175,6 +175,34 @@ def _nearest(
     return nearest, np.sqrt(best), lean
 
 
+@device_function
+def _brushed(
+    p: Vector, film: FilmTriangles, some: Indices, furthest: float, faces: tuple[int, int], there: Matrix
+) -> tuple[int, float, float]:
+    """Return what `_nearest` does of a point behind a face: on the side of another one, if that is opposed.
+
+    Args:
+        p: (3,) [m].
+        film: its triangles.
+        some: of them.
+        furthest: bound on the distance [m].
+        faces: triangle that the point has brushed, and the nearest one.
+        there: filled.
+    """
+    side, along = small_vector(3), 0.0
+    corner, x = film.triangles[faces[0]], film.x
+    _fill_normal(x[corner[0]], x[corner[1]], x[corner[2]], side)
+    for r in range(3):
+        along += side[r] * there[2, r]
+    if along >= 0.0:
+        side[:] = 0.0
+    found = _nearest(p, film, some, furthest, side, there)
+    if found[0] < 0:
+        side[:] = 0.0
+        found = _nearest(p, film, some, furthest, side, there)
+    return found
+
+
 @kernel
 def film_near(
     points: Matrix,
@@ -188,7 +216,8 @@ def film_near(
 
     A point that triangle held[n] >= 0 has held back, and that is squarely behind film that faces as this
     does, stays behind it, whatever lies beyond: near a sharp edge of the film the other face is soon nearer,
-    and would pull it through.
+    and would pull it through. A point that has brushed triangle -2 - held[n] may slip off its edge, to where
+    it is in front of another face, but not to behind one that faces the other way.
     """
     side, there = zero_vector(3), small_matrix(5, 3)
     furthest, x = max(reach.front_m, reach.depth_m), film.x
@@ -206,6 +235,8 @@ def film_near(
         if not stays:
             side[:] = 0.0
             nearest, distance, lean = _nearest(p, film, some, furthest, side, there)
+            if held[n] <= -2 and nearest >= 0 and lean < 0.0:
+                nearest, distance, lean = _brushed(p, film, some, furthest, (-2 - held[n], nearest), there)
         sign = 1.0 if lean >= 0.0 else -1.0
         if nearest < 0 or distance > (reach.front_m if sign > 0.0 else reach.depth_m):
             continue
