@@ -14,7 +14,7 @@ from cosim.base.state_check import check_state
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
-from cosim.telemetry import bounds, figures, holding, tick_batch
+from cosim.telemetry import bounds, figures, holding, tick_batch, touched
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 
@@ -299,7 +299,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- stability: {line}" for line in figures.standing_lines(summary["phases"])),
         *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
-        *(f"- contact: {line}" for line in figures.touched_lines(summary["touched"])),
+        *(f"- contact: {line}" for line in touched.touched_lines(summary["touched"])),
         *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
         *(f"- object: {line}" for line in holding.object_lines(summary["objects"])),
         f"- error: {error_line(summary)}",
@@ -394,7 +394,7 @@ class SummaryBuilder:
         self._last: Snapshot | None = None
         self._figures = {key: initial for key, (_, _, initial) in _GATHERED.items()}
         self._arm = figures.ArmFigures()
-        self._touched = figures.TouchedFigures.none(len(stage.body_names))
+        self._touched = touched.TouchedFigures.none(len(stage.body_names))
         self._energy = None if stage.energy is None else stage.energy.begin()
         self._tip_path = figures.TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
@@ -535,7 +535,7 @@ class SummaryBuilder:
         planned = self._stage.arm
         beyond = [*bounds.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
         beyond += [*swing_warnings(self._phases), *bounds.section_warnings(self._stage.section_model)]
-        beyond += figures.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
+        beyond += touched.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
         beyond = [*self._missed, *beyond]
         if planned is None:
             return beyond

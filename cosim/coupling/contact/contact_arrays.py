@@ -537,3 +537,28 @@ def foresee(leads: Leads, h: float) -> None:
     for j in range(speed.shape[0]):
         speed[j], sight.acceleration[j] = kept[0, j], kept[1, j]
     call_native(sight.steps[VELOCITIES], sides[0], sides[1])
+
+
+@device_function
+def approach_of(contact: Any, e: int, velocity: Matrix, body: Vector) -> float:
+    """Return how fast contact e's point and body come on to each other [m/s], and apart below 0."""
+    planes, speed = contact.touched.planes, 0.0
+    for r in range(3):
+        own = led(body, planes.anchor[e], r)
+        for a in range(3):
+            own -= planes.weights[e, a] * velocity[planes.nodes[e, a], r]
+        speed += planes.normal[e, r] * own
+    return speed
+
+
+@device_function
+def place_of(wanted: int, ascending: Indices) -> int:
+    """Return where a number is in an ascending list, -1 if it is not; numpy's takes 0.5 s to compile."""
+    low, high = 0, ascending.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < ascending.shape[0] and ascending[low] == wanted else -1

@@ -21,7 +21,15 @@ from cosim.base.kernels import (
 )
 from cosim.base.numba_insides import caller
 from cosim.coupling.contact import contact_arrays, search_kernels
-from cosim.coupling.contact.contact_arrays import ContactArrays, fill_leads, fill_speed, foresee, led
+from cosim.coupling.contact.contact_arrays import (
+    ContactArrays,
+    approach_of,
+    fill_leads,
+    fill_speed,
+    foresee,
+    led,
+    place_of,
+)
 from cosim.rigid.distance.shapes import ShapePoses, fill_near_box
 from cosim.soft.contact.contact_law import GLUED, shorten, span, touch
 from cosim.soft.contact.obstacle_contact import PlaneRows, TouchedPlanes
@@ -132,18 +140,6 @@ def _take_glued(contact: Any, e: int, k: int) -> None:
 
 
 @device_function
-def _approach(contact: Any, e: int, velocity: Matrix, body: Vector) -> float:
-    """Return how fast contact e's point and body come on to each other [m/s], and apart below 0."""
-    planes, speed = contact.touched.planes, 0.0
-    for r in range(3):
-        own = led(body, planes.anchor[e], r)
-        for a in range(3):
-            own -= planes.weights[e, a] * velocity[planes.nodes[e, a], r]
-        speed += planes.normal[e, r] * own
-    return speed
-
-
-@device_function
 def _describe(contact: Any, x: Matrix, velocity: Matrix) -> None:
     """Fill tangent planes and what they are tied to, from nodes (n, 3) [m] and their velocities.
 
@@ -168,7 +164,7 @@ def _describe(contact: Any, x: Matrix, velocity: Matrix) -> None:
             if of != shapes.body[g]:
                 of = shapes.body[g]
                 fill_speed(contact.bodies.leads, of, moving)
-            ties.approach[e] = _approach(contact, e, velocity, moving)
+            ties.approach[e] = approach_of(contact, e, velocity, moving)
         found = np.searchsorted(memory.key[:remembered], ties.key[e])
         if found == remembered or memory.key[found] != ties.key[e]:
             continue
@@ -218,19 +214,6 @@ def _read_poses(bounds: Any, body: Indices, leads: Any, centers: Matrix) -> None
             axes[0, c] += sine * (y * s - z * q) + fall * (x * along - square * p)
             axes[1, c] += sine * (z * p - x * s) + fall * (y * along - square * q)
             axes[2, c] += sine * (x * q - y * p) + fall * (z * along - square * s)
-
-
-@device_function
-def _place_of(wanted: int, ascending: Indices) -> int:
-    """Return where a number is in an ascending list, -1 if it is not; numpy's takes 0.5 s to compile."""
-    low, high = 0, ascending.shape[0]
-    while low < high:
-        middle = (low + high) // 2
-        if ascending[middle] < wanted:
-            low = middle + 1
-        else:
-            high = middle
-    return low if low < ascending.shape[0] and ascending[low] == wanted else -1
 
 
 @device_function
@@ -311,7 +294,7 @@ def _find_pairs(contact: Any, x: Matrix, velocity: Matrix, rest: float, ahead: f
     for e in range(contact.counts[contact_arrays.REMEMBERED]):
         if memory.face[e] >= 0:
             feature = memory.key[e] - body.shape[0] * search.surface.nodes.shape[0]
-            at = _place_of(feature, listed)
+            at = place_of(feature, listed)
             if at >= 0:
                 held[at] = memory.triangle[e] if memory.triangle[e] >= 0 else -2 - memory.face[e]
     asked = x, low, high, bounds.near[:near], reach, contact.numbers.behind, search
