@@ -11,7 +11,7 @@ ONLY_CHAMBER: Final = "chamber"
 """Name of the chamber of a body that has only one."""
 WORKS: Final = (
     "gas_J", "cables_J", "flange_J", "eyelets_J", "gravity_J", "contacts_J", "self_contacts_J", "damping_J",
-    "air_drag_J", "material_damping_J", "bodies_J", "contact_loss_J",
+    "air_drag_J", "material_damping_J", "bodies_J", "contact_loss_J", "eyelets_made_J",
 )  # fmt: skip
 PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "bodies_J", "self_contacts_J")
 LOST: Final = (

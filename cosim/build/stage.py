@@ -249,12 +249,14 @@ def decisions(
         contact: with the scene.
         travel: of the flange; None where it is held.
     """
+    cables = _cables(scenario, body, plan)
     return (
         _elasticity(scenario),
         _inertia(scenario, travel),
         contact,
         _self_contact(scenario, body),
-        _cables(scenario, body, plan),
+        cables,
+        *(_sliding(scenario, body) if cables.included else ()),
         _hinges(scenario, body),
         *_losses(scenario, body),
     )
@@ -326,6 +328,18 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
         given_back = "; a release gives back what a pull has lost (losses of cables)" if loses else ""
         return Decision(what, True, f"they are pulled{given_back}", switch)
     return Decision(what, False, "they are slack throughout", switch)
+
+
+def _sliding(scenario: Scenario, body: SoftBody) -> tuple[Decision, ...]:
+    """Return that losses do not follow the way in which cables slide; nothing where none has such losses."""
+    one_way = any(cable.lossy and not cable.directed for cable in body.cables)
+    if not one_way:
+        return ()
+    reason = (
+        "tension falls from the base whichever way the cable slides: where it slides back, eyelets make "
+        "energy (eyelets_made_J); losses = 'directed' opposes the way it slides"
+    )
+    return (Decision("direction of cable losses", False, reason, _of_robot(scenario, "cable.*.losses")),)
 
 
 def _hinges(scenario: Scenario, body: SoftBody) -> Decision:

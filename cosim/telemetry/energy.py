@@ -102,10 +102,13 @@ class _Routes(NamedTuple):
 
 
 @device_function
-def _pull(x: Matrix, routes: Any, lost_share: Vector, tension: Vector) -> tuple[float, float]:
-    """Return the work of cables in a tick and what of it eyelets lose; bring the lengths to its end."""
-    put_in, lost, length = 0.0, 0.0, routes.length
-    for s in range(length.shape[0]):
+def _pull(x: Matrix, routes: Any, lost_share: Vector, tension: Vector) -> tuple[float, float, float]:
+    """Return the work of cables in a tick, what of it eyelets lose, and what those make that it slides back.
+
+    Lengths are brought to the tick's end.
+    """
+    put_in, lost, made, length, slid = 0.0, 0.0, 0.0, routes.length, 0.0
+    for s in range(length.shape[0] - 1, -1, -1):
         square = 0.0
         for r in range(3):
             along = x[routes.segments[s, 1], r] - x[routes.segments[s, 0], r]
@@ -113,7 +116,11 @@ def _pull(x: Matrix, routes: Any, lost_share: Vector, tension: Vector) -> tuple[
         now = np.sqrt(square)
         work = tension[routes.cable[s]] * (length[s] - now)
         put_in, lost, length[s] = put_in + work, lost + lost_share[s] * work, now
-    return put_in, lost
+        slid += work  # by the tension, of all that is beyond the eyelet where the segment begins
+        first = s == 0 or routes.cable[s - 1] != routes.cable[s]
+        made -= min(0.0, (lost_share[s] - (0.0 if first else lost_share[s - 1])) * slid)
+        slid = 0.0 if first else slid
+    return put_in, lost, made
 
 
 @device_function
@@ -138,15 +145,15 @@ def fill_works(x: Blocks, routes: _Routes, rows: Matrix, mean: Matrix, chambers:
         rows: (k + 1, columns), see `EnergyRow`, the first from before the ticks.
         mean: (k, columns), of rows that follow one another.
         chambers: how many.
-        out: (k, works), the first four filled.
+        out: (k, works), the first four and the last filled.
     """
     pose = rows.shape[1] - 12
     for t in range(x.shape[0]):
         now, before, between, gas = rows[t + 1], rows[t], mean[t], 0.0
         for c in range(chambers):
             gas += between[chambers + c] * (now[c] - before[c])
-        cables, lost = _pull(x[t], routes, routes.lost[t], between[2 * chambers : pose - 6])
-        out[t, 0], out[t, 1], out[t, 3] = gas, cables, lost
+        cables, lost, made = _pull(x[t], routes, routes.lost[t], between[2 * chambers : pose - 6])
+        out[t, 0], out[t, 1], out[t, 3], out[t, out.shape[1] - 1] = gas, cables, lost, made
         out[t, 2] = _carry(between[pose - 6 : pose], now[pose:], before[pose:])
 
 
@@ -354,7 +361,7 @@ class EnergyFigures:
                 sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and self.ticks + t > 0)
         begun = self._moved(batch, parts, motion, sums[1:])
         each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
-        each[:, WORKS.index("gravity_J") :] = np.stack(
+        each[:, WORKS.index("gravity_J") : WORKS.index("eyelets_made_J")] = np.stack(
             [
                 sums[1:, FALLING],
                 batch.contact_work_J,

@@ -89,6 +89,45 @@ def test_what_touches_and_eyelets_that_know_their_way_are_no_part_of_the_rest(tm
     assert abs(energy["rest_J"]) < 0.01 * put_in
 
 
+def released(tmp_path: Path, losses: str) -> dict[str, Any]:
+    """Return the summary of a run that pulls the cable, and then lets it go."""
+    text = SCENARIO.replace("capstan_factor = 0.8", f'capstan_factor = 0.8, losses = "{losses}"')
+    text = text.replace("flange_shift_m = [0.02, 0.0, 0.0]", "") + RELEASE
+    file = tmp_path / "release.toml"
+    file.write_text(text, encoding="utf-8")
+    found: dict[str, Any] = cosim.run(file, error=False).summary
+    return found
+
+
+RELEASE = """
+[[phase]]
+name = "release"
+duration_s = 0.08
+settle_s = 0.04
+cable_tension_N = [0.0]
+"""
+
+
+def test_energy_that_losses_of_one_way_make_is_named(tmp_path: Path) -> None:
+    summary = released(tmp_path, "one_way")
+    pull, release = (phase["energy"] for phase in summary["phases"])
+    made = release["eyelets_made_J"] - pull["eyelets_made_J"]
+    # all that eyelets take as the cable is let go, less what they lose as it swings once
+    given_back = pull["eyelets_J"] - release["eyelets_J"]
+    assert 0.0 < given_back < made < 1.5 * given_back
+    (warning,) = (text for text in summary["warnings"] if "eyelets make" in text)
+    assert warning.startswith("phase 'release': eyelets make ")
+    left = [row["what"] for row in summary["modelled"] if not row["included"]]
+    assert "direction of cable losses" in left
+
+
+def test_directed_losses_make_no_energy(tmp_path: Path) -> None:
+    summary = released(tmp_path, "directed")
+    assert summary["phases"][-1]["energy"]["eyelets_made_J"] == 0.0
+    assert not any("eyelets make" in text for text in summary["warnings"])
+    assert "direction of cable losses" not in [row["what"] for row in summary["modelled"]]
+
+
 DROPPED = """
 schema = 2
 title = "A block falls by 50 mm on two upright units"

@@ -439,7 +439,7 @@ class EquilibriumSolver:
                 return replace(result, iterations=spent, shifted=shifted, negative_pivots=ways), loads
             start, ways = result.positions, result.negative_pivots
             memory = self.solver.system.unslid(result.memory, memory)
-            if obstacles is not None:
+            if obstacles is not None or self.solver.system.slides:
                 trail.append(start)
                 start = end_of(trail)
                 ways = ways if start is result.positions else None

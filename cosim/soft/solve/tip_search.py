@@ -153,8 +153,12 @@ class TipSearch:
         self._options, self._unknowns = options, unknowns
 
     def run(self, begin: Equilibrium) -> Ended:
-        """Search from an equilibrium on."""
+        """Search from an equilibrium on.
+
+        Where cables remember which way they have slid, a trial is followed from there: as a run comes to it.
+        """
         here, rounds, bound = self.reached(begin, 0), 1, 1.0
+        slides = any(cable.remembers for cable in self._follower.body.cables)
         if self._options.met(here):
             return Ended(here, "")
         try:
@@ -169,7 +173,9 @@ class TipSearch:
             if not promised > _LEAST_PROMISE * distance:
                 return Ended(here, why_not or "no small change brings it nearer")
             try:
-                there = self._after(here.equilibrium, change, rounds)
+                moved = self._unknowns.moved(here.equilibrium, change)
+                from_here = begin if slides else here.equilibrium
+                there = self.reached(self._follower.follow(from_here, *moved), rounds)
                 if self._options.met(there):
                     return Ended(there, "")
                 gain = (distance - self._distance(there)) / promised
@@ -191,10 +197,6 @@ class TipSearch:
         """Return how far off an equilibrium's tip is after some rounds of a search."""
         tip = TipFrame.of(self._follower.body, here.state.positions)
         return TargetSolution(here, *self._target.distance(tip), rounds)
-
-    def _after(self, here: Equilibrium, change: Array, rounds: int) -> TargetSolution:
-        pose, loads = self._unknowns.moved(here, change)
-        return self.reached(self._follower.follow(here, pose, loads), rounds)
 
     def _distance(self, found: TargetSolution) -> float:
         return float(np.hypot(found.position_error_m, self._options.lever_m * found.angle_error_rad))
