@@ -17,6 +17,8 @@ PUT_IN: Final = ("gas_J", "cables_J", "flange_J", "gravity_J", "bodies_J", "self
 LOST: Final = (
     "contact_loss_J", "eyelets_J", "damping_J", "air_drag_J", "material_damping_J", "numerical_J",
 )  # fmt: skip
+MADE: Final = ("eyelets_made_J",)
+"""What losses of one way make: a part of what is lost at eyelets, not counted again."""
 BETWEEN: Final = ("contacts_J",)
 """What the film gets of the energy that bodies put in: the loss of contact is taken from it."""
 TERMS: Final = (*WORKS, "elastic_J", "kinetic_J", "numerical_J", "rest_J")

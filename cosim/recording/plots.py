@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.names import BETWEEN, LOST, PUT_IN, TERMS
+from cosim.base.names import BETWEEN, LOST, MADE, PUT_IN, TERMS
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
 from cosim.telemetry import snapshot, tick_batch
@@ -239,7 +239,7 @@ def _energy_plots() -> list[Plot]:
     )
     return [
         _energy_plot("put_in", "Energy put in [J]", PUT_IN + BETWEEN),
-        _energy_plot("lost", "Energy lost [J]", LOST),
+        _energy_plot("lost", "Energy lost [J]", LOST + MADE),
         replace(kinetic, entity="energy/held", title="Energy held, and rest of the balance [J]"),
         *sparse,  # known at some ticks only
     ]
