@@ -42,7 +42,7 @@ name = "pump"
 duration_s = 0.03
 pressure_Pa = 12e3
 """
-HEIGHT = {"start.flange.position_m": [0.4, 0.0, 0.1415]}  # so low that the core touches the block
+HEIGHT = {"start.flange.position_m": [0.4, 0.0, 0.141]}  # so low that the core touches the block
 HEAVY, FIRM = {"object.block.mass_kg": 0.7}, {"phase.pump.pressure_Pa": 14e3}
 
 
