@@ -1,10 +1,12 @@
-"""Warnings of figures beyond a bound: strength of frames, range of a section model, size of an error bar."""
+"""Warnings of figures beyond a bound: strength of frames, range of a section model, size of an error bar, energy that eyelets make."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+
+from cosim.base.names import PUT_IN, TERMS
 
 BARS: Final = {
     "tip_m": ("tip", "mm", 1e3),
@@ -15,6 +17,9 @@ BARS: Final = {
     "peak_strain": ("strain of frames", "%", 1e2),
 }
 """Of each figure that has a bar: name, unit, and how many of it are one in SI."""
+_DAMPED: Final = ("damping_J", "air_drag_J", "material_damping_J")
+_SEEN_SHARE: Final = 0.01
+"""Of all energy put in and taken in a phase: less is not worth a warning."""
 _LARGE: Final = 0.25
 """Of a figure: a larger bar is a warning."""
 _CAUSES: Final = {
@@ -97,3 +102,27 @@ def _percent_beyond(value: float, bound: float) -> str:
     """Return a value above a bound in percent, in as many digits as tell it from the bound, at least two."""
     texts = (f"{100.0 * value:.{digits}g}" for digits in range(2, 17))
     return next((text for text in texts if float(text) > float(f"{100.0 * bound:.2g}")), f"{100.0 * value}")
+
+
+def eyelet_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a sentence on the phase in which losses of one way make most, if that exceeds the damping.
+
+    Args:
+        phases: of the summary; energies are those since the start.
+    """
+    before, worst, most = dict.fromkeys(TERMS, 0.0), "", 0.0
+    for phase in phases:
+        energy = phase.get("energy")
+        if not energy:
+            continue
+        here = {name: energy[name] - before[name] for name in TERMS}
+        made, damped = here["eyelets_made_J"], sum(here[name] for name in _DAMPED)
+        passed, before = sum(abs(here[name]) for name in PUT_IN), energy
+        if made > max(most, damped, _SEEN_SHARE * passed):
+            most = made
+            worst = (
+                f"phase '{phase['name']}': eyelets make {1e3 * made:.3g} mJ where cables slide back, more "
+                f"than the {1e3 * damped:.3g} mJ that declared damping takes; losses = 'directed' of the "
+                "robot's [[cable]] opposes the way they slide"
+            )
+    return [worst] if worst else []

@@ -10,7 +10,6 @@ from typing import Any, Final, Literal, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.names import PUT_IN, TERMS
 from cosim.base.state_check import check_state
 from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import InputError
@@ -236,34 +235,6 @@ def swing_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
                     "'bdf2' or a shorter clock.tick_s"
                 ]
     return []
-
-
-_DAMPED = ("damping_J", "air_drag_J", "material_damping_J")
-_SEEN_SHARE = 0.01  # of all energy put in and taken in a phase: less is not worth a warning
-
-
-def eyelet_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
-    """Return a sentence on the phase in which losses of one way make most, if that exceeds the damping.
-
-    Args:
-        phases: of the summary; energies are those since the start.
-    """
-    before, worst, most = dict.fromkeys(TERMS, 0.0), "", 0.0
-    for phase in phases:
-        energy = phase.get("energy")
-        if not energy:
-            continue
-        here = {name: energy[name] - before[name] for name in TERMS}
-        made, damped = here["eyelets_made_J"], sum(here[name] for name in _DAMPED)
-        passed, before = sum(abs(here[name]) for name in PUT_IN), energy
-        if made > max(most, damped, _SEEN_SHARE * passed):
-            most = made
-            worst = (
-                f"phase '{phase['name']}': eyelets make {1e3 * made:.3g} mJ where cables slide back, more "
-                f"than the {1e3 * damped:.3g} mJ that declared damping takes; losses = 'directed' of the "
-                "robot's [[cable]] opposes the way they slide"
-            )
-    return [worst] if worst else []
 
 
 def swing_lines(phases: Sequence[dict[str, Any]]) -> list[str]:
@@ -564,7 +535,7 @@ class SummaryBuilder:
         planned = self._stage.arm
         beyond = [*bounds.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
         beyond += [*swing_warnings(self._phases), *bounds.section_warnings(self._stage.section_model)]
-        beyond += eyelet_warnings(self._phases)
+        beyond += bounds.eyelet_warnings(self._phases)
         beyond += touched.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
         beyond = [*self._missed, *beyond]
         if planned is None:
