@@ -1,4 +1,4 @@
-"""Warnings of figures beyond a bound: strength of frames, range of a section model, size of an error bar, energy that eyelets make."""
+"""Warnings of figures beyond a bound: strength, range of a section model, error bars, energy of eyelets."""
 
 import math
 from collections.abc import Mapping, Sequence
