@@ -177,7 +177,10 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
     if robot.attachments:
         yield "soft_robot.attach", f"has no section model: it is of one stack of units; {_TAKE}"
     if robot.base != (film.FIRST_RING,):
-        yield "soft_robot.base", f"is {list(robot.base)}; a section model needs ['{film.FIRST_RING}'] alone"
+        yield (
+            "soft_robot.base",
+            f"is {list(robot.base)}; a section model needs ['{film.FIRST_RING}'] alone; {_TAKE}",
+        )
     for cable in [cable for cable in robot.cables if cable.eyelet_loss_N > 0.0][:1]:
         yield Fault(
             f"soft_robot.cable.{cable.name}.eyelet_loss_N",
@@ -214,7 +217,7 @@ def _a_section_model_is_held_by_frames(phase: PhaseTable, scenario: Scenario) ->
     frames = robot.stack.frame_rings()
     for key in ("clamp", "release"):
         for ring in [ring for ring in getattr(phase, key) if ring not in frames][:1]:
-            yield key, f"names '{ring}'; a section model holds outer rings and the tip only"
+            yield key, f"names '{ring}'; a section model holds outer rings and the tip only; {_TAKE}"
 
 
 @rule

@@ -76,16 +76,19 @@ class RingFrames:
         copies = len(body.copies)
         if not copies and any("/" in name for name in body.rings):
             raise InputError(
-                "section models are of one stack of units or its copies; this one is attached to"
+                "section models are of one stack of units or its copies; this one is attached to; "
+                "use fidelity = 'lumped'"
             )
         for element in (element for element in body.elements if element.remembers_steps):
-            raise InputError(f"section models have no rates; this soft robot has {element.label}")
+            raise InputError(
+                f"section models have no rates; this soft robot has {element.label}; use fidelity = 'lumped'"
+            )
         own = len(body.base) // max(copies, 1)
         first = body.rings[body.center_rings[0]] if body.center_rings else body.base[:0]
         if not body.frame_rings or set(body.base[:own].tolist()) != set(first.tolist()):
             raise InputError(
                 "section models need frame rings, and a base at the first ring of the centre: a stack of "
-                "units held at unit_1.hole"
+                "units held at unit_1.hole; use fidelity = 'lumped'"
             )
         rings = (*(body.rings[name] for name in body.frame_rings), body.tip)
         if not copies:
@@ -264,7 +267,8 @@ def frames_from_strains(first: Array, values: Array) -> Array:
     for value in values:
         axes = frames[-1][1:].T
         sine = float(np.linalg.norm(value[3:]))
-        turn = rotation_from_vector(value[3:] * (np.arcsin(sine) / sine if sine > 0.0 else 1.0))
+        angle = np.arcsin(min(sine, 1.0))  # frames at right angles may round to a sine above 1
+        turn = rotation_from_vector(value[3:] * (angle / sine if sine > 0.0 else 1.0))
         # u = ((1 + turn) / 2)^T step, seen from the frame before
         step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
         frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))

@@ -124,6 +124,14 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
             "phase.hang.pressure_Pa: is not alike for all copies",
         ),
         ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
+        (
+            {"phase.hang.release": ["unit_1.hole"]},
+            "phase.hang.release: names 'unit_1.hole'; .* and the tip only; use fidelity = 'lumped'",
+        ),
+        (
+            {"soft_robot.base": ["unit_1.outer"]},
+            r"soft_robot.base: is \['unit_1.outer'\]; .* alone; use fidelity = 'lumped'",
+        ),
     ],
 )
 def test_what_a_section_model_leaves_out_is_refused(

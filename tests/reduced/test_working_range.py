@@ -58,10 +58,35 @@ def test_no_bend_is_within_a_range_whose_square_has_fallen_below_zero() -> None:
     assert found.text.startswith("section 2 of 4 (unit_1.outer to unit_2.outer) is bent by ")
 
 
+@pytest.mark.parametrize("end", [0.0, -1e-6])
+def test_no_stretch_is_within_a_range_that_ends_at_the_middle_or_before(end: float) -> None:
+    body = section()
+    straight = body.straight(PRESSURE_Pa)
+    body.set_pressure(PRESSURE_Pa)
+    limit, long = float(body.coefficients[1, HIGH]), strains(straight[:-1], straight[1:])
+    long[1, 2] *= 1.01
+    body.coefficients[1, HIGH] = end  # as a spline through few pressures may be between them
+    try:
+        found = place_in_range(body, frames_from_strains(straight[0], long), PRESSURE_Pa)
+    finally:
+        body.coefficients[1, HIGH] = limit
+    assert found.at_its_end
+    assert found.text.startswith("section 2 of 4 (unit_1.outer to unit_2.outer) is stretched by 1.0 %")
+
+
+def test_frames_at_right_angles_may_round_to_a_sine_above_one() -> None:
+    first = section().straight(PRESSURE_Pa)[0]
+    value = np.array([0.0, 0.0, 0.02, np.nextafter(1.0, 2.0), 0.0, 0.0])
+    frames = frames_from_strains(first, value[None])
+    assert strains(frames[:-1], frames[1:])[0] == pytest.approx(value, abs=1e-12)
+
+
 def test_a_pressure_beyond_the_samples_is_refused() -> None:
     end = section().model.spline.largest_Pa
     check_pressure(section(), end, 0.0, 1)
-    with pytest.raises(OutOfRangeError, match=r"its gas is at 44 kPa, its model ends at 40") as refused:
+    with pytest.raises(
+        OutOfRangeError, match=r"44 kPa, its model ends at 40; use fidelity = 'lumped'"
+    ) as refused:
         check_pressure(section(), 1.1 * end, 0.0, 1)
     assert isinstance(refused.value, ConvergenceError)
     assert refused.value.place.startswith("its gas is at 44 kPa")

@@ -168,7 +168,7 @@ def test_what_falls_onto_a_chain_meets_it_in_rows_as_tick_by_tick(tmp_path: Path
 
 
 def test_without_a_handover_the_run_ends_there(tmp_path: Path) -> None:
-    with pytest.raises(OutOfRangeError, match="the section model ends here"):
+    with pytest.raises(OutOfRangeError, match=r"the section model ends here: .*; use fidelity = 'lumped'"):
         together(run_of(tmp_path, JERK, model__handover=False, contact__only_in_reach=False))
 
 

@@ -11,7 +11,14 @@ from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.solve import chain_step, newton, stability, time_step
-from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range, rates_from_nodes, upright
+from cosim.reduced.solve.clamp import (
+    INSTEAD,
+    FrameClamp,
+    check_pressure,
+    place_in_range,
+    rates_from_nodes,
+    upright,
+)
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -109,7 +116,7 @@ class ChainEquilibria:
             hung = self.solve(self._straight(pressure, flange), clamp, flange, hanging)
             return self.follow(hung, clamp, flange, loads)
         except OutOfRangeError as error:
-            text = f"{error}; take fidelity = 'lumped', or start with more gas"
+            text = f"{error}; or start with more gas"
             raise OutOfRangeError(text, error.residual_N, error.iterations, error.place) from error
 
     def _straight(self, pressure_Pa: float, flange: Pose) -> Array:
@@ -134,7 +141,8 @@ class ChainEquilibria:
                 f"{options.tolerance_N:.3g} N, {found.iterations} iterations"
             )
             if end.at_its_end:
-                raise OutOfRangeError(f"{text}; the section model ends here: {end.text}", *spent, end.text)
+                text = f"{text}; the section model ends here: {end.text}; {INSTEAD}"
+                raise OutOfRangeError(text, *spent, end.text)
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
         film = self._films.film(found.chain, found.pressure_Pa)

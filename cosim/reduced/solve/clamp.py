@@ -6,7 +6,7 @@ Which frames of a chain the flange holds, and where.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
@@ -159,6 +159,8 @@ _AT_ITS_END = 0.95
 
 
 _ROUNDING = 1e-9
+_NO_STRETCH = 1e-100  # what a stretch over it is: finite, and beyond any range
+INSTEAD: Final = "use fidelity = 'lumped', which knows what lies beyond"
 
 
 @final
@@ -194,10 +196,12 @@ def place_in_range(
     section.set_pressure(pressure_Pa)
     values, limits = section.frames.strains(frames), section.coefficients
     stretch = values[:, 2] * section.inverse_length - 1.0
-    # a spline through few pressures may fall below zero between them: no bend is within the range there
+    # a spline through few pressures may leave its sign between them: no bend or stretch is within range there
     bend_end = np.sqrt(np.maximum(limits[:, BENT], np.finfo(float).tiny))
     bend = np.hypot(values[:, 3], values[:, 4])
-    stretch_end = np.where(stretch < 0.0, limits[:, LOW], limits[:, HIGH])
+    stretch_end = np.where(
+        stretch < 0.0, np.minimum(limits[:, LOW], -_NO_STRETCH), np.maximum(limits[:, HIGH], _NO_STRETCH)
+    )
     fractions = np.stack([np.where(bends_only, 0.0, stretch / stretch_end), bend / bend_end])
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
     copy, at = divmod(worst, count := len(stretch) // section.frames.copies)
@@ -229,7 +233,7 @@ def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, 
     end = section.model.spline.largest_Pa
     if pressure_Pa > end * (1.0 + _ROUNDING):
         text = f"its gas is at {1e-3 * pressure_Pa:.4g} kPa, its model ends at {1e-3 * end:.4g}"
-        raise OutOfRangeError(f"the section model ends here: {text}", residual_N, iterations, text)
+        raise OutOfRangeError(f"the section model ends here: {text}; {INSTEAD}", residual_N, iterations, text)
 
 
 def _degrees(sine: float) -> str:

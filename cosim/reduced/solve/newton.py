@@ -222,7 +222,8 @@ class ChainSolver:
         on_rings = np.isin(frames.fraction[self._segments], (0.0, 1.0)).all()
         if not on_rings or (own[self._segments[:, 0]] != far - 1).any():
             raise InputError(
-                "section models need every cable to run from unit to next unit through outer rings"
+                "section models need every cable to run from unit to next unit through outer rings; "
+                "use fidelity = 'lumped'"
             )
         self._far = far.astype(np.int64)
         side = (frames.fraction[self._segments] > 0.5).astype(int)

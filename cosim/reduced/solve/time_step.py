@@ -19,7 +19,7 @@ from scipy.linalg import LinAlgError
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.solve import chain_step
-from cosim.reduced.solve.clamp import FrameClamp, check_pressure, place_in_range
+from cosim.reduced.solve.clamp import INSTEAD, FrameClamp, check_pressure, place_in_range
 from cosim.reduced.solve.newton import ChainSolver, ChainTangent, ChainTask, KeptTangent
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import base_tension, onset
@@ -272,7 +272,7 @@ class ChainStepper:
         ends = (place_in_range(section, x, found.pressure_Pa) for x in (found.frames, begin.frames))
         end = max(ends, key=lambda place: place.fraction)
         if end.at_its_end:
-            text = f"the section model ends here: {end.text}; fidelity = 'lumped' knows what lies beyond"
+            text = f"the section model ends here: {end.text}; {INSTEAD}"
         text += f"; residual {found.residual_N:.3g} N after {found.iterations} iterations"
         if end.at_its_end:
             return OutOfRangeError(text, found.residual_N, found.iterations, end.text)
