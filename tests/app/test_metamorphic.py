@@ -254,22 +254,20 @@ def scaled(table: Any, length: float, force: float, key: str = "") -> Any:
 def scale(rng: np.random.Generator, number: int, folder: Path, record: Record) -> None:
     """All lengths and all forces scale, and the shapes with them.
 
-    What has a size of its own keeps it. In the fourth pair eyelets of a cable meet; in the last one, where
-    forces alone scale, films press on one another. Their differences are recorded, and are below that size.
+    In the third pair films press on one another, and contact scales as well. What has a size of its own
+    keeps it in the last two: eyelets of a cable meet; forces alone scale, and the stiffness of films that
+    press on one another stays. Their differences are recorded, and are below that size.
     """
-    met, pressed = number == PAIRS - 2, number == PAIRS - 1
-    name = "hexagon_arm" if pressed else "square_core_cables" if met else None
+    touching, met, pressed = (number == PAIRS - left for left in (3, 2, 1))
+    name = "hexagon_arm" if pressed else "square_core_cables" if met or touching else None
     plain = drawn(rng, drawn_robot(rng, name), number, gravity_m_s2=[0.0, 0.0, -9.81])
-    (length,), (force,), (phase,) = (
-        numbers(rng, 0.6, 1.6, 1),
-        numbers(rng, 0.5, 2.0, 1),
-        plain.scenario["phase"],
-    )
+    (length,), (force,) = numbers(rng, 0.6, 1.6, 1), numbers(rng, 0.5, 2.0, 1)
+    (phase,) = plain.scenario["phase"]
     if "cable_tension_N" in phase:
         phase["cable_tension_N"] = [(1.0 if met else 0.1) * each for each in phase["cable_tension_N"]]
-    if met:
-        plain.scenario["model"] = {"published": True}
-    if not (met or pressed):  # these are the defaults; films may press on one another here as well
+    if met or touching:
+        plain.scenario["model"] = {"published": met}
+    if not (met or pressed):  # these are the defaults
         plain.scenario["contact"] = {"stiffness_N_m3": 3e8, "smoothing_m": 1e-4, "stick_m": 1e-4}
     if pressed:
         length = 1.0
@@ -281,7 +279,7 @@ def scale(rng: np.random.Generator, number: int, folder: Path, record: Record) -
     for key, value in {"length": length, "force": force, "difference_m": difference}.items():
         record(key, value)
     record("eyelets_apart_m", eyelets_apart(a))
-    if pressed:
+    if touching or pressed:
         assert min(a.self_contacts.max(), b.self_contacts.max()) > 0
     assert (eyelets_apart(a) < EYELETS_MET_M) is met
     if met or pressed:
