@@ -18,8 +18,8 @@ import numpy as np
 from cosim.app import checkpoint, driver, progress, run_files
 from cosim.base import files, kept_parts
 from cosim.cli.screen import Interruption, draw, tell
-from cosim.config import loading, rules, several_arms
-from cosim.config.schema.scenario import RecordingTable, Scenario
+from cosim.config import arm_files, loading, rules, several_arms
+from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
@@ -122,8 +122,15 @@ def run_command(scenario_name: str, assignments: Sequence[str], out: Path | None
     directory = out if out is not None else run_files.default_directory(scenario.name)
     run_files.check_directory(directory)
     if not how.quiet:
-        tell(scenario.title)
+        _tell_begin(scenario.title, [scenario.robot])
     return _execute(scenario, directory, how, resume=False)
+
+
+def _tell_begin(title: str, robots: Sequence[str]) -> None:
+    """Print what is run, and which limits of its arms are assumed."""
+    arms = [robot for robot in dict.fromkeys(robots) if robot != NO_ARM]
+    for line in (title, *(line for arm in arms for line in arm_files.assumed_limits(arm))):
+        tell(line)
 
 
 def warm_up_command(names: Sequence[str]) -> int:
@@ -155,7 +162,7 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
     run_files.check_directory(directory)
     line, kept = TerminalLine(sys.stderr), kept_parts.KeptParts(files.cache_directory())
     if not how.quiet:
-        tell(scenario.title)
+        _tell_begin(scenario.title, [arm.robot for arm in scenario.arms.values()])
     told = _ignore if how.quiet else line.tell
     scenario = driver.prepared_arms(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:

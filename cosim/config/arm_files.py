@@ -143,6 +143,15 @@ def arm_of(chain: Chain, source: ArmSource) -> arm_file.ArmFile:
     return arm_table.on_moving_base(arm, base)
 
 
+def assumed_limits(robot: str) -> list[str]:
+    """Return a line on the limits of an arm that no data sheet states; none for arms whose limits are stated.
+
+    Args:
+        robot: name or path of an arm, see `arm_source`.
+    """
+    return [f"{robot}: {part}" for part in _assumed(arm_source(robot).table.limits.assumed)]
+
+
 def _assumed(limits: tuple[str, ...]) -> list[str]:
     """Return which limits are assumed, as parts of a sentence."""
     return [f"assumed limits, not from a data sheet: {', '.join(limits)}"] if limits else []

@@ -105,6 +105,14 @@ def test_quiet_says_one_line(
     assert capsys.readouterr() == ("", f"completed, no warnings: {out}\n")
 
 
+def test_a_run_says_which_limits_of_its_arm_are_assumed(
+    run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run()
+    shown = capsys.readouterr()
+    assert "ur5e: assumed limits, not from a data sheet: acceleration" in shown.out + shown.err
+
+
 def test_a_run_ends_with_six_lines(
     run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
 ) -> None:
