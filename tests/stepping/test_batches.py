@@ -17,7 +17,12 @@ from tests.stepping.snapshots import assert_close
 
 PHASE = {"name": "inflate", "duration_s": 0.18, "increments": 5, "pressure_Pa": 3e3}
 WAIT = PHASE | {"name": "wait", "duration_s": 0.02}
-CHANGES: dict[str, Any] = {"model.published": True, "fidelity": "rigid", "phase": [PHASE, WAIT]}
+CHANGES: dict[str, Any] = {
+    "model.published": True,
+    "fidelity": "rigid",
+    "clock.tick_s": 0.002,
+    "phase": [PHASE, WAIT],
+}
 
 
 def simulation(**changes: Any) -> Any:
