@@ -27,7 +27,7 @@ SAVED_OTHERWISE = {
     "ContactQuery": "poses, read anew for every search",
     "EquilibriumSolver": "iterations of the search in progress",
     "ErrorFinder": "ends of phases that this part of a run has seen; errors of other phases are left out",
-    "FilmLook": "lists that are made anew where they do not serve; what is found does not depend on them",
+    "_BehindSearch": "lists that are made anew where they do not serve; what is found does not depend on them",
     "FilmSides": "what is solved in a step, worked out anew for steps of another kind",
     "FilmShapes": "figures of shapes that never change",
     "FineTicks": "how many ticks are fine ones at least, by the staggered scheme",
@@ -55,6 +55,7 @@ SAVED_OTHERWISE = {
     "ShiftSearch": "where a search begins; what it finds does not depend on it",
     "SoftSystem": "workspace; NewtonSolver saves the gradient, which is read later",
     "StepLoads": "what it has applied for the length of a step of MuJoCo",
+    "StepsInProgress": "loads of steps of MuJoCo that are in progress; nothing is saved inside of one",
     "Stream": "what has come from a robot; a twin is not saved",
     "Streams": "what has come from a robot; a twin is not saved",
     "SceneOfArms": "of runs of several arms, which are not saved",
@@ -63,6 +64,7 @@ SAVED_OTHERWISE = {
     "TickReferences": "worked out anew from the phase",
     "_Contents": "lives while a file is read",
     "TicksTaken": "what ticks in progress leave",
+    "TickWork": "lives for one tick",
     "_Watch": "lives while a run is planned",
 }
 

@@ -31,7 +31,7 @@ from tests.derivatives import differences, relative_error
 PULLED: dict[str, Any] = {
     "model.published": False,
     "gravity_m_s2": [0.0, 0.0, 4.0],
-    "solver.residual_tolerance_N": 1e-9,
+    "solver.residual_tolerance_N": 1e-10,
     "contact.self_contact": False,
     "soft_robot.cable.corner_0.capstan_factor": 0.9,
     "soft_robot.stack.mesh": "drawn",

@@ -170,7 +170,7 @@ def changed(value: Any) -> Any:
 
 def test_every_field_of_a_body_and_of_its_elements_changes_its_name() -> None:
     one = copies(hexagon_arm(2), (Pose(),))
-    body = replace(damped(hexagon_arm(2)), chambers=one.chambers, copies=one.copies)
+    body = replace(damped(hexagon_arm(2)), chambers=one.chambers, copies=one.copies, tip_along=np.ones(3))
     names = {content_name(body)}
     bodies = [
         replace(body, **{field.name: changed(getattr(body, field.name))})

@@ -70,7 +70,7 @@ def test_a_light_ball_takes_the_impulse_that_the_film_gives(dropped: Any, scheme
     assert given[2] - weight == pytest.approx(MASS_kg * (velocity[-1] - velocity[0])[2], rel=1e-6)
     arriving = MASS_kg * np.sqrt(2.0 * 9.81 * DROP_M)
     assert 0.5 * arriving < given[2] < 2.0 * arriving + weight
-    assert result.summary["max_contact_ratio"] > 10.0
+    assert result.summary["max_contact_ratio"] > 5.0  # of pieces of a tick, where the film is hit
     assert result.summary["max_momentum_error"] < 1e-10
     # the film hardly feels a gram: before, the tip moved by 8 mm
     assert np.ptp(result.tip_position, axis=0).max() < 5e-4
