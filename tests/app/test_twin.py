@@ -267,7 +267,7 @@ def test_a_reading_that_arrives_late_does_not_undo_a_newer_one(scenario: str) ->
 
 
 def test_readings_faster_than_the_joints_are_named(scenario: str, tmp_path: Path) -> None:
-    there = [HOME[0] + 0.08, *HOME[1:]]
+    there = [*HOME[:-1], HOME[-1] + 0.2]
     readings = [{"time_s": 0.0, "joint_position": [*HOME]}, {"time_s": 0.02, "joint_position": there}]
     with cosim.Twin(simulated(scenario), [lines(tmp_path / "told.jsonl", readings)]) as twin:
         list(twin)
