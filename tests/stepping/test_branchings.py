@@ -94,8 +94,9 @@ def test_a_phase_that_ends_near_its_branching_says_so(caplog: pytest.LogCaptureF
 def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
     summary = pouch(clock__tick_s=0.004, phase__inflate__settle_s=8.0).summary
     (found,) = large(summary)
-    assert summary["phases"][-1]["stability"] == "after a branching"
-    assert abs(found["tip_m"][1]) > 0.01, "rounding decides on the place, but it is aside"
+    # rounding decides on the place, and some places are near neutral; but it is aside
+    assert summary["phases"][-1]["stability"] in ("after a branching", "near neutral")
+    assert abs(found["tip_m"][1]) > 0.01
     (warning,) = (text for text in summary["warnings"] if "rounding" in text)
     assert "comes to rest with its tip at" in warning
 
