@@ -31,14 +31,16 @@ _CAUSES: Final = {
 
 
 def bar_warnings(phases: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a warning for each phase with error bars above a quarter of their figures, and the cause.
+    """Return a warning for phases with error bars above a quarter of their figures, and the cause.
+
+    Phases with the same figures and bars share one.
 
     Bars of tip and sag are compared with the length.
 
     Args:
         phases: of a summary, with their `error`.
     """
-    found = []
+    found: dict[str, list[str]] = {}
     for phase in phases:
         bars = phase.get("error")
         if bars is None or bars["reason"]:
@@ -54,10 +56,11 @@ def bar_warnings(phases: Sequence[Mapping[str, Any]]) -> list[str]:
         key = max(large, key=lambda key: bars[key] / max(large[key], 1e-300))
         parts = {part: bars.get(part, {}).get(key, 0.0) for part in _CAUSES}
         cause = _CAUSES[max(parts, key=lambda part: parts[part])]
-        found.append(
-            f"at the end of phase '{phase['name']}' figures may be far off: {', '.join(texts)}; {cause}"
-        )
-    return found
+        found.setdefault(f"{', '.join(texts)}; {cause}", []).append(f"'{phase['name']}'")
+    return [
+        f"at the end of phase{'s' * (len(names) > 1)} {', '.join(names)} figures may be far off: {text}"
+        for text, names in found.items()
+    ]
 
 
 def _figure(phase: Mapping[str, Any], key: str) -> float:
