@@ -118,7 +118,13 @@ def test_the_joints_of_an_arm_are_read_after_every_tick() -> None:
         {"name": "motors", "kind": "joint_torque"},
         {"name": "late", "kind": "joint_torque", "delay_s": 0.004},
     ]
-    changes = {"phase": [], "fidelity": "rigid", "contact.enabled": False, "sensor": sensors}
+    changes = {
+        "phase": [],
+        "fidelity": "rigid",
+        "clock.tick_s": 0.002,
+        "contact.enabled": False,
+        "sensor": sensors,
+    }
     here = cosim.Simulation("ur5e_hexagon_arm", overrides=changes)
     held = here.measure().joint_torque
     assert np.abs(held).max() > 10.0  # N m, of the arm's weight

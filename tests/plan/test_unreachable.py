@@ -96,7 +96,7 @@ def stiff_wrist(folder: Path, turns_rad: float) -> Arm:
     """Return a UR5e whose last joint turns by so much either way, and no more."""
     table = arm_path("ur5e").read_text(encoding="utf-8").replace("ur5e.urdf", str(find_arm("ur5e").path))
     limits = f"[limits]\nlower = [-3, -3, -3, -3, -3, -{turns_rad}]\nupper = [3, 3, 3, 3, 3, {turns_rad}]\n"
-    (folder / "arm.toml").write_text(f"{table}\n{limits}", encoding="utf-8")
+    (folder / "arm.toml").write_text(table.replace("[limits]\n", limits), encoding="utf-8")
     return Arm(find_arm(str(folder / "arm.toml")))
 
 
