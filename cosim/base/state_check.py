@@ -107,6 +107,8 @@ class _Check:
             hint = Any
         if get_origin(hint) in (Union, types.UnionType):
             self._check_union(found, present, hint, place, letters)
+        elif hint is Any and isinstance(present, bool | int | float | str):
+            self._check_value(found, present, hint, place)
         elif isinstance(found, np.ndarray):
             self._check_array(found, present, hint, sizes, place, letters)
         elif isinstance(found, tuple | list):
@@ -116,10 +118,13 @@ class _Check:
         elif is_dataclass(found):
             self._check_instance(found, present, hint, place)
         else:
-            _check_value(found, present, hint, place)
-            known = isinstance(present, float) and not math.isfinite(present)
-            if self._finite and isinstance(found, float) and not math.isfinite(found) and not known:
-                raise InputError(f"{place} is {found}")
+            self._check_value(found, present, hint, place)
+
+    def _check_value(self, found: Any, present: Any, hint: Any, place: str) -> None:
+        _check_value(found, present, hint, place)
+        known = isinstance(present, float) and not math.isfinite(present)
+        if self._finite and isinstance(found, float) and not math.isfinite(found) and not known:
+            raise InputError(f"{place} is {found}")
 
     def _check_union(self, found: Any, present: Any, hint: Any, place: str, letters: dict[str, int]) -> None:
         failures = []

@@ -35,7 +35,7 @@ _LOSSES: Final = {*_SOLVER, "soft_robot.film.loss_factor"}
 _LOSS_STEP: Final = 1e-3  # forces are linear in a loss; with less, a state moves by its rounding only
 _ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass; what is linear in it does not mind
 _STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
-_SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.0, "gas_mass_kg": 0.0}
+_SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.01, "gas_mass_kg": 0.0}
 """Of a parameter that is 0, or nearly, instead of itself."""
 
 _STRAIGHT: Final = ("young_modulus_Pa", "density_kg_m3", "node_mass_kg", "stiffness_factor")

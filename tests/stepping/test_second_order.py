@@ -56,7 +56,8 @@ def test_tip_flange_and_force_are_of_second_order(tmp_path: Path, scheme: str) -
 
 def test_ticks_take_little_of_a_jerk() -> None:
     jerk = {"name": "jerk", "duration_s": 0.1, "settle_s": 0.5, "flange_shift_m": [0.03, 0.0, 0.0]}
-    summary = cosim.run("ur5e_hexagon_arm", overrides={"start.pressure_Pa": 20e3, "phase": [jerk]}).summary
+    changed = {"clock.tick_s": 0.002, "start.pressure_Pa": 20e3, "phase": [jerk]}
+    summary = cosim.run("ur5e_hexagon_arm", overrides=changed).summary
     energy = summary["phases"][-1]["energy"]
     lost = sum(energy[name] for name in ("damping_J", "air_drag_J", "numerical_J"))
     assert 0.0 < energy["numerical_J"] < 0.05 * lost

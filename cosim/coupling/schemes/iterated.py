@@ -326,7 +326,7 @@ class IteratedCoupling(Coupling):
 
         last, owed = vector.answered(), vector.from_world(self._left_over)
         search = InterfaceSearch(interface, vector, rigid_half, loads[0], self._options, self._inverse)
-        with interface.soft.work.tick():
+        with interface.soft.work:
             found = search.run(self._expected(vector, last) + owed, last, owed)
         acted = vector.wrench(found.load)
         interface.take_reply(taken, found.reply, np.concatenate([acted.force, acted.torque]))

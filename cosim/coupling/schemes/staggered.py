@@ -320,7 +320,7 @@ class StaggeredCoupling(Coupling):
             return taken
         self.follow()
         interface.scene.stepped(taken.ticks.flange(taken.done))
-        with interface.soft.work.tick():
+        with interface.soft.work:
             interface.take_reply(taken, interface.advance_soft(loads))
         self._fine.look()
         return taken
@@ -374,7 +374,7 @@ class StaggeredCoupling(Coupling):
         most = interface.ticks_to_weighing
         if self._fine.left:
             self._halves.end(taken)
-            with interface.soft.work.tick():
+            with interface.soft.work:
                 self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
             return not self._halves.plain
         done, ending = self._halves.take(rigid, servos.some(0, most), loads[:most], taken)
@@ -387,7 +387,7 @@ class StaggeredCoupling(Coupling):
             return True
         self._halves.end(taken)
         interface.scene.stepped(taken.ticks.flange(taken.done))
-        with interface.soft.work.tick():
+        with interface.soft.work:
             interface.take_reply(taken, interface.advance_soft(loads[done]))
         self._fine.look()
         return not self._halves.plain and interface.soft.rowing is self._rowing

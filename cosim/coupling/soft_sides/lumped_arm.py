@@ -230,7 +230,7 @@ class SoftArm(soft_side.SoftSide):
         self._begin = (begin, self._flange_before, self._piece_s)
         self._work = [0.0, 0.0]
         try:
-            with self.work.tick():
+            with self.work:
                 iterations = self._march(begin, end, step_s, aim)
         except BaseException:
             self.state = before

@@ -246,7 +246,7 @@ class SectionArm(soft_side.SoftSide):
         self._begin = (self._last, self._flange, self._loads)
         try:
             drives, stepper = (self._begin[1:], (flange, loads)), (self._step, self.restart, self.work)
-            with self.work.tick():
+            with self.work:
                 iterations = soft_side.step_or_halves(stepper, *drives, step_s, aim, self.final)
         except BaseException:
             self._last = self._begin[0]

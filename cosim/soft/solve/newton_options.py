@@ -109,20 +109,17 @@ class TickWork:
 
     def __init__(self) -> None:
         self.iterations = self.divisions = 0
-        self._within = False
+        self._depth = 0
 
-    @contextmanager
-    def tick(self) -> Iterator[None]:
-        """Take one tick, or a part of the one in progress."""
-        if self._within:
-            yield
-            return
-        self.iterations = self.divisions = 0
-        self._within = True
-        try:
-            yield
-        finally:
-            self._within = False
+    def __enter__(self) -> None:
+        """Begin one tick, or a part of the one in progress."""
+        if not self._depth:
+            self.iterations = self.divisions = 0
+        self._depth += 1
+
+    def __exit__(self, *_raised: object) -> None:
+        """End what was begun last."""
+        self._depth -= 1
 
     def spend(self, iterations: int, residual_N: float) -> None:
         """Count iterations with a new tangent, and further attempts to factorise one.
@@ -135,7 +132,7 @@ class TickWork:
             TickWorkError: no more are left.
         """
         self.iterations += iterations
-        if self._within and self.iterations > TICK_ITERATIONS_MAX:
+        if self._depth and self.iterations > TICK_ITERATIONS_MAX:
             raise self._used_up(f"{TICK_ITERATIONS_MAX} new tangents", residual_N)
 
     def divide(self, residual_N: float) -> None:
@@ -148,7 +145,7 @@ class TickWork:
             TickWorkError: no more are left.
         """
         self.divisions += 1
-        if self._within and self.divisions > TICK_DIVISIONS_MAX:
+        if self._depth and self.divisions > TICK_DIVISIONS_MAX:
             raise self._used_up(f"{TICK_DIVISIONS_MAX} divisions of its steps", residual_N)
 
     def _used_up(self, what: str, residual_N: float) -> TickWorkError:
