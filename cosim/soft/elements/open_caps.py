@@ -192,6 +192,10 @@ class OpenCapSolver(LinearSolver):
         return self._closed
 
     @property
+    def multiplications(self) -> float:
+        return self._closed.multiplications
+
+    @property
     def rims(self) -> RimArrays | None:
         """What kernels take to make the factorisation again; None where they cannot."""
         closed, correction, known = self._closed, self._correction, self._known

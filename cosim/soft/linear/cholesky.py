@@ -157,6 +157,10 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         return len(self._store) / max(self.size, 1)
 
     @property
+    def multiplications(self) -> float:
+        return self.size * self.mean_width**2
+
+    @property
     def apart(self) -> IntArray:
         return np.ascontiguousarray(self._table[:, linear_solver.NODE])
 
@@ -332,8 +336,13 @@ class DissectedCholesky(linear_solver.LinearSolver):
         self._here, self._there = np.empty(widest), np.empty(max(widest, COLUMNS))
         self._stack = np.empty(tree.stack)
         self._store = np.empty(int(tree.start[-1]))
+        self._multiplications = float((own * (own + count) ** 2).sum())
         self._lent = False
         self._known = KnownStates()
+
+    @property
+    def multiplications(self) -> float:
+        return self._multiplications
 
     def _place_entries(self, number: IntArray) -> None:
         """Find where each entry of the matrix goes, front by front."""

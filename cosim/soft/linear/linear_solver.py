@@ -222,6 +222,11 @@ class LinearSolver(ABC):
         return True
 
     @property
+    def multiplications(self) -> float:
+        """About how many a factorisation takes."""
+        return float(self.pattern.blocks)
+
+    @property
     def correction(self) -> Correction | None:
         """By the dense terms; None without any."""
         return self._correction

@@ -259,7 +259,8 @@ class NewtonSolver:
                 return Outcome.CONVERGED
             self.watch(solution.tangents + solution.reused)
             if self.tick_work is not None and solution.task.inertia is not None:
-                self.tick_work.spend(solution.factorised - counted, solution.residual)
+                weight = max(1.0, self.linear.multiplications / self._narrow.multiplications)
+                self.tick_work.spend(weight * (solution.factorised - counted), solution.residual)
                 counted = solution.factorised
             parts = side.work.parts[: len(side.film.parts) - 1]
             asking = np.flatnonzero(parts[:, ASKS])

@@ -99,7 +99,10 @@ class NewtonResult:
 
 
 TICK_ITERATIONS_MAX: Final = 1000
-"""New tangents of one tick, further attempts to factorise one counted, before it is given up."""
+"""New tangents of one tick, further attempts to factorise one counted, before it is given up.
+
+One that contact ties together counts by its multiplications over those of the film alone.
+"""
 TICK_DIVISIONS_MAX: Final = 64
 
 
@@ -108,24 +111,24 @@ class TickWork:
     """Bounds the work on one tick, whatever repeats or divides its steps; by counts, which repeat."""
 
     def __init__(self) -> None:
-        self.iterations = self.divisions = 0
+        self.iterations, self.divisions = 0.0, 0
         self._depth = 0
 
     def __enter__(self) -> None:
         """Begin one tick, or a part of the one in progress."""
         if not self._depth:
-            self.iterations = self.divisions = 0
+            self.iterations, self.divisions = 0.0, 0
         self._depth += 1
 
     def __exit__(self, *_raised: object) -> None:
         """End what was begun last."""
         self._depth -= 1
 
-    def spend(self, iterations: int, residual_N: float) -> None:
+    def spend(self, iterations: float, residual_N: float) -> None:
         """Count iterations with a new tangent, and further attempts to factorise one.
 
         Args:
-            iterations: since the last call.
+            iterations: since the last call, in factorisations of a film that nothing touches.
             residual_N: largest out-of-balance component that is left.
 
         Raises:
@@ -133,7 +136,8 @@ class TickWork:
         """
         self.iterations += iterations
         if self._depth and self.iterations > TICK_ITERATIONS_MAX:
-            raise self._used_up(f"{TICK_ITERATIONS_MAX} new tangents", residual_N)
+            what = f"{TICK_ITERATIONS_MAX} new tangents (those of films in contact count for more)"
+            raise self._used_up(what, residual_N)
 
     def divide(self, residual_N: float) -> None:
         """Count a division of a step.
@@ -155,7 +159,7 @@ class TickWork:
             "jump), take a shorter tick (clock.tick_s; the timestep of an attached model), or raise "
             "solver.damping_per_s",
             residual_N,
-            self.iterations,
+            round(self.iterations),
         )
 
 
