@@ -124,7 +124,10 @@ def _check_built(path: Path) -> str:
     from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot, left_to_runs
 
     if isinstance(found, studies.StudyTable):
+        from cosim.sweeps.figure_names import check_figures
+
         check_designs(found)
+        check_figures(found)
         return ""
     if isinstance(found, ArmsScenario):
         check_arms(found)

@@ -236,7 +236,8 @@ def solved_phases(scenario: Scenario, soft: SoftSide) -> SolvedPhases:
         holding.apply(soft, here.world_from_flange)
         gas.begin(rule, soft)
         begin = gas.filled(command.unsealed())
-        here = replace(here, loads=loads_of(begin, gravity))
+        # films that press at its equilibrium go on doing so: without them it may not be stable
+        here = replace(here, loads=replace(loads_of(begin, gravity), self_contact=here.loads.self_contact))
         end = _end_command(begin, phase, soft.body, sides)
         loads = here.loads if end is begin else loads_of(end, gravity)
         with soft.searching(flange_key(phase)):

@@ -39,6 +39,7 @@ from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
 from cosim.sweeps import table as tables
 from cosim.sweeps.engines import PROCESSES, Engine, rows_of
+from cosim.sweeps.figure_names import check_figures
 from cosim.sweeps.table import LOST, TABLE, Design, Measure, Row, Task
 from cosim.telemetry.summary import reason_of
 
@@ -382,6 +383,8 @@ def sweep(
         raise InputError("measure: is given in the study as well; leave it out in one of them")
     if measure is not None and isinstance(engine, str):
         tables.check_travels(measure)
+    if measure is None:
+        check_figures(table)
     chosen = Engine(engine, workers)
     function = tables.measure_named(table.measure) if table.measure is not None else measure
     name = f"sweep_{Path(table.scenario).stem}" if isinstance(study, Mapping) else Path(study).stem

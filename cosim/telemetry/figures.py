@@ -450,6 +450,21 @@ def undecided_warnings(branchings: list[dict[str, Any]]) -> list[str]:
     ]
 
 
+def target_lines(phases: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a sentence on how far the tip ends off its targets, the largest over the phases, if any.
+
+    Args:
+        phases: of the summary.
+    """
+    texts = []
+    for key, scale, unit in (("tip_error_m", 1e3, "mm"), ("tip_angle_error_rad", 180.0 / math.pi, "degrees")):
+        known = {phase["name"]: phase[key] for phase in phases if phase.get(key) is not None}
+        if known:
+            worst = max(known, key=lambda name: known[name])
+            texts.append(f"{scale * known[worst]:.3g} {unit} (phase '{worst}')")
+    return [f"tip off by {' and '.join(texts)}"] if texts else []
+
+
 def branching_lines(branchings: list[dict[str, Any]]) -> list[str]:
     """Return a sentence on each large branching in statics, and one on those that move little.
 

@@ -103,7 +103,7 @@ _WIDTH: Final = len("stability: ")
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
-    """Return the six lines that end a run on screen; with a handover one more, and one for each object.
+    """Return the lines that end a run on screen: six, one for tip targets, a handover, and each object.
 
     Args:
         summary: of the run.
@@ -115,6 +115,7 @@ def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence
         ("stability", stability_line(summary)),
         ("overlap", overlap_line(summary)),
         *([("handover", handover_line(summary["handover"]))] if summary["handover"] else []),
+        *(("target", text) for text in figures.target_lines(summary["phases"])),
         *(("object", text) for text in holding.object_lines(summary["objects"])),
         ("error", error_line(summary)),
         ("warnings", warnings_line(summary)),
@@ -301,6 +302,7 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
         *(f"- contact: {line}" for line in touched.touched_lines(summary["touched"])),
         *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
+        *(f"- target: {line}" for line in figures.target_lines(summary["phases"])),
         *(f"- object: {line}" for line in holding.object_lines(summary["objects"])),
         f"- error: {error_line(summary)}",
         *figures.arm_table(summary["arm"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,10 @@ import pytest
 import cosim
 from benchmarks import tip_targets
 from benchmarks.tip_targets import BOUNDS, measure, summary
+from cosim.base.kept_parts import KeptParts
+from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.soft.solve.state import Equilibrium
+from cosim.telemetry.summary import closing_lines
 from tests.small_section import on_a_ur5e
 
 
@@ -53,3 +58,35 @@ def test_how_far_the_direction_is_off_is_in_the_summary(tmp_path: Path) -> None:
     off = float(np.arccos(run.tip_direction[-1] @ wanted))
     assert turned["tip_angle_error_rad"] == pytest.approx(off, abs=1e-7)
     assert turned["tip_angle_error_rad"] > 0.0
+    (line,) = [line for line in closing_lines(run.summary, tmp_path, []) if line.startswith("target: ")]
+    assert line.endswith(f" and {np.degrees(off):.3g} degrees (phase 'turned')")
+
+
+ACROSS = """
+[[phase]]                       # horizontal: units press on one another where the arm sags
+name = "across"
+duration_s = 1.6
+flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -1.4 }
+
+[[phase]]
+name = "reach"
+duration_s = 0.6
+tip_target = { position_m = [0.5, 0.02, 0.5] }
+"""
+
+
+def test_a_search_begins_with_the_films_that_press(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begins: list[Equilibrium] = []
+    find = SoftArm.find_flange_pose
+
+    def noting(soft: SoftArm, begin: Equilibrium, *wanted: Any) -> Equilibrium:
+        begins.append(begin)
+        return find(soft, begin, *wanted)
+
+    monkeypatch.setattr(SoftArm, "find_flange_pose", noting)
+    file = tmp_path / "across.toml"
+    file.write_text(on_a_ur5e(15e3, ACROSS, robot='"square_core"', published=False), encoding="utf-8")
+    cosim.Simulation(file, overrides={"fidelity": "lumped"}, kept=KeptParts())  # none from disk
+    (begin,) = begins
+    assert begin.state.touching is not None
+    assert begin.loads.self_contact is not None  # without it, an arm folded on itself is not stable

@@ -15,7 +15,9 @@ from pyarrow import parquet
 
 import cosim
 from cosim.cli.main import main, sweep_line
+from cosim.config import studies
 from cosim.sweeps import sweeping as worker
+from cosim.sweeps.figure_names import check_figures
 from cosim.sweeps.sweeping import SweepProgress
 
 SET = {"phase.start.increments": 1, "phase.inflate.increments": 2}
@@ -155,6 +157,34 @@ def test_figures_are_chosen_by_name(executor: Executor, tmp_path: Path) -> None:
     ]  # fmt: skip
     with pytest.raises(cosim.InputError, match="no design has 'tip'; there are"):
         cosim.sweep({**STUDY, "figures": ["tip"]}, out=tmp_path, engine=executor)
+
+
+def test_a_figure_that_no_run_has_is_refused_before_anything_runs(
+    runs: list[Any], executor: Executor, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ["max_contact_force", "phases.inflat.sag_m", "tip_error_m"]  # the last phase has no target
+    with pytest.raises(cosim.InputError, match="no design has 'max_contact_force'"):
+        cosim.sweep({**STUDY, "figures": names}, out=tmp_path / "out", engine=executor)
+    assert not runs
+    study = tmp_path / "study.toml"
+    grid = "[grid]\nphase.inflate.pressure_Pa = [8e3, 9e3]\n"
+    study.write_text(f"scenario = 'three_unit_inflation'\nfigures = {names}\n{grid}", "utf-8")
+    assert main(["check", str(study)]) == 2
+    told = capsys.readouterr().out.splitlines()
+    assert [line.split("'")[1] for line in told] == names
+    assert told[0].endswith("did you mean 'max_contact_force_N'?")
+    assert told[1].endswith("did you mean 'phases.inflate.sag_m'?")
+    study.write_text(f"scenario = 'three_unit_inflation'\nfigures = ['sag_m']\n{grid}", "utf-8")
+    assert main(["check", str(study)]) == 0
+
+
+def test_all_figures_of_a_run_are_known_before_it(executor: Executor, tmp_path: Path) -> None:
+    cosim.sweep(STUDY, out=tmp_path, engine=executor)
+    frame = cosim.open_sweep(tmp_path)
+    there = [name for name in frame.columns if name not in {"design", "status", "reason", "identity"}]
+    figures = [name for name in there if name not in STUDY["grid"]]
+    figures += [f"phases.{phase}" for phase in ("start", "inflate")]
+    check_figures(studies.load_study({**STUDY, "figures": figures}))
 
 
 def test_a_measure_of_ones_own_adds_columns(executor: Executor, runs: list[Any], tmp_path: Path) -> None:
