@@ -36,7 +36,7 @@ def drawn_pattern(table: PatternTable, base: str, framed: bool = False) -> Named
     if framed != bool(pattern.frames):
         lines = ", ".join(line.where for line in pattern.frames) or "layer FRAME has no lines"
         raise MeshError(f"{lines}: [stiffener] with kind = 'beam' and lines of layer FRAME need one another")
-    return inflatable(flat_film(pattern), pattern, placing(table, base))
+    return inflatable(flat_film(pattern, table.along), pattern, placing(table, base))
 
 
 def placing(table: PatternTable, base: str) -> Placing:

@@ -54,7 +54,7 @@ def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) 
             table = _robot_pattern(name)
             drawing = None if table.file is None else read_drawing(Path(table.file), table.unit)
         pattern = cut_pattern(table, drawing)
-        film = flat_film(pattern)
+        film = flat_film(pattern, table.along)
     except MeshError as error:
         raise InputError(str(error)) from None
     for line in _lines(pattern, film, drawing):

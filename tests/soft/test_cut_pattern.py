@@ -208,6 +208,25 @@ def test_arcs_bulges_splines_and_nested_blocks_are_drawn_out(tmp_path: Path) -> 
     assert outline_length(film) == pytest.approx(2.0 * math.pi * 0.02 + 0.08, rel=5e-3)
 
 
+@pytest.mark.parametrize("along", ["+x", "-x", "-y"])
+def test_a_turned_drawing_gives_the_same_film(along: str, tmp_path: Path) -> None:
+    turn = {"+x": lambda x, y: (y, -x), "-x": lambda x, y: (-y, x), "-y": lambda x, y: (-x, -y)}[along]
+
+    def film(along: str, place: Any) -> Any:
+        sheet = Sheet()
+        for layer in ("CUT", "SEAL"):
+            sheet.line(layer, [place(x, y) for x, y in rectangle()], close=True)
+        sheet.line("SEAL", [place(10.0, 30.0), place(30.0, 50.0)])  # no axis of symmetry is left
+        sheet.line("BASE", [place(0.0, 0.0), place(WIDTH, 0.0)])
+        sheet.line("TIP", [place(0.0, LENGTH), place(WIDTH, LENGTH)]).port(*place(20.0, 60.0))
+        sets = (PatternSetTable("base", layer="BASE"), PatternSetTable("tip", layer="TIP"))
+        return drawn_pattern(sheet.table(tmp_path, sets=sets, along=along), "base")
+
+    upright, turned = film("+y", lambda x, y: (x, y)), film(along, turn)
+    assert np.array_equal(turned.triangles, upright.triangles)
+    assert turned.positions == pytest.approx(upright.positions, abs=1e-9)  # the drawing's own rounding
+
+
 def test_a_spline_keeps_its_length(tmp_path: Path) -> None:
     sheet = Sheet()
     sheet.space.add_spline([(0.0, 0.0), (30.0, 20.0), (60.0, 0.0)], dxfattribs={"layer": "CUT"})

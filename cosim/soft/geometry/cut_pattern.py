@@ -148,8 +148,12 @@ class FlatFilm:
     frames: tuple[IntArray, ...] = ()
 
 
-def flat_film(pattern: CutPattern) -> FlatFilm:
+def flat_film(pattern: CutPattern, along: str = "+y") -> FlatFilm:
     """Return the mesh of a pattern's sheets, with the chambers that its ports lead into.
+
+    Args:
+        pattern: drawn.
+        along: direction of the drawing that the mesh follows, so that a turned drawing gives the same film.
 
     Raises:
         MeshError: lines are open, cross themselves or lie outside the outline, a port is in no chamber, a
@@ -170,7 +174,7 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     corners = [line.points for choice in pattern.sets if choice.corners_only for line in choice.lines]
     points = np.concatenate([np.zeros((0, 2)), *corners])
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
-    mesh = mesh_sheet(sheet, lines, points, edge_m)
+    mesh = _meshed_along(along, pattern, points)
     for flat in lines:
         if flat.kind == LineKind.SEAL:
             _check_followed(flat.points, mesh, edge_m)
@@ -190,6 +194,24 @@ def flat_film(pattern: CutPattern) -> FlatFilm:
     if pattern.pair_height_m and not joined.any():
         raise MeshError("pair_height_m is set, but no hole is open: draw one in the middle, or omit it")
     return FlatFilm(mesh, chamber, shared, joined, _panel(mesh, chamber, joined), sets, frames)
+
+
+def _meshed_along(along: str, pattern: CutPattern, points: Array) -> FlatMesh:
+    """Return the mesh of a pattern's sheets, made with a direction of the drawing as +y."""
+
+    def turned(lines: Sequence[DrawnLine]) -> tuple[DrawnLine, ...]:
+        return tuple(replace(line, points=_turned(line.points, along)) for line in lines)
+
+    kinds = ("cut", "holes", "seal", "folds", "frames", "ports")
+    sets = tuple(replace(choice, lines=turned(choice.lines)) for choice in pattern.sets)
+    changes: dict[str, Any] = {kind: turned(getattr(pattern, kind)) for kind in kinds}
+    pattern = replace(pattern, sets=sets, **changes)
+    sheet = sheet_within((*pattern.cut, *pattern.holes))
+    lines = _lines(pattern, sheet)
+    edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
+    mesh = mesh_sheet(sheet, lines, _turned(points, along), edge_m)
+    back = {"+x": "-x", "-x": "+x"}.get(along, along)
+    return replace(mesh, positions=_turned(mesh.positions, back))
 
 
 def _lines(pattern: CutPattern, sheet: Any) -> list[FlatLine]:
