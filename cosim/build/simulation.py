@@ -28,7 +28,7 @@ from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan import arm_limits, clearance, section_plan
 from cosim.plan.clearance import check_base, checked_start, drawn_payload
-from cosim.plan.decision import CONTACT, ONLY_IN_REACH, Choices, Decision
+from cosim.plan.decision import CONTACT, ONLY_IN_REACH, OTHER_FILMS, Choices, Decision
 from cosim.plan.plan import Plan
 from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
 from cosim.soft.body.body import SoftBody
@@ -151,7 +151,8 @@ def build_arms(
         rest = [each for each in all_planned.values() if each is not one]
         compile_own = partial(kernel_modules.compile_contact, tell, one.scenario)
         with several_arms.of_arm(name):
-            arranged = _carried(one, None, compile_own, SharedArm, rest)
+            plan, carrier, modelled, planned, arm = _carried(one, None, compile_own, SharedArm, rest)
+            arranged = plan, carrier, (*modelled, OTHER_FILMS), planned, arm
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     for run in runs.values():  # each begins, and is shown, with the others where they begin

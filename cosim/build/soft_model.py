@@ -26,11 +26,10 @@ from cosim.plan.motion import pose_of
 from cosim.reduced.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionBody, SectionModel
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import CLOSED_FRACTION
 from cosim.soft.solve.self_contact import FilmContactLaw
-from cosim.stepping.parts import film_law
+from cosim.stepping.parts import film_law, meetings
 
 _SHORT, _SHORT_SEARCH = 40, 600  # iterations from a shape nearby: what needs more is not near
 _MOST_OFF = 0.05  # of the length, of the tip from the film's where both have an equilibrium
@@ -55,7 +54,7 @@ def section_model(
         body = soft_body.build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
     body, largest, films = _one_way(body), largest_covered(scenario), film_law(scenario)
     if films is not None:  # friction has no energy; most samples have units that press
-        films = replace(films, friction=0.0, throughout=True) if FilmFaces.of(body).can_meet else None
+        films = replace(films, friction=0.0, throughout=True) if meetings(body) else None
     fold = "_folds" if robot.copies is not None else ""
     path = cache_directory() / f"section_model_{content_hash(body, largest, films)}{fold}.kept"
     model = kept(path, state_archive.unpacking(SectionModel))

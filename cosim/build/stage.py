@@ -32,9 +32,9 @@ from cosim.reduced.section_model import SectionModel
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.body.places import parents
-from cosim.soft.contact.self_contact_faces import FilmFaces
+from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.solve import assembly, state
-from cosim.stepping.parts import Parts, film_report
+from cosim.stepping.parts import Parts, film_report, meetings
 from cosim.telemetry.energy import EnergyParts
 from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, ObjectInfo, RunInfo
 
@@ -310,7 +310,7 @@ def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
 
 
 def _self_contact(scenario: Scenario, body: SoftBody) -> Decision:
-    included = scenario.touches_itself and FilmFaces.of(body).can_meet
+    included = scenario.touches_itself and bool(meetings(body))
     return Decision("contact with itself", included, film_report(scenario, body), "contact.self_contact")
 
 
@@ -412,6 +412,7 @@ def stage_of(
             if phase.tip_target is not None and phase.tip_target.direction is not None
         },
         stored_m=None if robot is None else robot.stored_m,
+        frames_length=_frames_length(body),
         sensors=sensor.sensor_names(scenario, carrier.joint_names),
         cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),
     )
@@ -431,6 +432,12 @@ def _films(body: SoftBody) -> int:
     count, nodes = len(body.node_mass), np.unique(edges)
     graph = csr_array((np.ones(edges.shape[1], dtype=bool), tuple(edges)), shape=(count, count))
     return len(np.unique(connected_components(graph, directed=False)[1][nodes]))
+
+
+def _frames_length(body: SoftBody) -> Callable[[Array], float] | None:
+    """Return what measures the frames of one stack, if they rest on one another."""
+    stops = body.of_kind(FrameStops)
+    return stops[0].length if len(stops) == 1 else None
 
 
 def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:

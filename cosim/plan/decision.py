@@ -41,6 +41,9 @@ class Decision:
 
 CONTACT: Final = "contact with the scene"
 """What the decision is on."""
+OTHER_FILMS: Final = Decision(
+    "contact with the films of other arms", False, "they pass through one another; a run looks for it", "arm"
+)
 CONTACT_ENABLED: Final = "contact.enabled"
 ONLY_IN_REACH: Final = "contact.only_in_reach"
 

@@ -290,7 +290,7 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Working range of pressure, unless more is asked for."""
-METHOD: Final = 7
+METHOD: Final = 8
 """Counts changes of the method that make older models worthless."""
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5

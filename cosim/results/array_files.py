@@ -159,7 +159,7 @@ class _naming:  # noqa: N801  # a context manager
 
 _NOT_KEPT: Final = (
     "membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths", "decay",
-    "energy", "tip_measured_by", "tip_directions", "stored_m", "drawn",
+    "energy", "tip_measured_by", "tip_directions", "stored_m", "frames_length", "drawn",
 )  # fmt: skip
 _KEPT: Final = tuple(field.name for field in fields(RunInfo) if field.name not in _NOT_KEPT)
 

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
@@ -15,6 +16,7 @@ from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
+from cosim.soft.contact.film_look import ArmsLook
 from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.stepping.parts import Parts, TickState
 from cosim.stepping.stepped_run import Cursor, SteppedRun
@@ -179,6 +181,14 @@ class DynamicSimulation(SteppedRun):
             raise carrier.with_links(failed) from failed.__cause__
         self._error = taken.error
         return self._shown(taken, asked, to, began)
+
+    def looked(self) -> bool:
+        """Return whether overlap of films is looked for after the last tick."""
+        return self._cursor is not None and bool(self._cursor.tick and self._looked_at(self._cursor, 1))
+
+    def film_now(self) -> Array:
+        """Return the nodes (n, 3) [m] of the film after the last tick."""
+        return self._parts.shape_reader.positions(self.soft.shape_now())
 
     def begin_tick(self) -> None:
         """Begin the next tick, whose rigid half is then taken for several arms at once."""
@@ -370,6 +380,10 @@ class ArmsRun:
     def __init__(self, runs: Mapping[str, DynamicSimulation], step: Callable[[], None]) -> None:
         self.runs = dict(runs)
         self._step = step
+        self._looks = {
+            names: ArmsLook(*(self.runs[name].soft.body for name in names))
+            for names in combinations(self.runs, 2)
+        }
 
     def batches(self) -> Iterator[tuple[str, TickBatch]]:
         """Yield the state at rest of each arm, then the ticks of each, some of one phase at a time.
@@ -388,6 +402,7 @@ class ArmsRun:
                 self._step()
                 for name in self.runs:
                     self._take(name, gathered)
+                self._look(gathered)
                 yield from self._shown(gathered, least=_SHOWN)
         except (Exception, KeyboardInterrupt):
             yield from self._shown(gathered, least=1)
@@ -398,6 +413,19 @@ class ArmsRun:
             gathered[name] += self.runs[name].batches(1, 1)
         except SolverError as error:
             raise error.at(f"arm '{name}'") from error.__cause__
+
+    def _look(self, gathered: dict[str, list[TickBatch]]) -> None:
+        """Add to the last tick where films of different arms are in one another, if it is looked for."""
+        for (one, other), look in self._looks.items():
+            if not (self.runs[one].looked() or self.runs[other].looked()):
+                continue
+            found = look.overlap(self.runs[one].film_now(), self.runs[other].film_now())
+            if found is None:
+                continue
+            for name, its in ((one, other), (other, one)):
+                last = gathered[name][-1]
+                overlaps = (*last.overlaps.get(0, ()), replace(found, arm=its))
+                gathered[name][-1] = replace(last, overlaps={**last.overlaps, 0: overlaps})
 
     def _shown(self, gathered: dict[str, list[TickBatch]], least: int) -> Iterator[tuple[str, TickBatch]]:
         """Yield what has been gathered of arms, where it is enough or ends a phase."""

@@ -22,6 +22,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of
 from cosim.soft.contact import contact_law, self_contact_faces, self_contact_pairs
+from cosim.soft.contact.flange_face import FlangeFace
 from cosim.soft.solve import branching, self_contact
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
@@ -69,16 +70,29 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
         return "none: the shape is frozen"
     if not scenario.touches_itself:
         return f"not modelled: {'as in the paper' if given.self_contact else 'switched off'}"
-    faces = self_contact_faces.FilmFaces.of(body)
-    if not faces.can_meet:
-        return "none: the film is one unit, which does not touch itself"
+    touched = meetings(body)
+    if not touched:
+        return "none: the film is one face, which does not touch itself"
     if scenario.fidelity == "section":
         apart = "; copies pass through one another" if body.copies else ""
         apart = "; between all of them while the film stands for it" if scenario.hands_over else apart
         return f"between neighbouring units, in the energy of the sections, without friction{apart}"
     friction = "no friction" if scenario.mode == "quasistatic" else f"friction {given.self_friction:g}"
     since = "" if given.self_contact is True else ", from where they come to press"
-    return f"between {faces.units} units, outside of the film, {friction}{since}"
+    return f"{', '.join(touched)}, {friction}{since}"
+
+
+def meetings(body: SoftBody) -> list[str]:
+    """Return in words what a body's films can touch of the body and its flange; nothing where they cannot."""
+    faces = self_contact_faces.FilmFaces.of(body)
+    points = self_contact_faces.FilmPoints.of(faces, body.positions)
+    face = FlangeFace.of(body, faces, points, contact_law.ContactLaw())
+    kinds = {
+        f"between {faces.units} units": faces.can_meet,
+        "between the films of a unit": faces.inside_out.can_meet,
+        "on the flange's face": len(face.nodes) > 0,
+    }
+    return [words for words, found in kinds.items() if found]
 
 
 def with_film_contacts(ledger: LedgerEntry, films: self_contact_pairs.FilmMemory | None) -> LedgerEntry:

@@ -74,6 +74,35 @@ def _figure(phase: Mapping[str, Any], key: str) -> float:
     return float(np.max(np.abs(value)))
 
 
+_OUTSIDE_IN_m3: Final = -1e-8  # films that press on one another yield by less
+_SHORTEST: Final = 0.98  # frames that rest on one another yield by less
+
+
+def shape_warnings(phases: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a warning for each phase that ends with films or frames that have passed through one another."""
+    found = []
+    for phase in phases:
+        end = f"at the end of phase '{phase['name']}'"
+        for name, chamber in phase["chambers"].items():
+            if chamber["volume_m3"] < _OUTSIDE_IN_m3:
+                found.append(
+                    f"{end} {name} is inside out: its volume is {1e6 * chamber['volume_m3']:.3g} cm^3, its "
+                    'films have passed through one another; contact.self_contact = "auto" keeps them apart, '
+                    "without model.published"
+                )
+        ratio = phase["extension_ratio"]
+        if ratio is not None and ratio < _SHORTEST:
+            frames = (
+                "; frames of beams rest on one another with stiffener.rest_on_one_another = true in the soft "
+                "robot's file"
+            )
+            found.append(
+                f"{end} the stack is shorter than laid flat: its extension ratio is {ratio:.2g}"
+                f"{frames if 'stiffener' in phase else ''}"
+            )
+    return found
+
+
 def section_warnings(model: Mapping[str, Any] | None) -> list[str]:
     """Return what to say of a section model whose accuracy is not known.
 

@@ -1,7 +1,7 @@
 """Figures of a summary: of what is stretched, of tip paths, of the arm, of devices."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import zip_longest
 from typing import Annotated, Any, Final, final
@@ -25,6 +25,17 @@ def elastic_figures(run: snapshot.RunInfo, positions: Array) -> dict[str, Any]:
         strength = strain.strength if strain.strength < math.inf else None
         figures["stiffener"] = {"peak_strain": strain.peak, "strength_strain": strength}
     return figures
+
+
+def stack_length_m(run: snapshot.RunInfo, length_m: float, positions: Array) -> float:
+    """Return the length of a stack whose centre line is so long: in a pack, that of its frames.
+
+    Args:
+        run: of which run.
+        length_m: of the centre line.
+        positions: (n, 3) [m], of the film's nodes.
+    """
+    return length_m if run.frames_length is None else max(length_m, run.frames_length(positions))
 
 
 @final
@@ -361,7 +372,8 @@ def joined_overlaps(
     """
     joined = list(found)
     for overlap in overlaps:
-        here = [k for k, row in enumerate(joined) if (row["phase"], row["link"]) == (phase, overlap.link)]
+        what = phase, overlap.link, overlap.arm
+        here = [k for k, row in enumerate(joined) if (row["phase"], row["link"], row["arm"]) == what]
         row = {"phase": phase, "since_s": time_s, "time_s": time_s} | vars(overlap)
         if not here:
             joined.append(row)
@@ -371,24 +383,37 @@ def joined_overlaps(
 
 
 def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
-    """Return a sentence on how deep films have passed through one another, and one on each link they are in.
+    """Return a sentence on how deep films have passed through one another, and one on each link or arm.
 
     Args:
         overlaps: of the summary.
     """
     lines = []
-    for link in dict.fromkeys(row.get("link") for row in overlaps):  # older runs know of no links
-        rows = [row for row in overlaps if row.get("link") == link]
+    for link, arm in dict.fromkeys(map(_passed, overlaps)):
+        rows = [row for row in overlaps if _passed(row) == (link, arm)]
         deepest = max(rows, key=lambda row: float(row["depth_m"]))
-        what = (
-            "films pass through one another" if link is None else f"the film is in link '{link}' of the arm"
-        )
-        remedy = '; with contact.self_contact = "auto" they press on one another' if link is None else ""
+        what, remedy = f"the film is in link '{link}' of the arm", ""
+        if arm is not None:
+            what = f"the film passes through that of arm '{arm}'"
+            remedy = "; films of different arms do not touch: keep them apart"
+        elif link is None:
+            what = "films pass through one another"
+            remedy = '; with contact.self_contact = "auto" they press on one another'
         lines.append(
             f"{what} from {rows[0]['since_s']:.4g} s on, by up to {1e3 * deepest['depth_m']:.2g} mm "
             f"at {deepest['time_s']:.4g} s (phase '{deepest['phase']}', {deepest['place']}){remedy}"
         )
     return lines
+
+
+def _passed(row: Mapping[str, Any]) -> tuple[str | None, str | None]:
+    """Return which link and which arm's film a film is in; older runs know of neither."""
+    return row.get("link"), row.get("arm")
+
+
+def overlap_warnings(overlaps: list[dict[str, Any]]) -> list[str]:
+    """Return a warning for each arm whose film a film has passed through; see `overlap_lines`."""
+    return overlap_lines([row for row in overlaps if row.get("arm") is not None])
 
 
 _OF_FOOTING: Final = (

@@ -319,6 +319,8 @@ class RunInfo(Shown):
         tip_measured_by: by what the tip's direction is measured, in words; empty: unknown.
         tip_directions: (3,) that tip targets ask for, by the index of their phase.
         stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
+        frames_length: node positions (n, 3) [m] -> length [m] of its frames, which rest on one another;
+            None where they do not.
         sensors: names, units and values of the sensors.
         cameras: their names, sizes and rates.
         drawn: what recordings draw of the film; None: all of it.
@@ -361,6 +363,7 @@ class RunInfo(Shown):
     tip_measured_by: str = ""
     tip_directions: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
     stored_m: float | None = None
+    frames_length: Callable[[Array], float] | None = None
     sensors: tuple[SensorNames, ...] = ()
     cameras: tuple[CameraInfo, ...] = ()
     drawn: DrawnFilm | None = None

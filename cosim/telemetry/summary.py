@@ -539,6 +539,7 @@ class SummaryBuilder:
         beyond += [*swing_warnings(self._phases), *bounds.section_warnings(self._stage.section_model)]
         beyond += bounds.eyelet_warnings(self._phases)
         beyond += touched.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
+        beyond += [*bounds.shape_warnings(self._phases), *figures.overlap_warnings(self._overlaps)]
         beyond = [*self._missed, *beyond]
         if planned is None:
             return beyond
@@ -569,7 +570,8 @@ class SummaryBuilder:
             across = np.linalg.norm(np.cross(wanted, self._last.tip_direction))
             row["tip_angle_error_rad"] = float(np.arctan2(across, np.dot(wanted, self._last.tip_direction)))
         stored_m = self._stage.stored_m
-        row["extension_ratio"] = None if stored_m is None else row["length_m"] / stored_m
+        length_m = figures.stack_length_m(self._stage, row["length_m"], self._last.node_position)
+        row["extension_ratio"] = None if stored_m is None else length_m / stored_m
         self._shortest_m = min(self._shortest_m, row["length_m"])
         row["pack_ratio"] = row["length_m"] / self._shortest_m if self._shortest_m > 0.0 else None
         parts, energy = self._stage.energy, self._energy

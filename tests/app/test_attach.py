@@ -400,7 +400,7 @@ def test_a_mocap_body_presses_on_the_film_as_a_driven_one_does() -> None:
     for given in ({"joint": "", "led": 'mocap="true" ', "servo": ""}, slide):
         calm = {"solver.damping_per_s": 20.0, "start.pressure_Pa": 3e3}
         soft, model, data = hung(text.format(**given), "tool", overrides=calm)
-        for tick in range(150):
+        for tick in range(300):  # it swings until then, after a ramp of 120
             up = 8e-5 * min(tick, 120)
             if model.nmocap:
                 data.mocap_pos[0, 2] = 0.456 + up
@@ -410,4 +410,4 @@ def test_a_mocap_body_presses_on_the_film_as_a_driven_one_does() -> None:
             assert soft.ledger.momentum_error < 1e-10
         forces.append(soft.measure().contact_force_N["plate"][2])
     assert forces[0] < -0.3
-    assert forces[0] == pytest.approx(forces[1], rel=0.02)
+    assert forces[0] == pytest.approx(forces[1], rel=0.005)

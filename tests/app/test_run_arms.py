@@ -272,3 +272,40 @@ def test_arms_that_begin_in_one_another_are_refused_wherever_their_homes_are(
     apart = written(tmp_path, "apart", text.replace("[3.3, 0.0, 0.6]", "[0.6, -0.5, 0.6]"))
     build_arms(load_arms(apart).arms, lambda _text: None)
     assert main(["check", str(apart)]) == 0
+
+
+FACING = """
+schema = 2
+title = "x"
+robot = "ur5e"
+soft_robot = "square_core"
+[clock]
+tick_s = 0.004
+[[arm]]
+name = "left"
+arm_base = { position_m = [-0.65, 0.0, 0.0] }
+start = { flange = { position_m = [-0.021, 0.0, 0.36], direction = [1.0, 0.0, 0.0] }, pressure_Pa = 10e3 }
+[[arm.phase]]
+name = "hold"
+duration_s = 0.02
+[[arm]]
+name = "right"
+arm_base = { position_m = [0.65, 0.0, 0.0], quaternion = [0.0, 0.0, 0.0, 1.0] }
+start = { flange = { position_m = [0.021, 0.0, 0.36], direction = [-1.0, 0.0, 0.0] }, pressure_Pa = 10e3 }
+[[arm.phase]]
+name = "hold"
+duration_s = 0.02
+"""
+
+
+def test_films_of_two_arms_that_are_in_one_another_are_reported_by_both(tmp_path: Path) -> None:
+    found = cosim.run_arms(written(tmp_path, "facing", FACING))
+    for name, other in (("left", "right"), ("right", "left")):
+        summary = found[name].summary
+        overlap = summary["overlaps"][-1]
+        # tips of 30 mm face each other from 42 mm; deeper than 20 mm is not looked for
+        assert overlap["arm"] == other
+        assert 5e-3 < overlap["depth_m"] <= 20e-3
+        assert any(f"passes through that of arm '{other}'" in text for text in summary["warnings"])
+        left_out = {row["what"] for row in summary["modelled"] if not row["included"]}
+        assert "contact with the films of other arms" in left_out

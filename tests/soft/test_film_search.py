@@ -55,10 +55,12 @@ def crumpled(seed: int, height: float) -> tuple[SelfContact, Array]:
 
 
 def pairs_at(films: SelfContact, x: Array) -> list[tuple[int, int]]:
-    """Return the pairs (point, triangle) that are found."""
+    """Return the pairs (point, triangle) that are found, from outside."""
     pairs = films.static_pairs(np.ascontiguousarray(x))
     assert pairs is not None
-    return list(zip((pairs.key // films.faces.units).tolist(), pairs.triangle.tolist(), strict=True))
+    outside = pairs.triangle < len(films.faces.triangles)  # the film from inside, and the flange, come after
+    points = pairs.key[outside] // films.faces.units
+    return list(zip(points.tolist(), pairs.triangle[outside].tolist(), strict=True))
 
 
 @pytest.mark.parametrize(("seed", "height"), [(0, 1.0), (1, 1.0), (2, 0.15), (3, 0.15)])

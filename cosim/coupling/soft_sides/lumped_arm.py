@@ -176,7 +176,7 @@ class SoftArm(soft_side.SoftSide):
         self._system = assembly.SoftSystem(body)
         self._statics, self.dynamics = statics, dynamics
         films = None if self_contact is None else SelfContact(body, self_contact)
-        self.films = films if films is not None and films.faces.can_meet else None
+        self.films = films if films is not None and films.can_touch else None
         self._flange = world_from_flange
         self._flange_before: Pose | None = None
         self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))

@@ -56,6 +56,18 @@ class ContactLaw:
                 raise InputError(f"contact: {name} is {getattr(self, name)}; it must be above 0")
 
 
+_APART: Final = 1e-3  # of the transition, nearer than films are drawn: rounding does not let them press
+
+
+def spare(drawn_m: Array, smoothing_m: float) -> Array:
+    """Return what is added to the distance of surfaces, so that they do not press where they are drawn.
+
+    They press from half of the distance (k,) [m] at which they are drawn, or where the law begins.
+    """
+    begin = np.minimum(0.5 * np.maximum(drawn_m, 0.0) + np.minimum(drawn_m, 0.0), 0.5 * smoothing_m)
+    return np.maximum(0.5 * smoothing_m - begin + _APART * smoothing_m * (begin < 0.5 * smoothing_m), 0.0)
+
+
 @device_function
 def pressing_law(depth: float, width: float) -> tuple[float, float, float]:
     """Return energy, force and stiffness over k at a depth."""

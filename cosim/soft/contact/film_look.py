@@ -18,6 +18,7 @@ from cosim.soft.body.places import place_of
 from cosim.soft.contact import self_contact_candidates, self_contact_faces
 from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows
 from cosim.soft.contact.self_contact_search import BEHIND_M, fill_over
+from cosim.soft.contact.triangle_side import measure_side
 from cosim.soft.solve.branching import FilmOverlap
 
 
@@ -41,7 +42,7 @@ def find_behind(x: Matrix, lists: FilmLists, behind: float, out: IndexTable) -> 
     if needed > long.listed.shape[0]:
         return -needed
     for t in range(lists.sides.shape[0]):
-        self_contact_candidates.measure_side(x, rows.triangles[t], lists.sides[t])
+        measure_side(x, rows.triangles[t], lists.sides[t])
     for p in range(rows.nodes.shape[0]):
         short.first[p], place = count, rows.place[p]
         for entry in range(long.first[place], long.first[place + 1]):
@@ -65,11 +66,8 @@ class FilmLook:
     """
 
     def __init__(self, body: SoftBody) -> None:
-        faces = self_contact_faces.FilmFaces.of(body)
-        points = self_contact_faces.FilmPoints.of(faces, body.positions)
-        self._body, self._can_meet = body, faces.can_meet
-        self._lists = FilmLists.room(FilmRows.of(faces, points, body.positions), faces.units_meet, body.nodes)
-        self._out = np.zeros((2 * len(points), 2), np.int64)
+        self._body = body
+        self._search = _BehindSearch(self_contact_faces.FilmFaces.of(body), body.positions, BEHIND_M)
 
     def overlap(self, positions: Array) -> FilmOverlap | None:
         """Return where films have passed through one another by more than 0.1 mm; None if nowhere.
@@ -77,13 +75,67 @@ class FilmLook:
         Args:
             positions: (n, 3) [m].
         """
+        found = self._search.deepest(positions)
+        return found and FilmOverlap(found[0], place_of(self._body, positions, found[1]))
+
+
+@final
+class ArmsLook:
+    """Looks for films of two soft robots that have passed through one another.
+
+    Args:
+        one: soft robot.
+        other: soft robot.
+    """
+
+    def __init__(self, one: SoftBody, other: SoftBody) -> None:
+        self._bodies = one, other
+        faces = self_contact_faces.FilmFaces.apart(*map(self_contact_faces.FilmFaces.of, self._bodies))
+        self._search = _BehindSearch(faces, np.concatenate((one.positions, other.positions)), _BEHIND_OTHER_M)
+
+    def overlap(self, one: Array, other: Array) -> FilmOverlap | None:
+        """Return where films have passed through those of the other by more than 0.1 mm; None if nowhere.
+
+        Args:
+            one: (n, 3) [m], nodes of the one.
+            other: (m, 3) [m], nodes of the other.
+        """
+        found = self._search.deepest(np.concatenate((one, other)))
+        if found is None:
+            return None
+        depth, node = found
+        place = place_of(self._bodies[0], one, node) if node < len(one) else ""
+        return FilmOverlap(depth, place or place_of(self._bodies[1], other, node - len(one)))
+
+
+_BEHIND_OTHER_M = 20e-3  # no film of a robot lies so near behind itself that this counts it wrongly
+
+
+@final
+class _BehindSearch:
+    """Finds the deepest point of films behind others.
+
+    Args:
+        faces: of the films.
+        drawn: (n, 3) [m], their nodes as drawn.
+        behind_m: largest depth.
+    """
+
+    def __init__(self, faces: self_contact_faces.FilmFaces, drawn: Array, behind_m: float) -> None:
+        points = self_contact_faces.FilmPoints.of(faces, drawn)
+        self._can_meet, self._behind_m = faces.can_meet, behind_m
+        self._lists = FilmLists.room(FilmRows.of(faces, points, drawn), faces.units_meet, len(drawn))
+        self._out = np.zeros((2 * len(points), 2), np.int64)
+
+    def deepest(self, positions: Array) -> tuple[float, int] | None:
+        """Return depth [m] and nearest node of the deepest point; None where none is 0.1 mm deep."""
         if not self._can_meet:
             return None
-        while (count := find_behind(positions, self._lists, BEHIND_M, self._out)) < 0:
+        while (count := find_behind(positions, self._lists, self._behind_m, self._out)) < 0:
             self._lists = self._lists.with_room(-count)
         if count > len(self._out):
             self._out = np.zeros((2 * count, 2), np.int64)
-            return self.overlap(positions)
+            return self.deepest(positions)
         if not count:
             return None
         rows, (point, triangle) = self._lists.rows, self._out[:count].T
@@ -94,5 +146,4 @@ class FilmLook:
         deepest = int(np.argmax(depth))
         if depth[deepest] < _OVERLAP_M:
             return None
-        node = rows.nodes[point[deepest], np.argmax(rows.weights[point[deepest]])]
-        return FilmOverlap(float(depth[deepest]), place_of(self._body, positions, int(node)))
+        return float(depth[deepest]), int(rows.nodes[point[deepest], np.argmax(rows.weights[point[deepest]])])

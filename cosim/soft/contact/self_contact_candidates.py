@@ -32,6 +32,7 @@ from cosim.base.kernel_types import Blocks, IndexTable, Indices, Masks, Matrix, 
 from cosim.base.kernels import allocating, copy_rows, device_function, kernel, small_matrix, small_vector
 from cosim.soft.contact import contact_law, rigid_motion
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
+from cosim.soft.contact.triangle_side import least_weight, measure_side, over_plane, steepest_slope
 
 BEYOND_EDGES: Final = 0.02
 """Barycentric weight by which a foot may lie outside of a triangle: none slips through between two."""
@@ -76,6 +77,7 @@ class FilmRows(NamedTuple):
         homes: (p, 2) face and unit of each point.
         triangles: (t, 3).
         films: (t, 2), face and unit of each.
+        spare: (p,) [m], added to the distances of each point: where films are drawn nearer than they press.
         relation: (faces, faces), see `Relation`.
         start: (p + 1,), where the triangles around each point begin.
         around: these.
@@ -93,6 +95,7 @@ class FilmRows(NamedTuple):
     homes: IndexTable
     triangles: IndexTable
     films: IndexTable
+    spare: Vector
     relation: IndexTable
     start: Indices
     around: Indices
@@ -112,9 +115,10 @@ class FilmRows(NamedTuple):
         order = _neighbours(points.home[:, 0], places)
         triangle_order = _neighbours(faces.face, positions[faces.triangles].mean(axis=1))
         return cls(
-            points.nodes, points.weights, points.home, faces.triangles, films, faces.relation,
-            *points.around, order, np.argsort(order), _runs(points.home[order, 0], _POINTS_OF_BOX),
-            triangle_order, _runs(faces.face[triangle_order], _TRIANGLES_OF_BOX),
+            points.nodes, points.weights, points.home, faces.triangles, films, np.zeros(len(points)),
+            faces.relation, *points.around, order, np.argsort(order),
+            _runs(points.home[order, 0], _POINTS_OF_BOX), triangle_order,
+            _runs(faces.face[triangle_order], _TRIANGLES_OF_BOX),
             np.concatenate(units), np.cumsum([0, *map(len, units)], dtype=np.int64),
         )  # fmt: skip
 
@@ -415,43 +419,6 @@ _FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what i
 
 
 @device_function
-def measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
-    """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
-    n, slope = small_vector(3), small_matrix(3, 3)
-    shrink = contact_law.plane_of(x, corners, n)
-    contact_law.fill_slopes(x, corners, n, shrink, slope)
-    side[12] = 1.0 / shrink
-    for r in range(3):
-        side[r], side[3 + r] = x[corners[0], r], n[r]
-        side[6 + r], side[9 + r] = slope[1, r], slope[2, r]
-
-
-@device_function
-def over_plane(side: Vector, x: float, y: float, z: float) -> float:
-    """Return a point's distance from a triangle's plane."""
-    x, y, z = x - side[0], y - side[1], z - side[2]
-    return side[3] * x + side[4] * y + side[5] * z
-
-
-@device_function
-def least_weight(side: Vector, x: float, y: float, z: float) -> float:
-    """Return the least weight of a point's foot on a triangle's plane."""
-    x, y, z = x - side[0], y - side[1], z - side[2]
-    b, c = side[6] * x + side[7] * y + side[8] * z, side[9] * x + side[10] * y + side[11] * z
-    return min(1.0 - b - c, b, c)
-
-
-@device_function
-def _steepest_slope(side: Vector) -> float:
-    """Return the steepest slope of a weight, the reciprocal of a triangle's least height."""
-    first, second, both = 0.0, 0.0, 0.0
-    for r in range(6, 9):
-        first, second = first + side[r] * side[r], second + side[3 + r] * side[3 + r]
-        both += (side[r] + side[3 + r]) ** 2
-    return np.sqrt(max(first, second, both))
-
-
-@device_function
 def _fill_plane(x: Matrix, corners: Indices, lowest: Vector) -> None:
     """Fill a triangle's plane: normal, and its distance from the origin."""
     normal = lowest[:3]
@@ -467,7 +434,7 @@ def _fill_lowest(side: Vector, lowest: Vector) -> None:
 
     First of a point at no distance, then what is added over distance [1/m]. A narrow triangle may turn far.
     """
-    across, steepest = FEET_FOLLOW * _MOTION_M, _steepest_slope(side)
+    across, steepest = FEET_FOLLOW * _MOTION_M, steepest_slope(side)
     sine = 2.0 * _MOTION_M * steepest / (1.0 - 2.0 * _MOTION_M * steepest)
     lowest[4], lowest[5] = -np.inf, 0.0
     if 0.0 <= sine < 1.0:
@@ -546,6 +513,8 @@ def units_stay(x: Matrix, lists: FilmLists, near: NearList, less: float) -> bool
         fits = False
         for b in range(a + 1, units):
             allowed = near.allowed[a, b] - less
+            if allowed == np.inf:
+                continue
             went = moved[a] + moved[b] + rigid_motion.rigid_difference(rigid[a], rigid[b], near.radius[b])
             if not went <= allowed:
                 if not fits:
@@ -640,11 +609,12 @@ def keep_quiet(x: Matrix, lists: FilmLists, reach: float, behind: float) -> None
             t = short.listed[entry]
             a, b = min(rows.homes[p, 1], rows.films[t, 1]), max(rows.homes[p, 1], rows.films[t, 1])
             d = over_plane(lists.sides[t], place[0], place[1], place[2])
-            if quiet.allowed[a, b] * FEET_FOLLOW > d - reach:
+            ahead = d + rows.spare[p] - reach
+            if quiet.allowed[a, b] * FEET_FOLLOW > ahead:
                 weight = least_weight(lists.sides[t], place[0], place[1], place[2])
-                steepest = _steepest_slope(lists.sides[t])
+                steepest = steepest_slope(lists.sides[t])
                 beside = min((-BEYOND_EDGES - weight) / (1.36 + 2.6 * steepest * abs(d)), 0.1) / steepest
-                free = max(max(d - reach, -behind - d) / FEET_FOLLOW, beside)
+                free = max(max(ahead, -behind - d) / FEET_FOLLOW, beside)
                 quiet.allowed[a, b] = min(quiet.allowed[a, b], max(free, 0.0))
     quiet.bounds[0], quiet.bounds[1], lists.slack[0] = reach, behind, -1.0
     _keep(x, rows, quiet)

@@ -70,6 +70,20 @@ class FilmFaces:
         unit_of_face[face] = unit
         return cls(triangles, face, unit, unit_of_face, _relations(unit_of_face, face[sides[valley]]))
 
+    @classmethod
+    def apart(cls, one: "FilmFaces", other: "FilmFaces") -> "FilmFaces":
+        """Return those of two films of which each meets the other, and not itself."""
+        nodes, faces, units = 1 + int(one.triangles.max()), len(one.unit_of_face), one.units
+        first = np.arange(faces + len(other.unit_of_face)) < faces
+        relation = np.where(first[:, None] != first[None, :], Relation.APART, Relation.NONE)
+        return cls(
+            np.concatenate((one.triangles, nodes + other.triangles)),
+            np.concatenate((one.face, faces + other.face)),
+            np.concatenate((one.unit, units + other.unit)),
+            np.concatenate((one.unit_of_face, units + other.unit_of_face)),
+            np.ascontiguousarray(relation, dtype=np.int64),
+        )
+
     @property
     def units(self) -> int:
         """How many units."""
@@ -79,6 +93,14 @@ class FilmFaces:
     def unit_nodes(self) -> list[IntArray]:
         """Nodes of each unit, ascending."""
         return [np.unique(self.triangles[self.unit == unit]) for unit in range(self.units)]
+
+    @property
+    def seam_nodes(self) -> IntArray:
+        """Nodes on which two faces of a unit hang."""
+        of_units = np.repeat(self.unit, 3), self.triangles.ravel(), np.repeat(self.face, 3)
+        nodes = np.unique(np.stack(of_units, axis=1), axis=0)[:, :2]
+        shared, count = np.unique(nodes, axis=0, return_counts=True)
+        return np.unique(shared[count > 1, 1])
 
     @property
     def units_meet(self) -> Mask:
@@ -92,6 +114,15 @@ class FilmFaces:
     def can_meet(self) -> bool:
         """Whether any two faces can."""
         return bool(self.relation.any())
+
+    @cached_property
+    def inside_out(self) -> "FilmFaces":
+        """The faces seen from the gas: each is a unit, which meets the others of its own unit."""
+        unit, faces = self.unit_of_face, np.arange(len(self.unit_of_face))
+        meet = (unit[:, None] == unit[None, :]) & (faces[:, None] != faces[None, :])
+        relation = np.where(meet, Relation.VALLEY, Relation.NONE).astype(np.int64)
+        triangles = np.ascontiguousarray(self.triangles[:, ::-1])
+        return FilmFaces(triangles, self.face, self.face, faces, np.ascontiguousarray(relation))
 
 
 def _welded_flat(triangles: IntArray) -> IntArray:

@@ -116,6 +116,8 @@ class PairRows(NamedTuple):
         foot: (k, 3) weights of the point's foot on the triangle at the start of the step.
         normal: (k, 3) of the triangle then.
         stretch: (k, 3) [m], of the stick springs then, world.
+        spare: (k,) [m], added to the distance: the pair presses from so much nearer on than the law has it;
+            of frames negative, by how far their surface is before the point.
         widths: (2,) [m], of the law's transitions: pressing, sticking.
         out: (k, 5), filled with normal force [N], distance [m], and the force on the point (3,) [N].
     """
@@ -127,6 +129,7 @@ class PairRows(NamedTuple):
     foot: Matrix
     normal: Matrix
     stretch: Matrix
+    spare: Vector
     widths: Vector
     out: Matrix
 
@@ -134,7 +137,7 @@ class PairRows(NamedTuple):
     def room(cls, count: int, widths: Array) -> PairRows:
         """Return room for so many pairs, by a law of such widths."""
         numbers = np.empty((count, 3)), np.empty(count), np.empty(count), np.empty((count, 3))
-        rest = np.empty((count, 3)), np.empty((count, 3)), widths, np.empty((count, 5))
+        rest = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count), widths, np.empty((count, 5))
         return cls(np.empty((count, 6), np.int64), *numbers, *rest)
 
     def first(self, count: int) -> PairRows:
@@ -142,7 +145,7 @@ class PairRows(NamedTuple):
         return PairRows(
             self.nodes[:count].copy(), self.weights[:count].copy(), self.stiffness[:count].copy(),
             self.friction[:count].copy(), self.foot[:count].copy(), self.normal[:count].copy(),
-            self.stretch[:count].copy(), self.widths, np.empty((count, 5)),
+            self.stretch[:count].copy(), self.spare[:count].copy(), self.widths, np.empty((count, 5)),
         )  # fmt: skip
 
 
@@ -156,7 +159,7 @@ def _look_at(
     fill_point(x, nodes, pairs.weights[e], y)
     shrink = plane_of(x, nodes[3:], n)
     d = distance_of(x, nodes[3], n, y)
-    level, push, rate = pressing_law(0.5 * width - d, width)
+    level, push, rate = pressing_law(0.5 * width - d - pairs.spare[e], width)
     if push != 0.0 or pairs.friction[e] != 0.0:
         contact_law.fill_slopes(x, nodes[3:], n, shrink, slope[3:])
         contact_law.fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
@@ -297,10 +300,11 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
         fill_point(x, nodes, weights, y)
         plane_of(x, nodes[3:], n)
         distance = distance_of(x, nodes[3], n, y)
-        push = pairs.stiffness[e] * pressing_law(0.5 * width - distance, width)[1]
+        push = pairs.stiffness[e] * pressing_law(0.5 * width - distance - pairs.spare[e], width)[1]
         if not push > 0.0:
             continue
-        memory.key[count], memory.normal_force[count], memory.distance[count] = key[e], push, distance
+        memory.key[count], memory.normal_force[count] = key[e], push
+        memory.distance[count] = distance + min(pairs.spare[e], 0.0)
         for r in range(3):
             stretch[r] = 0.0 if resting else pairs.stretch[e, r]
             for a in range(0 if resting else 3):
@@ -354,7 +358,8 @@ class FilmPairs:
         (foot, normal, _), widths = feet(positions, nodes, weights), [law.smoothing_m, law.stick_m]
         friction, stretch, out = np.zeros(len(key)), np.zeros((len(key), 3)), np.empty((len(key), 5))
         pair = nodes, weights, stiffness, friction
-        return cls(key, triangle, PairRows(*pair, foot, normal, stretch, np.array(widths), out))
+        rows = PairRows(*pair, foot, normal, stretch, np.zeros(len(key)), np.array(widths), out)
+        return cls(key, triangle, rows)
 
     def __len__(self) -> int:
         return len(self.key)

@@ -10,7 +10,8 @@ import numpy as np
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import allocating, device_function, inlined, kernel, small_vector
 from cosim.soft.contact import contact_law, self_contact_candidates
-from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmLists, FilmRows, over_plane
+from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmLists, FilmRows
+from cosim.soft.contact.triangle_side import least_weight, over_plane
 
 BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _UNITS_NEAR = 8  # other units over which one point can be at a time
@@ -63,9 +64,9 @@ def _choose(
     for entry in range(short.first[p], short.first[p + 1]):
         t = short.listed[entry]
         d, valley = over_plane(sides[t], px, py, pz), rows.relation[face, rows.films[t, 0]] == VALLEY
-        if d < -behind or d > (reach if valley else furthest):
+        if d < -behind or d + rows.spare[p] > (reach if valley else furthest):
             continue
-        if not self_contact_candidates.least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
+        if not least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
             continue
         if not known:
             _fill_outward(x, rows, p, outward)
@@ -81,9 +82,9 @@ def _choose(
             continue
         if slot == near:
             near, units[slot], best[slot], distance[slot] = near + 1, rows.films[t, 1], np.inf, -np.inf
-        closer = abs(d) < best[slot] - _TIE_M
-        if closer or (abs(d) < best[slot] + _TIE_M and d > distance[slot]):
-            best[slot], distance[slot], chosen[slot] = abs(d), d, t if facing else -1
+        closer, spared = abs(d) < best[slot] - _TIE_M, d + rows.spare[p]
+        if closer or (abs(d) < best[slot] + _TIE_M and spared > distance[slot]):
+            best[slot], distance[slot], chosen[slot] = abs(d), spared, t if facing else -1
     return near
 
 

@@ -96,6 +96,17 @@ class FrameStops(DirectElement):
         springs = np.stack([gaps, np.full(len(gaps), STIFFNESS_N_m / rings.shape[1])], axis=1)
         return cls(pairs, springs)
 
+    def length(self, positions: Array) -> float:
+        """Return the length [m] of a stack from its first frame to its last, both included.
+
+        Args:
+            positions: (n, 3) [m].
+        """
+        first = self.pairs[~np.isin(self.pairs[:, 0], self.pairs[:, 1]), 0]
+        rims = np.vstack((first, self.pairs[:, 1].reshape(-1, len(first))))
+        steps = np.diff(positions[rims].mean(axis=1), axis=0)
+        return float(self.springs[0, 0] + np.linalg.norm(steps, axis=1).sum())
+
     def add(
         self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
     ) -> float:

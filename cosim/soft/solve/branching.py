@@ -117,12 +117,14 @@ class FilmOverlap:
     """Where films whose contact is not modelled have passed through one another, or into the arm.
 
     Args:
-        depth_m: of the deepest point behind the other film; what is deeper than 5 mm is not found. In a
-            link: of the deepest node.
+        depth_m: of the deepest point behind the other film; what is deeper than 5 mm is not found, in films
+            of another arm than 20 mm. In a link: of the deepest node.
         place: node nearest to it, and its ring.
         link: of the arm that the film is in; None where films are in one another.
+        arm: whose films the film is in; None where they are its own.
     """
 
     depth_m: float
     place: str
     link: str | None = None
+    arm: str | None = None

@@ -1,11 +1,12 @@
-"""Contact of a soft body with itself: unit with unit, finger with finger.
+"""Contact of a soft body with itself: unit with unit, finger with finger, the films of a unit, the flange.
 
 For a step, or a round of a static solution, the pairs of points and triangles are found and kept; within it
-their distances and normals are exact. Modelled is the outside of the film: different units of one body. Not
-modelled are the inner sides of one unit, and one unit folded onto itself.
+their distances and normals are exact. Modelled are the outside of the film, between units of one body; its
+inside, between faces of one unit, which is the outside of the film turned inside out; and the flange's face
+before the films that begin on it. Not modelled is a face folded onto itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, final
 
 import numpy as np
@@ -25,9 +26,11 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact import rigid_motion, self_contact_candidates, self_contact_faces, self_contact_pairs
+from cosim.soft.contact import contact_law, rigid_motion, self_contact_candidates, self_contact_pairs
 from cosim.soft.contact.contact_law import ContactLaw, fill_point, fill_slopes, fill_weights, plane_of
+from cosim.soft.contact.flange_face import FlangeFace, fill_before_face
 from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows, keep_quiet, make_lists
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_pairs import FilmMemory, FilmMemoryRows, FilmPairs, PairRows, pair_work
 from cosim.soft.contact.self_contact_search import BEHIND_M, find_over
 from cosim.soft.solve.state import SoftState
@@ -63,28 +66,70 @@ class FilmContactLaw:
             raise InputError(f"contact: the friction coefficient is {self.friction}; it must not be negative")
 
 
+class ContactRows(NamedTuple):
+    """What presses on what: points from outside, from inside, before the flange's face; triangles as well.
+
+    Args:
+        nodes: (p, 3) that each point combines.
+        weights: (p, 3).
+        stiffness: (p,) [N/m].
+        spare: (p,) [m], see `contact_law.spare`.
+        key: (p,) of each point, from which those of its pairs count.
+        triangles: (t, 3).
+        place: (t,), added to the key of the point; of the triangles of a unit it is one.
+        first: (2, 2), the first point and triangle from inside, and those of the flange's face.
+    """
+
+    nodes: IndexTable
+    weights: Matrix
+    stiffness: Vector
+    spare: Vector
+    key: Indices
+    triangles: IndexTable
+    place: Indices
+    first: IndexTable
+
+    @classmethod
+    def of(cls, outside: FilmRows, inside: FilmRows, face: FlangeFace, stiffness: Array) -> "ContactRows":
+        """Return those of a film, with the stiffness (p,) of all points."""
+        rows, b = (outside, inside), len(face.nodes)
+        units = [len(each.units_from) - 1 for each in rows]
+        counts = np.repeat([*units, 1], [len(outside.nodes), len(inside.nodes), b])
+        first = np.cumsum([[len(each.nodes), len(each.triangles)] for each in rows], axis=0)
+        return cls(
+            np.concatenate([*(each.nodes for each in rows), face.nodes]),
+            np.concatenate([*(each.weights for each in rows), face.weights]), stiffness,
+            np.concatenate([*(each.spare for each in rows), face.spare]),
+            np.cumsum(counts) - counts,
+            np.concatenate([*(each.triangles for each in rows), face.corners]),
+            np.concatenate([*(each.films[:, 1] for each in rows), np.zeros(b, np.int64)]), first,
+        )  # fmt: skip
+
+
 class FilmContacts(NamedTuple):
     """Films that may touch: what is searched, pairs that were found, what presses; filled from the beginning.
 
     Args:
-        lists: that may be valid.
-        stiffness: (p,) [N/m], of each point.
+        lists: that may be valid, from outside.
+        inner: from inside; without entries where no unit has several faces.
+        face: of the flange.
+        rows: what the hits are of.
         friction: coefficient of sliding.
-        units: how many.
         hits: (k, 2), points and the triangles that they may press on.
-        key: (k,) ascending; names pairs of point and unit.
+        key: (k,) ascending; names pairs of point and unit, of point and face from inside.
         pairs: (k,).
         memory: (k,), of the last step.
-        counts: (3,), see `REMEMBERED`, `NEEDED` and `OVERLOOKED`.
+        counts: (4,), see `REMEMBERED`, `NEEDED`, `OVERLOOKED` and `LACKING`.
         force: (n, 3), for `pair_work`.
         calls: (7,) addresses of kernels, see `FIND` and what follows.
         waits: whether steps of films that do not press are first taken without contact.
     """
 
     lists: FilmLists
-    stiffness: Vector
+    inner: FilmLists
+    face: FlangeFace
+    rows: ContactRows
     friction: float
-    units: int
     hits: IndexTable
     key: Indices
     pairs: PairRows
@@ -95,9 +140,10 @@ class FilmContacts(NamedTuple):
     waits: bool
 
 
-REMEMBERED, NEEDED, OVERLOOKED = range(3)
+REMEMBERED, NEEDED, OVERLOOKED, LACKING = range(4)
 """Places in `FilmContacts.counts`: pairs that are remembered; rows that the last search would have needed;
-whether films pressed at the end of the last step, which was taken without contact."""
+whether films pressed at the end of the last step, which was taken without contact; which lists have
+too little room: 0 from outside, 1 from inside."""
 FIND, SETTLE, ADD, PRESS, WORK, _OVER, _MAKE = range(7)
 """Places in `FilmContacts.calls`."""
 _find_over, _make_lists = caller(find_over), caller(make_lists)
@@ -110,23 +156,45 @@ def first_pairs(rows: PairRows, count: int) -> PairRows:
     """Return the first of some pairs."""
     return PairRows(
         rows.nodes[:count], rows.weights[:count], rows.stiffness[:count], rows.friction[:count],
-        rows.foot[:count], rows.normal[:count], rows.stretch[:count], rows.widths, rows.out[:count],
+        rows.foot[:count], rows.normal[:count], rows.stretch[:count], rows.spare[:count], rows.widths,
+        rows.out[:count],
     )  # fmt: skip
 
 
 @inlined
 def _describe(x: Matrix, films: Any, e: int, y: Vector, slope: Matrix) -> None:
     """Fill pair e: as it is before a step, and without friction."""
-    rows, pairs, p, t = films.lists.rows, films.pairs, films.hits[e, 0], films.hits[e, 1]
+    rows, pairs, p, t = films.rows, films.pairs, films.hits[e, 0], films.hits[e, 1]
     nodes, normal, foot = pairs.nodes[e], pairs.normal[e], pairs.foot[e]
     for r in range(3):
         nodes[r], nodes[3 + r] = rows.nodes[p, r], rows.triangles[t, r]
         pairs.weights[e, r], pairs.stretch[e, r] = rows.weights[p, r], 0.0
-    films.key[e] = p * films.units + rows.films[t, 1]
-    pairs.stiffness[e], pairs.friction[e] = films.stiffness[p], 0.0
+    films.key[e] = rows.key[p] + rows.place[t]
+    pairs.stiffness[e], pairs.friction[e], pairs.spare[e] = rows.stiffness[p], 0.0, rows.spare[p]
     fill_point(x, nodes, pairs.weights[e], y)
     fill_slopes(x, nodes[3:], normal, plane_of(x, nodes[3:], normal), slope)
     fill_weights(x, nodes[3:], slope, y, foot)
+
+
+@inlined
+def _find_all(x: Matrix, films: Any, reach: float, behind: float) -> int:
+    """Fill the hits; return how many there are, or -1 where lists do not serve."""
+    count, first = 0, films.rows.first
+    for inside in range(2):
+        lists, begin = (films.inner if inside else films.lists), count
+        if lists.meet.shape[0] == 0:
+            continue
+        asked = x, lists, reach, behind, films.hits[begin:]
+        found = _find_over(films.calls[_OVER], asked)
+        if found < 0:
+            films.counts[LACKING] = inside
+            return -1
+        count += found
+        for e in range(begin, min(count, films.hits.shape[0]) if inside else begin):
+            films.hits[e, 0] += first[0, 0]
+            films.hits[e, 1] += first[0, 1]
+    shift = first[1, 0], first[1, 1]
+    return count + fill_before_face(x, films.face, reach, behind, shift, films.hits[count:])
 
 
 @kernel
@@ -145,9 +213,9 @@ def find_pairs(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) 
     films = record_at(at, FilmContacts)
     memory, pairs = films.memory, films.pairs
     reach = rest + ahead * rigid_motion.furthest_from_mean(velocity)
-    count = _find_over(films.calls[_OVER], (x, films.lists, reach, BEHIND_M, films.hits))
+    count = _find_all(x, films, reach, BEHIND_M)
     films.counts[NEEDED] = count
-    if count > films.hits.shape[0]:
+    if count < 0 or count > films.hits.shape[0]:
         return -1
     y, slope, k = small_vector(3), small_matrix(3, 3), 0
     for e in range(count):
@@ -158,6 +226,27 @@ def find_pairs(at: int, x: Matrix, velocity: Matrix, rest: float, ahead: float) 
             pairs.friction[e] = films.friction * memory.normal_force[k]
             for r in range(3):
                 pairs.stretch[e, r] = memory.stretch[k, r]
+    return count
+
+
+@inlined
+def _press_over(x: Matrix, films: Any, lists: FilmLists, ahead: float, bounds: tuple[float, float]) -> int:
+    """Return at how many points films press on one side; -1 where there is too little room for lists.
+
+    The bounds are how far behind a film is looked where no node is fast, and where one is.
+    """
+    reach, behind = 0.5 * films.pairs.widths[0], bounds[1]
+    if self_contact_candidates.stays_quiet(x, lists, reach, bounds[0]):
+        return 0
+    asked = x, lists, reach, behind, films.hits[:0]
+    count = _find_over(films.calls[_OVER], asked)
+    if count < 0:
+        made = x, lists, max(reach, behind), ahead > 0.0
+        if _make_lists(films.calls[_MAKE], made) > lists.long.listed.shape[0]:
+            return -1
+        count = _find_over(films.calls[_OVER], asked)
+    if count == 0:
+        keep_quiet(x, lists, reach, behind)
     return count
 
 
@@ -175,21 +264,51 @@ def films_press(at: int, x: Matrix, velocity: Matrix, ahead: float, through: flo
         through: how far slow ones may have [m].
     """
     films = record_at(at, FilmContacts)
-    lists, reach, behind = films.lists, 0.5 * films.pairs.widths[0], through
-    if self_contact_candidates.stays_quiet(x, lists, reach, through):
-        return 0
+    behind = through
     if ahead * rigid_motion.furthest_from_mean(velocity) > through:
         behind = BEHIND_M
-    asked = x, lists, reach, behind, films.hits[:0]
-    count = _find_over(films.calls[_OVER], asked)
-    if count < 0:
-        made = x, lists, max(reach, behind), ahead > 0.0
-        if _make_lists(films.calls[_MAKE], made) > lists.long.listed.shape[0]:
-            return -1
-        count = _find_over(films.calls[_OVER], asked)
+    reach, count = 0.5 * films.pairs.widths[0], 0
+    for inside in range(2):
+        lists = films.inner if inside else films.lists
+        if count == 0 and lists.meet.shape[0] > 0:
+            films.counts[LACKING] = inside
+            count = _press_over(x, films, lists, ahead, (through, behind))
     if count == 0:
-        keep_quiet(x, lists, reach, behind)
+        count = fill_before_face(x, films.face, reach, behind, (0, 0), films.hits[:0])
     return count
+
+
+def _lists(faces: FilmFaces, points: FilmPoints, body: SoftBody) -> FilmLists:
+    """Return the lists of a film; without entries where no faces meet."""
+    rows = FilmRows.of(faces, points, body.positions)
+    meet = faces.units_meet if faces.can_meet else np.zeros((0, 0), dtype=bool)
+    return FilmLists.room(rows, meet, body.nodes)
+
+
+def _inner_lists(faces: FilmFaces, body: SoftBody, smoothing_m: float) -> tuple[FilmLists, Array]:
+    """Return the lists of a film from inside, and the area (p,) [m^2] of its points there.
+
+    Films that are drawn nearer than they would press spare as much. Points next to a seam press on nothing.
+    """
+    inside, x = faces.inside_out, body.positions
+    points = FilmPoints.of(inside, x)
+    lists, hits = _lists(inside, points, body), np.zeros((2 * len(points), 2), np.int64)
+    if not inside.can_meet:
+        return lists, points.area
+    while (needed := make_lists(x, lists, max(smoothing_m, BEHIND_M), False)) > len(lists.long.listed):
+        lists = lists.with_room(needed)
+    count = find_over(x, lists, smoothing_m, BEHIND_M, hits)
+    if count > len(hits):
+        hits = np.zeros((count, 2), np.int64)
+        find_over(x, lists, smoothing_m, BEHIND_M, hits)
+    hits = hits[:count]
+    point, rows = hits[:, 0], lists.rows
+    nodes = np.concatenate((rows.nodes[point], rows.triangles[hits[:, 1]]), axis=1)
+    distance = contact_law.feet(x, nodes, rows.weights[point])[2]
+    np.maximum.at(rows.spare, point, contact_law.spare(distance, smoothing_m))
+    # a seam that creases has what hangs on it behind the other film's planes, without coming through
+    rows.spare[np.isin(rows.nodes, faces.seam_nodes).any(axis=1)] = np.inf
+    return lists, points.area
 
 
 @final
@@ -202,8 +321,7 @@ class SelfContact:
     """
 
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
-        self.law, self.faces = law.law, self_contact_faces.FilmFaces.of(body)
-        points = self_contact_faces.FilmPoints.of(self.faces, body.positions)
+        self.law, self.faces = law.law, FilmFaces.of(body)
         called = (
             find_pairs,
             self_contact_pairs.settle_pairs,
@@ -216,11 +334,18 @@ class SelfContact:
         self._overlooked: SoftState | None = None
         self._last: tuple[SoftState, float, FilmPairs | None] | None = None  # of the last step
         self.work_J = 0.0
-        self._store, rows = RecordStore(FilmContacts), FilmRows.of(self.faces, points, body.positions)
+        self._store = RecordStore(FilmContacts)
+        points = FilmPoints.of(self.faces, body.positions)
+        outside = _lists(self.faces, points, body)
+        inside = _inner_lists(self.faces, body, self.law.smoothing_m)
+        face = FlangeFace.of(body, self.faces, points, self.law)
+        film = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * np.concatenate((points.area, inside[1]))
+        rows = ContactRows.of(outside.rows, inside[0].rows, face, np.concatenate((film, face.stiffness)))
+        self.can_touch = self.faces.can_meet or self.faces.inside_out.can_meet or len(face.nodes) > 0
+        """Whether films can touch one another or the flange at all."""
         self.contacts = FilmContacts(
-            FilmLists.room(rows, self.faces.units_meet, body.nodes),
-            _FROM_EACH_SIDE * self.law.stiffness_N_m3 * points.area, law.friction, self.faces.units,
-            *self._room(len(points)), np.zeros(3, np.int64), np.empty((body.nodes, 3)),
+            outside, inside[0], face, rows, law.friction,
+            *self._room(len(points)), np.zeros(4, np.int64), np.empty((body.nodes, 3)),
             np.array([address_of(each) for each in called]), not law.throughout,
         )  # fmt: skip
 
@@ -262,9 +387,16 @@ class SelfContact:
     def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
         room_m = max(0.5 * self.law.smoothing_m, BEHIND_M)
         while (count := films_press(self.at, x, velocities, ahead_s, through_m)) < 0:
-            lists = self.contacts.lists.made(x, room_m, ahead_s > 0.0)
-            self.contacts = self.contacts._replace(lists=lists)
+            self._make_lists(x, room_m, ahead_s > 0.0)
         return count > 0
+
+    def _make_lists(self, x: Array, room_m: float, moves: bool) -> None:
+        """Make the lists that kernels have found to have too little room, or not to serve."""
+        contacts = self.contacts
+        if contacts.counts[LACKING]:
+            self.contacts = contacts._replace(inner=contacts.inner.made(x, room_m, moves))
+        else:
+            self.contacts = contacts._replace(lists=contacts.lists.made(x, room_m, moves))
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
         """Return what may touch in a step, None for nothing.
@@ -314,10 +446,13 @@ class SelfContact:
         return self._pairs(pairs.key, pairs.triangle, positions)
 
     def _pairs(self, key: IntArray, triangle: IntArray, positions: Array) -> FilmPairs:
-        rows, point = self.contacts.lists.rows, key // self.faces.units
+        rows = self.contacts.rows
+        point = np.searchsorted(rows.key, key, side="right") - 1
         nodes = np.concatenate((rows.nodes[point], rows.triangles[triangle]), axis=1)
-        pairs = rows.weights[point], self.contacts.stiffness[point], self.law, positions
-        return FilmPairs.slack(key, triangle, nodes, *pairs)
+        pairs = FilmPairs.slack(
+            key, triangle, nodes, rows.weights[point], rows.stiffness[point], self.law, positions
+        )
+        return replace(pairs, rows=pairs.rows._replace(spare=rows.spare[point]))
 
     def remember(self, memory: FilmMemory | None) -> None:
         """Let the next step begin with contacts that press."""
@@ -340,7 +475,7 @@ class SelfContact:
         return self.contacts.memory.first(int(self.contacts.counts[REMEMBERED]))
 
     def _found(self, x: Array, velocities: Array, rest_m: float, ahead_s: float) -> FilmPairs | None:
-        if not self.faces.can_meet:
+        if not self.can_touch:
             return None
         while (count := find_pairs(self.at, x, velocities, rest_m, ahead_s)) < 0:
             needed = int(self.contacts.counts[NEEDED])
@@ -349,8 +484,7 @@ class SelfContact:
             else:
                 drift = np.linalg.norm(velocities - velocities.mean(axis=0), axis=1).max()
                 room = max(rest_m + ahead_s * float(drift), BEHIND_M)
-                lists = self.contacts.lists.made(x, room, True)
-                self.contacts = self.contacts._replace(lists=lists)
+                self._make_lists(x, room, True)
         films = self.contacts
         if not count:
             return None

@@ -306,7 +306,7 @@ class ImplicitStepper:
         # of an ordinary step: until it is solved, and in a first go
         self._whole = options.whole
         self._first = replace(self._whole, iterations_max=options.iterations)
-        apart = self_contact is None or self_contact.contacts.waits or not self_contact.faces.can_meet
+        apart = self_contact is None or self_contact.contacts.waits or not self_contact.can_touch
         self.quick = QuickStepper(solver, clamp, options, apart=apart)
         self._scheme: StepScheme | None = None
 

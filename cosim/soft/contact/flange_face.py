@@ -1,0 +1,177 @@
+"""The flange's face: planes that films and frames of the first unit do not pass.
+
+Each ring of the base lies in a plane that three of its nodes carry: what presses on the face presses on
+these, so that the flange feels it. The face is a tenth wider than the unit that begins there is drawn.
+Points of films that hang on the ring meet it, if these are drawn along the plane and on one side of it: of a
+sheet or a tube that stands on its base no face behind it is known. A frame that rests on others rests on the
+face as well, at half of their distance.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import IndexTable, Matrix, Vector
+from cosim.base.kernels import device_function, small_vector
+from cosim.soft.body.body import SoftBody
+from cosim.soft.contact import contact_law
+from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
+from cosim.soft.elements.frame_stops import FrameStops
+from cosim.soft.geometry.surface import directed_edges
+
+_FLAT: Final = 1e-4  # of a ring's size, out of its plane
+_ALONG: Final = 0.5  # of the film's area, seen along the normal: it lies along the plane
+_LEAST_AREA: Final = 0.05  # of three nodes of a ring, of its size squared: not on a line
+
+
+class FlangeFace(NamedTuple):
+    """Contact points before the flange's face, and the face before each.
+
+    Args:
+        nodes: (b, 3) that each point combines.
+        weights: (b, 3).
+        stiffness: (b,) [N/m].
+        spare: (b,) [m], see `contact_law.spare`.
+        corners: (b, 3) nodes of the base that carry the face, whose normal points towards the film.
+        center: (b, 3) weights of the corners in the middle of the face.
+        radius: (b,) [m], of the face.
+    """
+
+    nodes: IndexTable
+    weights: Matrix
+    stiffness: Vector
+    spare: Vector
+    corners: IndexTable
+    center: Matrix
+    radius: Vector
+
+    @classmethod
+    def of(cls, body: SoftBody, faces: FilmFaces, points: FilmPoints, law: ContactLaw) -> "FlangeFace":
+        """Return that of a body, as drawn."""
+        none = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+        parts: list[tuple[Any, ...]] = [(*none, none[0], none[1], np.zeros(0))]
+        for ring in _rings(body):
+            parts += _before(body, faces, points, ring, law)
+        return cls(*(np.ascontiguousarray(np.concatenate(rows)) for rows in zip(*parts, strict=True)))
+
+
+def _rings(body: SoftBody) -> list[IntArray]:
+    """Return the nodes of the base, in groups that edges of the film join."""
+    edges = directed_edges(body.triangles)
+    edges = edges[np.isin(edges, body.base).all(axis=1)]
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(body.nodes, body.nodes))
+    part = connected_components(graph, directed=False)[1][body.base]
+    return [body.base[part == k] for k in np.unique(part)]
+
+
+def _before(
+    body: SoftBody, faces: FilmFaces, points: FilmPoints, ring: IntArray, law: ContactLaw
+) -> list[tuple[Any, ...]]:
+    """Return the rows of `FlangeFace` of one ring of the base; none where nothing can lie on its plane."""
+    x, corners = body.positions, _corners(body.positions, ring)
+    if corners is None:
+        return []
+    a, b, c = x[corners]
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    own = np.unique(faces.face[np.isin(body.triangles, ring).any(axis=1)])
+    free = ~np.isin(points.nodes, body.base).all(axis=1)
+    chosen = np.flatnonzero(np.isin(points.home[:, 0], own) & free)
+    if not len(chosen):
+        return []
+    place = (points.weights[chosen, :, None] * x[points.nodes[chosen]]).sum(axis=1)
+    gap, size = (place - a) @ normal, float(np.ptp(place, axis=0).max())
+    if max(np.ptp(x[ring] @ normal), min(gap.max(), -gap.min())) > _FLAT * size:
+        return []
+    i, j, k = body.triangles[np.isin(faces.face, own)].T
+    areas = np.cross(x[j] - x[i], x[k] - x[i])
+    outward = areas.sum(axis=0)
+    if abs(outward @ normal) < _ALONG * np.linalg.norm(areas, axis=1).sum():
+        return []
+    if gap.mean() < -_FLAT * size or (gap.mean() < _FLAT * size and outward @ normal > 0.0):
+        corners, gap, normal = corners[::-1], -gap, -normal
+    unit = np.unique(body.triangles[np.isin(faces.unit, faces.unit_of_face[own])])
+    middle = x[ring].mean(axis=0)
+    across = x[unit] - middle
+    across -= np.outer(across @ normal, normal)
+    center = np.linalg.lstsq(np.vstack((x[corners].T, np.ones(3))), np.append(middle, 1.0))[0]
+    film = (
+        points.nodes[chosen], points.weights[chosen], _HARDER * law.stiffness_N_m3 * points.area[chosen],
+        contact_law.spare(gap, law.smoothing_m),
+    )  # fmt: skip
+    frame, radius = _frame(body, unit, normal), _WIDER * np.linalg.norm(across, axis=1).max()
+    return [
+        (
+            *rows,
+            *(np.tile(row, (len(rows[0]), 1)) for row in (corners, center)),
+            np.full(len(rows[0]), radius),
+        )
+        for rows in (film, frame)
+    ]
+
+
+def _frame(body: SoftBody, unit: IntArray, normal: Array) -> tuple[Any, ...]:
+    """Return nodes, weights, stiffness and spare of the frame of a unit that rests on others."""
+    none: tuple[Any, ...] = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    found = [[column] for column in none]
+    for stops in body.of_kind(FrameStops):
+        own = np.isin(stops.pairs[:, 0], unit)
+        nodes, (gap, stiffness) = stops.pairs[own, 0], stops.springs[own].T
+        aside = body.positions[stops.pairs[own, 1]] - body.positions[nodes]
+        aside -= np.outer(aside @ normal, normal)
+        rest = np.sqrt(gap**2 - (aside**2).sum(axis=1))
+        rows = np.repeat(nodes[:, None], 3, axis=1), np.tile(_WHOLE, (len(nodes), 1)), stiffness, -0.5 * rest
+        for column, row in zip(found, rows, strict=True):
+            column.append(row)
+    return tuple(np.concatenate(column) for column in found)
+
+
+_WHOLE: Final = np.array([1.0, 0.0, 0.0])
+_WIDER: Final = 1.1  # than the unit
+_HARDER: Final = 10.0  # than another film: what leans on the ring presses on little area
+
+
+def _corners(x: Array, ring: IntArray) -> IntArray | None:
+    """Return three nodes of a ring that are far from one another; None where it is a line."""
+    if len(ring) < 3:
+        return None
+    first = ring[np.linalg.norm(x[ring] - x[ring].mean(axis=0), axis=1).argmax()]
+    away = np.linalg.norm(x[ring] - x[first], axis=1)
+    second = ring[away.argmax()]
+    height = np.linalg.norm(np.cross(x[ring] - x[first], x[second] - x[first]), axis=1)
+    if height.max() < _LEAST_AREA * away.max() ** 2:
+        return None
+    return np.array([first, second, ring[height.argmax()]])
+
+
+@device_function
+def fill_before_face(
+    x: Matrix, face: FlangeFace, reach: float, behind: float, shift: tuple[int, int], out: IndexTable
+) -> int:
+    """Fill rows of what is in front of the face within reach, or behind it, each with its number twice.
+
+    Both numbers are shifted. Rows beyond the room are counted alone; returns how many there are.
+    """
+    y, n, count = small_vector(3), small_vector(3), 0
+    for b in range(face.nodes.shape[0]):
+        corners = face.corners[b]
+        contact_law.fill_point(x, face.nodes[b], face.weights[b], y)
+        contact_law.plane_of(x, corners, n)
+        d, square = contact_law.distance_of(x, corners[0], n, y), 0.0
+        if d < -behind or d + face.spare[b] >= reach:
+            continue
+        for r in range(3):
+            away = y[r] - d * n[r]
+            for a in range(3):
+                away -= face.center[b, a] * x[corners[a], r]
+            square += away * away
+        if square > face.radius[b] ** 2:
+            continue
+        if count < out.shape[0]:
+            out[count, 0], out[count, 1] = shift[0] + b, shift[1] + b
+        count += 1
+    return count

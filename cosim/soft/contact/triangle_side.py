@@ -1,0 +1,48 @@
+"""The upper side of a triangle: how far points are above its plane, and where over it.
+
+Thirteen numbers: its first corner, its normal n, the slopes of the weights b and c of its other corners, and
+twice its area. A point p is (p - corner) . n above the plane; its foot has weights 1 - b - c, b, c.
+"""
+
+import numpy as np
+
+from cosim.base.kernel_types import Indices, Matrix, Vector
+from cosim.base.kernels import device_function, small_matrix, small_vector
+from cosim.soft.contact import contact_law
+
+
+@device_function
+def measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
+    """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
+    n, slope = small_vector(3), small_matrix(3, 3)
+    shrink = contact_law.plane_of(x, corners, n)
+    contact_law.fill_slopes(x, corners, n, shrink, slope)
+    side[12] = 1.0 / shrink
+    for r in range(3):
+        side[r], side[3 + r] = x[corners[0], r], n[r]
+        side[6 + r], side[9 + r] = slope[1, r], slope[2, r]
+
+
+@device_function
+def over_plane(side: Vector, x: float, y: float, z: float) -> float:
+    """Return a point's distance from a triangle's plane."""
+    x, y, z = x - side[0], y - side[1], z - side[2]
+    return side[3] * x + side[4] * y + side[5] * z
+
+
+@device_function
+def least_weight(side: Vector, x: float, y: float, z: float) -> float:
+    """Return the least weight of a point's foot on a triangle's plane."""
+    x, y, z = x - side[0], y - side[1], z - side[2]
+    b, c = side[6] * x + side[7] * y + side[8] * z, side[9] * x + side[10] * y + side[11] * z
+    return min(1.0 - b - c, b, c)
+
+
+@device_function
+def steepest_slope(side: Vector) -> float:
+    """Return the steepest slope of a weight, the reciprocal of a triangle's least height."""
+    first, second, both = 0.0, 0.0, 0.0
+    for r in range(6, 9):
+        first, second = first + side[r] * side[r], second + side[3 + r] * side[3 + r]
+        both += (side[r] + side[3 + r]) ** 2
+    return np.sqrt(max(first, second, both))
