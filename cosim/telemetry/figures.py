@@ -392,15 +392,15 @@ def overlap_lines(overlaps: list[dict[str, Any]]) -> list[str]:
     for link, arm in dict.fromkeys(map(_passed, overlaps)):
         rows = [row for row in overlaps if _passed(row) == (link, arm)]
         deepest = max(rows, key=lambda row: float(row["depth_m"]))
-        what, remedy = f"the film is in link '{link}' of the arm", ""
+        what, most, remedy = f"the film is in link '{link}' of the arm", "up to", ""
         if arm is not None:
-            what = f"the film passes through that of arm '{arm}'"
+            what, most = f"the film passes through that of arm '{arm}'", "at least"
             remedy = "; films of different arms do not touch: keep them apart"
         elif link is None:
             what = "films pass through one another"
             remedy = '; with contact.self_contact = "auto" they press on one another'
         lines.append(
-            f"{what} from {rows[0]['since_s']:.4g} s on, by up to {1e3 * deepest['depth_m']:.2g} mm "
+            f"{what} from {rows[0]['since_s']:.4g} s on, by {most} {1e3 * deepest['depth_m']:.2g} mm "
             f"at {deepest['time_s']:.4g} s (phase '{deepest['phase']}', {deepest['place']}){remedy}"
         )
     return lines
