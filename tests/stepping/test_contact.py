@@ -66,7 +66,7 @@ pressure_Pa = 20e3
 name = "ball"
 shape = "sphere"
 size_m = [0.02]
-position_m = [0.52, 0.0, 1.5]
+position_m = [0.525, 0.0, 1.5]  # 5 mm clear of the arm's last link
 mass_kg = 0.05
 friction = 0.0
 
