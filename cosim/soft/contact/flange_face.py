@@ -132,7 +132,7 @@ def _frame(body: SoftBody, unit: IntArray, normal: Array) -> tuple[Any, ...]:
 
 _WHOLE: Final = np.array([1.0, 0.0, 0.0])
 _WIDER: Final = 1.1  # than the unit
-_HARDER: Final = 10.0  # than another film: what leans on the ring presses on little area
+_HARDER: Final = 2.0  # than another film, which gives as much as the one that presses on it
 
 
 def _corners(x: Array, ring: IntArray) -> IntArray | None:
