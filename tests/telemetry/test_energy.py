@@ -81,8 +81,8 @@ def test_what_touches_and_eyelets_that_know_their_way_are_no_part_of_the_rest(tm
     text = SCENARIO.replace("[0.02, 0.0, 0.0]", "[0.005, 0.0, -0.01]")
     text = text.replace("capstan_factor = 0.8", 'capstan_factor = 0.8, losses = "directed"')
     text += BLOCK.format(x, y, z - 0.02 - 0.004)  # its top is 4 mm below the tip, which comes down by 10 mm
-    # a half more where damping has velocities for displacements: in a hit they jump from tick to tick; the rest
-    # falls with the tick, to which a film that presses on itself or on the flange's face gives a part
+    # a half more where damping has velocities for displacements: in a hit they jump from tick to tick.
+    # The rest falls with the tick; film that presses on itself or on the flange's face has a part in it
     energy = balance(tmp_path, text, solver__integrator="bdf2", clock__tick_s=0.001)
     put_in = sum(abs(energy[name]) for name in PUT_IN)
     assert abs(energy["contacts_J"]) > 0.03 * put_in
