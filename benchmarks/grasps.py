@@ -18,8 +18,8 @@ where it was at the end of the lift. Cases in FILE are not run again, so an inte
 `--drawn`: N grasps with drawn mass (0.1 to 2 kg), friction (0.1 to 0.8) and pressure (28 to 40 kPa), shape
 by shape, on section fingers and on `lumped` ones: how many end alike, and how far the slips of those are
 apart that both hold. They end after 0.5 s of shaking. Held: lifted by 0.19 m and within 30 mm of where the
-object was at the end of the closing; slip is from there to the end. Where a section model leaves its range,
-the film takes over (`model.handover`); how many do so, and how many grasps end by an error, is counted apart.
+object was at the end of the closing; slip is from there to the end. How many grasps end by an error,
+as where a section model leaves its range, is counted apart.
 
 `--ticks`: the same with several ticks and integrators, up to the end of a phase ("shake" unless told
 otherwise), of 100 g unless masses are given and of seed 0 alone unless seeds are: where the closing ends in
@@ -153,11 +153,10 @@ def ending(shape: str, changes: dict[str, Any]) -> dict[str, Any]:
     simulation = build_simulation(load_scenario(f"gripper_lifts_{shape}", changes))
     stage, seen, error, began = simulation.stage, [], None, time.process_time()
     body, last = stage.body_names.index(shape), stage.phase_names.index("shake")
-    shaken, ticks, changes_s = 0, round(SHAKEN_S / stage.tick_s), list[float]()
+    shaken, ticks = 0, round(SHAKEN_S / stage.tick_s)
     try:
         for batch in simulation.batches():
             seen.append(batch)
-            changes_s += [float(batch.time_s[row]) for row in sorted(batch.handovers)]
             shaken += int(np.count_nonzero(batch.phase == last))
             if shaken >= ticks:
                 break
@@ -175,7 +174,6 @@ def ending(shape: str, changes: dict[str, Any]) -> dict[str, Any]:
     held = error is None and lifted > LIFT_M and slip < HELD_M
     pressed = float(np.linalg.norm(force[closed, body]))
     figures = {"held": held, "lifted_m": lifted, "slip_mm": 1e3 * slip, "force_N": pressed, "error": error}
-    figures["film_from_s"] = changes_s[0] if changes_s else None
     return figures | {"cpu_s": time.process_time() - began}
 
 
@@ -190,7 +188,6 @@ def compare_drawn(options: argparse.Namespace) -> None:
         if (fidelity, number) in done:
             continue
         changes = drawn(shape, number, options.seed) | {"fidelity": fidelity}
-        changes |= {"model.handover": True} if fidelity == "section" else {}
         cases.append({"fidelity": fidelity, "number": number, "shape": shape} | ending(shape, changes))
         print(json.dumps(cases[-1]), flush=True)
         if options.json:
@@ -202,10 +199,9 @@ def compare_drawn(options: argparse.Namespace) -> None:
     off = np.array([abs(one[k]["slip_mm"] - other[k]["slip_mm"]) for k in held])
     share = off / np.array([max(other[k]["slip_mm"], 1e-9) for k in held])
     lost = sum(not other[k]["held"] for k in both)
-    left = sum(one[k]["film_from_s"] is not None for k in both)
     failed = sum(one[k]["error"] is not None for k in both)
     print(f"{len(both)} grasps; {COMPARED[1]} loses {lost}; {len(alike)} end alike, {len(held)} of them held")
-    print(f"the film took over in {left}; {failed} ended by an error")
+    print(f"{failed} ended by an error")
     if held:
         print(f"slips are {np.median(off):.2f} mm apart in the median, {100.0 * np.median(share):.0f} %")
 

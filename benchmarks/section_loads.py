@@ -6,7 +6,7 @@ Each soft robot hangs at half its largest pressure and is then loaded: gas from 
 that pressure, gravity leaning by up to 0.8 rad to any side (the pose), each cable pulled by up to a quarter
 of the weight, a force at the tip of up to a tenth of the weight in any direction. Listed apart are loads at
 which the film has no equilibrium, or is beyond the model's range; "lost": the chain has none,
-though within its range; "left for the film": it leaves its range, where a run hands over.
+though within its range; "left": it leaves its range, where a run ends by name.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def compare(robot: str, options: Any) -> tuple[Array, Counter[str]]:
         try:
             at = chain.follow(begun[1], Pose(), loads).state.positions
         except OutOfRangeError:
-            ends["left for the film"] += 1
+            ends["left"] += 1
             continue
         except ConvergenceError as error:
             print(f"lost at {loads.pressure_Pa[0]:.0f} Pa: {error}")

@@ -1,11 +1,9 @@
 """Every shipped scenario of an arm of units on its section model, against the film on its own mesh.
 
-    python benchmarks/section_runs.py [--refined] [--bend 1.0] [--set KEY=VALUE ...] [SCENARIO ...]
+    python benchmarks/section_runs.py [--refined] [--set KEY=VALUE ...] [SCENARIO ...]
 
-Section models hand over, with `--bend 0.5` at half the bends of their range. The table has the times in which
-the film takes over, the largest jump of the tip and share of the wrench bridged by a change, the distances of
-the tips at the ends of the phases and the largest along the run, also over the length at the end, and times
-real time by CPU time of the loops, without recording.
+The table has the distances of the tips at the ends of the phases and the largest along the run, also over the
+length at the end, and times real time by CPU time of the loops, without recording.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ import argparse
 import json
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -23,12 +21,8 @@ import numpy as np
 
 from cosim.app.driver import build_simulation, prepared
 from cosim.base.frames import Array, IntArray
-from cosim.build import soft_model
 from cosim.config.loading import load_scenario
-from cosim.coupling.soft_sides.handover import Handover
 from cosim.errors import CosimError
-from cosim.reduced.section_model import SectionModel
-from cosim.reduced.sections.section_energy import BENT
 
 ARMS = (
     "ur5e_hexagon_arm", "light_hexagon_arm", "paper_figure_9", "hexagon_arm_curls", "hexagon_arm_deploys",
@@ -41,23 +35,12 @@ ARMS = (
 
 @dataclass(frozen=True)
 class Run:
-    """Tips (n, 3) [m] and phases (n,) of all ticks, changes of the model, times real time."""
+    """Tips (n, 3) [m] and phases (n,) of all ticks, times real time."""
 
     tips: Array
     phases: IntArray
     length_m: float
-    changes: list[tuple[float, Handover]]
     factor: float
-    end_s: float
-
-    @property
-    def film(self) -> str:
-        """When the film acted."""
-        begins = [time_s for time_s, each in self.changes if each.to == "film"]
-        ends = [time_s for time_s, each in self.changes if each.to == "section"] + [self.end_s]
-        spans = [f"{a:.2f} to {b:.2f}" for a, b in zip(begins, ends, strict=False)]
-        more = f", {len(spans) - 3} more" if len(spans) > 3 else ""
-        return (", ".join(spans[:3]) + more + f" of {self.end_s:.2f}") if spans else "never"
 
 
 def run_of(scenario: str, changes: dict[str, Any]) -> Run:
@@ -65,30 +48,13 @@ def run_of(scenario: str, changes: dict[str, Any]) -> Run:
     checked = prepared(load_scenario(scenario, changes), lambda _: None, recording=False, contact=True)
     run = build_simulation(checked)
     batches = run.batches()
-    seen, handed = [next(batches)], []
+    seen = [next(batches)]
     began = time.process_time()
     seen += batches
     spent = time.process_time() - began
-    for batch in seen:
-        for row, each in sorted(batch.handovers.items()):
-            handed += [(float(batch.time_s[row]), one) for one in each if isinstance(one, Handover)]
     tips, phases = (np.concatenate([getattr(b, name) for b in seen]) for name in ("tip_position", "phase"))
     length = float(np.linalg.norm(tips[-1] - seen[-1].flange_position[-1]))
-    end = float(seen[-1].time_s[-1])
-    return Run(tips, phases, length, handed, run.stage.duration_s / spent, end)
-
-
-def narrowed(share: float) -> None:
-    """Let section models end at a share of the bends at which they end."""
-    whole = soft_model.section_model
-
-    def section_model(*given: Any) -> SectionModel:
-        model = whole(*given)
-        energy = model.energy.copy()
-        energy[:, :, BENT] *= share**2
-        return replace(model, energy=energy)
-
-    vars(soft_model)["section_model"] = section_model
+    return Run(tips, phases, length, run.stage.duration_s / spent)
 
 
 def said(error: CosimError) -> str:
@@ -99,13 +65,10 @@ def said(error: CosimError) -> str:
 def row_of(scenario: str, given: dict[str, Any], *, refined: bool) -> str:
     """Return a row of the table."""
     try:
-        one = run_of(scenario, {"fidelity": "section", "model.handover": True} | given)
+        one = run_of(scenario, {"fidelity": "section"} | given)
     except CosimError as error:
         return f"| `{scenario}` | {type(error).__name__}: {said(error)} |"
-    cells, others = [one.film], ["lumped", "refined"] if refined else ["lumped"]
-    jumps = [(each.tip_jump_m, each.wrench_gap) for _, each in one.changes if each.tick]
-    largest = np.nanmax(np.array(jumps), axis=0) if jumps else np.zeros(2)
-    cells += [f"{1e3 * largest[0]:.3f}", f"{1e2 * largest[1]:.1f}"]
+    cells, others = list[str](), ["lumped", "refined"] if refined else ["lumped"]
     factors = [one.factor]
     for fidelity in others:
         try:
@@ -126,14 +89,11 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--refined", action="store_true", help="also against the mesh refined once")
-    parser.add_argument("--bend", type=float, default=1.0, help="share of the range of bends")
     parser.add_argument("--set", action="append", default=[])
     parser.add_argument("scenarios", nargs="*", default=ARMS)
     options = parser.parse_args()
-    if options.bend != 1.0:
-        narrowed(options.bend)
     given = {key: json.loads(value) for key, value in (each.split("=", 1) for each in options.set)}
-    print("| scenario | film [s] | tip jumps by [mm] | wrench bridged [%] | tip off [mm] | times real time |")
+    print("| scenario | tip off [mm] | times real time |")
     for scenario in options.scenarios:
         print(row_of(scenario, given, refined=options.refined), flush=True)
 

@@ -343,5 +343,5 @@ def _swings(here: Snapshot, body: SoftBody, shapes: list[Array]) -> Iterator[Tic
 def _frame(here: Snapshot, film: UnreadFilmShape, mode: int, tick: int) -> Snapshot:
     return replace(
         here, tick=tick, time_s=tick * _FRAME_s, phase=mode, film=film, footing=None, branchings=(),
-        overlaps=(), handovers=(), images=(), tip_target=None,
+        overlaps=(), images=(), tip_target=None,
     )  # fmt: skip

@@ -67,7 +67,7 @@ def compile_kernels(
 def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     """Return the modules with kernels that some scenarios do without; those of others are not imported."""
     modules: tuple[ModuleType, ...] = ()
-    film = scenario.fidelity in ("lumped", "refined") or scenario.hands_over
+    film = scenario.fidelity in ("lumped", "refined")
     if film:
         if scenario.mode == "dynamic":
             from cosim.telemetry import energy
@@ -123,7 +123,7 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
     from cosim.coupling import film_ticks, half_ticks, section_ticks
     from cosim.rigid.scene import servos
 
-    film = scenario.fidelity in ("lumped", "refined") or scenario.hands_over
+    film = scenario.fidelity in ("lumped", "refined")
     of_film = (film_ticks,) if film else ()
     of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
     return (shapes, servos, half_ticks, *of_film, *of_chain)

@@ -112,8 +112,7 @@ def _rung(scenario: Scenario, section: SectionModel | None) -> str:
         planned = f"; the targets of {', '.join(targets)} are planned on the lumped model" if targets else ""
         return f"rigid: the shape of the start is kept, weight and inertia only{planned}"
     if section is not None:
-        film = "; where it ends, the film takes over" if scenario.hands_over else ""
-        return _section_rung(section) + film
+        return _section_rung(section)
     if scenario.fidelity == "refined":
         return "refined: every triangle divided into four"
     if isinstance(scenario.soft_robot, GivenBodyTable):

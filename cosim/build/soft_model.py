@@ -20,7 +20,7 @@ from cosim.config.rules import file_of
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
-from cosim.coupling.soft_sides import frozen_body, handover_arm, lumped_arm, section_arm, soft_side
+from cosim.coupling.soft_sides import frozen_body, lumped_arm, section_arm, soft_side
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of
 from cosim.reduced.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
@@ -62,12 +62,11 @@ def section_model(
         tell(f"Building the section model of {robot.name}: up to two minutes, once; kept in {path}")
         model = _built(scenario, body, largest, films)
         keep(path, state_archive.packed(model))
-    if math.isinf(model.tip_error) and not scenario.hands_over:
+    if math.isinf(model.tip_error):
         raise ScenarioError(
             "fidelity",
             f"the section model of '{robot.name}' does not hold: within its range it loses its equilibrium "
-            "at loads at which its film has one; take fidelity = 'lumped', or model.handover = true, by "
-            "which the film takes over there",
+            "at loads at which its film has one; take fidelity = 'lumped'",
         )
     off = max((away / length for _, away, length in model.tips.tolist() if math.isfinite(away)), default=0.0)
     if off > _MOST_OFF:
@@ -94,7 +93,7 @@ def _built(
         robot = replace(robot, stack=stack, copies=None, palm=None)
         coarse = _one_way(soft_body.build_soft_body(robot, scenario.model))
     try:
-        # fingers fold around what they hold; one stack may hand over to its film where it folds
+        # fingers fold around what they hold
         return build_model(body, largest_Pa, films, coarse, None, fingers)
     except ConvergenceError as error:
         raise ScenarioError(
@@ -178,13 +177,12 @@ class SoftModel:
         It is of the model that runs, but that a rigid one is planned on the lumped one: tensions and flange
         poses are then those of the run that it represents.
         """
-        return self._flexible(bridged=False)
+        return self._flexible()
 
     @property
     def largest_pressure_Pa(self) -> float | None:
-        """Pressure [Pa] at which a section model ends; None where none does, or the film takes over there."""
-        ends = self.section is not None and not self._scenario.hands_over
-        return self.section.spline.largest_Pa if ends and self.section is not None else None
+        """Pressure [Pa] at which a section model ends; None where none does."""
+        return None if self.section is None else self.section.spline.largest_Pa
 
     def chain(self) -> section_arm.SectionArm:
         """Return the chain of the section model, which there is."""
@@ -192,14 +190,13 @@ class SoftModel:
         section = SectionBody(self.body, self.section)
         return section_arm.SectionArm(section, self._flange, self._statics, self._dynamics)
 
-    def _flexible(self, *, bridged: bool) -> soft_side.SoftSide:
-        """Return a new soft side; `bridged` is whether forces bridge what models differ by at a handover."""
-        chain = None if self.section is None else self.chain()
-        if chain is not None and not self._scenario.hands_over:
-            return chain
+    def _flexible(self) -> soft_side.SoftSide:
+        """Return a new soft side, of a section model where that is the fidelity, else of the film."""
+        if self.section is not None:
+            return self.chain()
         arm = lumped_arm.SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
         arm.effort.tell = self._tell
-        return arm if chain is None else handover_arm.HandoverArm(chain, arm, bridged=bridged)
+        return arm
 
     @property
     def finer(self) -> Callable[[int], lumped_arm.SoftArm] | str:
@@ -222,7 +219,7 @@ class SoftModel:
 
     def side(self) -> soft_side.SoftSide:
         """Return a soft side to run."""
-        flexible = self._flexible(bridged=True)
+        flexible = self._flexible()
         if self._scenario.fidelity == "rigid":
             return frozen_body.FrozenBody(flexible, self._scenario.solver.air_drag_per_s)
         return flexible

@@ -393,7 +393,6 @@ def stage_of(
         hinge_energy_share=partial(hinge_energy_share, body),
         stiffener_strain=partial(stiffener_strain, body),
         section_model=section_figures(section),
-        hands_over=scenario.hands_over,
         expected_error=expected_error(scenario),
         arm=arm,
         tip_paths=parts.tip_paths,

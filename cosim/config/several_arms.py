@@ -193,8 +193,6 @@ def _beyond(scenario: Scenario) -> Iterator[tuple[str, str]]:
         yield "phase", "is missing: each of several arms needs phases"
     if scenario.fidelity == "auto":
         yield "fidelity", "'auto' knows one arm; choose one with `cosim trade` for each arm alone"
-    if scenario.fidelity == "section" and scenario.model.handover:
-        yield "model.handover", "several arms need false: a section model of theirs does not hand over"
     if scenario.cameras:
         yield "camera", "several arms have none: pictures show one soft robot; leave cameras out"
     for entry in scenario.controllers:

@@ -115,15 +115,11 @@ def section_range(scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | Non
         touched: whether contact is modelled, which may hold the arm: what is found is then said, not refused.
 
     Raises:
-        ScenarioError: it leaves the range, and the film does not take over there; `path` names the key that
-            takes it there.
+        ScenarioError: it leaves the range; `path` names the key that takes it there.
     """
     try:
         known = _Walk(scenario, plan, soft, arm).through()
     except ScenarioError as error:
-        if scenario.hands_over and isinstance(error.__cause__, OutOfRangeError):
-            place = error.__cause__.place
-            return Decision(SECTION_RANGE, False, f"{place}; the film takes over there", "model.handover")
         if not touched:
             raise
         return Decision(SECTION_RANGE, False, f"{error.faults[0][1]}; contact is not in this", error.path)
@@ -222,8 +218,7 @@ class _Walk:
 
 
 def _refusal(text: str) -> str:
-    others = "fidelity = 'lumped', which knows what lies beyond, or 'auto'"
-    return f"{text}; or model.handover = true, by which the film takes over there, {others}"
+    return f"{text}; or take fidelity = 'lumped', which knows what lies beyond, or 'auto'"
 
 
 def _refused_phase(phase: PhaseTable, error: OutOfRangeError) -> ScenarioError:

@@ -17,7 +17,6 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.frames import IntArray
-from cosim.coupling.soft_sides.handover import Handover
 from cosim.errors import InputError, OutputError
 from cosim.recording.blueprint import (
     TICKS,
@@ -185,8 +184,6 @@ _ENDED_S: Final = 20.0
 """Wall time that ending a file may take, far more than it does."""
 _END: Final = b"RRF2FOOT"  # within the last 64 bytes of a whole file
 _PHASE: Final = "/phase"
-_MODEL: Final = "/phase/model"
-"""Which model represents the soft robot: shown below the phases."""
 _SUMMARY: Final = "/summary"
 
 
@@ -340,8 +337,6 @@ class _Run:
         curves = self._curves or self.lay_out(batch.snapshot(0))
         if batch.phase[0] != self._phase:
             self._begin_phase(batch)
-        if self._stage.hands_over:
-            self._show_models(batch)
         curves.append(batch)
         for row, images in batch.images.items():
             for image in images:
@@ -412,10 +407,6 @@ class _Run:
         colours = [(*colour, 255) for colour in series_colours(len(names))]
         phases = rr.StateConfiguration(values=names, labels=names, colors=colours)
         stream.log(_PHASE, phases, static=True)
-        if stage.hands_over:
-            models, shades = ["section", "film"], [(*colour, 255) for colour in series_colours(2)]
-            configuration = rr.StateConfiguration(values=models, labels=models, colors=shades)
-            stream.log(_MODEL, configuration, static=True)
         self._log_summary(f"# {stage.title}\n\nThe run has not ended yet.\n\n{stage.report}")
 
     def _log_summary(self, text: str) -> None:
@@ -451,15 +442,6 @@ class _Run:
         name = self._stage.phase_names[self._phase]
         times = time_columns(batch.tick[:1], self._tick_ns)
         self._stream.send_columns(_PHASE, times, rr.StateChange.columns(state=[name]))
-
-    def _show_models(self, batch: tick_batch.TickBatch) -> None:
-        """Show which model represents the soft robot, from the first tick on and where that changes."""
-        known = [(0, "section")] if self._last is None and batch.tick[0] == 0 else []
-        for row, passed in batch.handovers.items():
-            known += [(row, each.to) for each in passed if isinstance(each, Handover)]
-        for row, model in known:
-            times = time_columns(batch.tick[row : row + 1], self._tick_ns)
-            self._stream.send_columns(_MODEL, times, rr.StateChange.columns(state=[model]))
 
     def flush(self) -> None:
         if self._curves is not None:

@@ -276,12 +276,10 @@ class HeldBase(Carrier):
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         """Advance by one tick: each takes long."""
-        self._soft.begin_ticks(self._wrench, self._tick_s, touching=False)
         taken = TicksTaken.room(1, 0, 0, len(self._soft.pressures_Pa))
         taken.begin(self._soft, self._wrench, self._pose)
         taken.ticks.origin[1], taken.ticks.axes[1] = self._pose.translation, self._pose.rotation
         reply = self._soft.advance(self._pose, loads[0], self._tick_s)
         self._wrench = reply.wrench
         taken.take(reply, self._soft)
-        self._soft.passed(1)
         return taken

@@ -11,7 +11,6 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
-from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InputError, InstabilityError, SolverError
@@ -339,17 +338,8 @@ class DynamicSimulation(SteppedRun):
             branchings=branchings,
             overlaps=self._overlaps(taken, to),
             footing=self._rests(ends, taken, asked),
-            handovers=self._handovers(to),
             images={},
         )
-
-    def _handovers(self, to: Cursor) -> dict[int, tuple[Handover | BridgeEnd, ...]]:
-        """Return the changes of the soft robot's model in some ticks, the first of which ends at `to`."""
-        found: dict[int, tuple[Handover | BridgeEnd, ...]] = {}
-        for each in self._parts.soft.handovers():
-            row = each.tick - to.tick
-            found[row] = (*found.get(row, ()), each)
-        return found
 
     def _step_of(self, to: Cursor) -> str:
         return f"tick {to.tick} ({Clock(self.stage.tick_s, to.tick).time_s:g} s)"

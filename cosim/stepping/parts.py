@@ -75,7 +75,6 @@ def film_report(scenario: Scenario, body: SoftBody) -> str:
         return "none: the film is one face, which does not touch itself"
     if scenario.fidelity == "section":
         apart = "; copies pass through one another" if body.copies else ""
-        apart = "; between all of them while the film stands for it" if scenario.hands_over else apart
         return f"between neighbouring units, in the energy of the sections, without friction{apart}"
     friction = "no friction" if scenario.mode == "quasistatic" else f"friction {given.self_friction:g}"
     since = "" if given.self_contact is True else ", from where they come to press"
@@ -321,7 +320,6 @@ class Parts:
             branchings=moment.branchings,
             overlaps=moment.overlaps,
             footing=footing,
-            handovers=soft.handovers(),
             mounted_load=carrier.mounted_load.copy(),
             body_touch=np.zeros((len(places), 3)),
         )

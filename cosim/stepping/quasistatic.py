@@ -157,10 +157,8 @@ class QuasistaticSimulation(SteppedRun):
         joints = parts.carrier.joint_position
         command = parts.command(StepToTake(to.phase, to.done, began_s + (to.done - 1) * span, span))
         reference = command.joints.position
-        begin = parts.soft.begin_increment(before)
-        here, spent = self._advance(begin, reference, parts.loads(command.soft))
+        here, spent = self._advance(before, reference, parts.loads(command.soft))
         self._here = here
-        parts.soft.passed(1)
         motion = _mean_motion(parts, before, here, joints, span)
         return TickBatch.of([self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)])
 

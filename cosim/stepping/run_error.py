@@ -40,7 +40,6 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, PATIENCE, FinerMesh, SourceFilm
-from cosim.coupling.soft_sides.handover_arm import HandoverArm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
@@ -317,8 +316,7 @@ class ErrorFinder:
     def _chain(self) -> SectionArm | None:
         """The section model of the run, if it has one."""
         soft = self._parts.soft
-        chain = soft.chain if isinstance(soft, HandoverArm) else soft
-        return chain if isinstance(chain, SectionArm) else None
+        return soft if isinstance(soft, SectionArm) else None
 
     @cached_property
     def source(self) -> SourceFilm | None:
@@ -335,7 +333,7 @@ class ErrorFinder:
 
     def observe(self, batch: TickBatch) -> None:
         """Take in ticks; they come in order, and the run is where the last of them has led."""
-        phase, side = int(batch.phase[-1]), self._parts.soft.acting
+        phase, side = int(batch.phase[-1]), self._parts.soft
         if isinstance(side, SoftArm | SectionArm) and batch.branchings:
             here: Any = side.shape_now()
             length_m = float(side.shape_reader().figures([here]).center_line_m[0])

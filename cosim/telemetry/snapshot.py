@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, Wrench, read_only
 from cosim.base.solid import BodyShape
 from cosim.coupling.schemes.ledger import LedgerEntry, ShapeFigures, TickPieces
-from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 
@@ -304,7 +303,6 @@ class RunInfo(Shown):
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
         stiffener_strain: node positions (n, 3) [m] -> strain and strength of the stiffeners, None without.
         section_model: error and size of the section model; None where the film itself is modelled.
-        hands_over: whether the film takes over where the section model ends.
         expected_error: of each figure of the soft robot: low, high, against what, source; None: not measured.
         arm: what the plan asks of the arm; None without one.
         tip_paths: that the tip follows, by the index of their phase.
@@ -349,7 +347,6 @@ class RunInfo(Shown):
     hinge_energy_share: Callable[[Array], float] | None = None
     stiffener_strain: Callable[[Array], StiffenerStrain | None] | None = None
     section_model: dict[str, Any] | None = None
-    hands_over: bool = False
     expected_error: dict[str, dict[str, Any] | None] = field(default_factory=dict)
     arm: PlannedArm | None = None
     tip_paths: Mapping[int, TipPathInfo] = field(default_factory=dict)
@@ -429,7 +426,6 @@ class Snapshot(Shown):
         branchings: unstable states that the soft robot has met in the tick, or is in.
         overlaps: of its films, at ticks at which it is looked for.
         footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
-        handovers: changes of the model that stands for the soft robot, before the tick, and ends of bridges.
         sensor_reading: (readings,), of `RunInfo.sensors` one after the other.
         sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
         images: of the cameras whose next picture is due at this tick.
@@ -464,7 +460,6 @@ class Snapshot(Shown):
     branchings: tuple[Branching, ...] = ()
     overlaps: tuple[FilmOverlap, ...] = ()
     footing: Footing | None = None
-    handovers: tuple[Handover | BridgeEnd, ...] = ()
     sensor_reading: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
     sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
     images: tuple[CameraImage, ...] = ()

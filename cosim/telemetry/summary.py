@@ -11,90 +11,11 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.state_check import check_state
-from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry import bounds, figures, holding, tick_batch, touched
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
-
-
-def with_handovers(
-    known: list[dict[str, Any]], phase: str, time_s: float, passed: tuple[Handover | BridgeEnd, ...]
-) -> list[dict[str, Any]]:
-    """Return the changes so far with those of a tick.
-
-    Args:
-        known: so far.
-        phase: its name.
-        time_s: at the end of the tick.
-        passed: in the tick.
-    """
-    found = list(known)
-    for each in passed:
-        if isinstance(each, BridgeEnd):
-            if found:
-                found[-1] = found[-1] | {"faded_s": time_s, "bridge_J": each.work_J}
-            continue
-        found.append(
-            {
-                "time_s": time_s,
-                "phase": phase,
-                "to": each.to,
-                "why": each.why,
-                "tip_jump_m": each.tip_jump_m,
-                "force_gap_N": each.force_gap_N,
-                "wrench_gap": each.wrench_gap,
-                "kinetic_jump_J": each.kinetic_jump_J,
-                "pressure_jump_Pa": each.pressure_jump_Pa,
-                "touched_gap_N": each.touched_gap_N,
-                "faded_s": None,
-                "bridge_J": None,
-            }
-        )
-    return found
-
-
-def handover_figures(changes: list[dict[str, Any]], end_s: float) -> dict[str, Any]:
-    """Return the changes, and how long which model stood for the soft robot.
-
-    Args:
-        changes: of `with_handovers`.
-        end_s: of the run.
-    """
-    model, since, lasted = "section", 0.0, {"section": 0.0, "film": 0.0}
-    for change in [*changes, {"to": "", "time_s": end_s}]:
-        lasted[model] += change["time_s"] - since
-        model, since = change["to"], change["time_s"]
-    return {"section_s": lasted["section"], "film_s": lasted["film"], "changes": changes}
-
-
-def handover_line(found: dict[str, Any]) -> str:
-    """Return in a line which model stood for the soft robot when, and by how much models jumped.
-
-    Args:
-        found: of `handover_figures`.
-    """
-    changes = found["changes"]
-    if not changes:
-        return "none: the section model held throughout"
-    times = [f"{change['to']} from {change['time_s']:.4g} s" for change in changes[:_LISTED]]
-    more = f", {len(changes) - _LISTED} more changes" if len(changes) > _NAMED else ""
-    first = next(change for change in changes if change["to"] == "film")
-    jumps = _largest(changes, "tip_jump_m"), _largest(changes, "wrench_gap")
-    return (
-        f"{', '.join(times)}{more}; film for {found['film_s']:.3g} s, first as {first['why']}; "
-        f"the tip jumps by up to {1e3 * jumps[0]:.2g} mm; {1e2 * jumps[1]:.2g} % of the wrench bridged"
-    )
-
-
-_LISTED = 4
-
-
-def _largest(changes: list[dict[str, Any]], key: str) -> float:
-    known = [change[key] for change in changes if change[key] is not None and math.isfinite(change[key])]
-    return max(known, default=0.0)
-
 
 _ITSELF: Final = "contact with itself"
 _NAMED: Final = 3
@@ -103,7 +24,7 @@ _WIDTH: Final = len("stability: ")
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
-    """Return the lines that end a run on screen: six, one for tip targets, a handover, and each object.
+    """Return the lines that end a run on screen: six, one for tip targets, and each object.
 
     Args:
         summary: of the run.
@@ -114,7 +35,6 @@ def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence
         ("modelled", modelled_line(summary)),
         ("stability", stability_line(summary)),
         ("overlap", overlap_line(summary)),
-        *([("handover", handover_line(summary["handover"]))] if summary["handover"] else []),
         *(("target", text) for text in figures.target_lines(summary["phases"])),
         *(("object", text) for text in holding.object_lines(summary["objects"])),
         ("error", error_line(summary)),
@@ -301,7 +221,6 @@ def summary_markdown(summary: dict[str, Any]) -> str:
         *(f"- natural frequencies: {line}" for line in swing_lines(summary["phases"])),
         *(f"- overlap: {line}" for line in figures.overlap_lines(summary["overlaps"])),
         *(f"- contact: {line}" for line in touched.touched_lines(summary["touched"])),
-        *([f"- handover: {handover_line(summary['handover'])}"] if summary["handover"] else []),
         *(f"- target: {line}" for line in figures.target_lines(summary["phases"])),
         *(f"- object: {line}" for line in holding.object_lines(summary["objects"])),
         f"- error: {error_line(summary)}",
@@ -401,7 +320,6 @@ class SummaryBuilder:
         self._tip_path = figures.TipPathFigures()
         self._branchings: list[dict[str, Any]] = []
         self._overlaps: list[dict[str, Any]] = []
-        self._handovers: list[dict[str, Any]] = []
         self._devices = figures.DeviceFigures()
         self._shortest_m = math.inf
         self._objects = holding.ObjectFigures()
@@ -430,8 +348,6 @@ class SummaryBuilder:
             self._branchings = figures.joined_branchings(self._branchings, name, time_s[row], passed)
         for row, overlaps in batch.overlaps.items():
             self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
-        for row, passed_on in batch.handovers.items():
-            self._handovers = with_handovers(self._handovers, name, time_s[row], passed_on)
         if self._energy is not None and self._stage.energy is not None:
             self._energy, each = self._energy.after(batch, self._stage.energy)
             batch = replace(batch, energy_J=each)
@@ -460,7 +376,7 @@ class SummaryBuilder:
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
         check_state(
             state.gathered,
-            own | {"_phases": [], "_branchings": [], "_overlaps": [], "_handovers": [], "_missed": []},
+            own | {"_phases": [], "_branchings": [], "_overlaps": [], "_missed": []},
             place="figures",
             sizes={"cables": len(self._stage.cables), "bodies": len(self._stage.body_names)},
             finite=False,
@@ -513,7 +429,6 @@ class SummaryBuilder:
             "soft_weight_N": stage.soft_weight_N,
             "tip_measured_by": stage.tip_measured_by,
             "section_model": stage.section_model,
-            "handover": handover_figures(self._handovers, simulated_s) if stage.hands_over else None,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
             "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},

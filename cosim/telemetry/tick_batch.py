@@ -26,7 +26,6 @@ from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
-    from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
     from cosim.coupling.ticks import TicksTaken
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
 
@@ -38,7 +37,7 @@ _STACKED: Final = (
     "sensor_reading", "sensor_truth", "mounted_load", "body_touch",
 )  # fmt: skip
 """Arrays of a snapshot, one row each in a batch."""
-_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "handovers", "images", "pieces")
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "images", "pieces")
 """What few ticks have: by the rows of those."""
 _KINDS: Final[dict[Any, Any]] = {int: np.int64, float: np.float64, bool: np.bool_, Scheme: np.str_}
 _OF_LEDGER: Final = {f.name: _KINDS[f.type] for f in fields(LedgerEntry) if f.name != "wrench"}
@@ -105,7 +104,6 @@ class TickBatch(RigidColumns):
         branchings: of the soft robot's states, by row; rows left out have none.
         overlaps: of its films, by row; rows left out have none, or were not looked at.
         footing: of the soft robot, by row, at ends of phases.
-        handovers: changes of its model before a tick, and ends of bridges, by row.
         images: of cameras, by row; rows left out have none.
         pieces: of ticks that were taken in pieces, by row.
     """
@@ -158,7 +156,6 @@ class TickBatch(RigidColumns):
     branchings: Mapping[int, tuple[Branching, ...]]
     overlaps: Mapping[int, tuple[FilmOverlap, ...]]
     footing: Mapping[int, Footing]
-    handovers: Mapping[int, tuple[Handover | BridgeEnd, ...]]
     images: Mapping[int, tuple[CameraImage, ...]]
     pieces: Mapping[int, TickPieces]
 

@@ -86,7 +86,7 @@ def model_candidates(scenario: Scenario, fidelities: tuple[str, ...], *, quick: 
         *(candidate(name, changes, decision) for name, (changes, decision) in _switches(scenario).items()),
         *(
             candidate(
-                f"fidelity {name}", rung_changes(name), "elasticity" if name == "rigid" else "", family=name
+                f"fidelity {name}", {"fidelity": name}, "elasticity" if name == "rigid" else "", family=name
             )
             for name in fidelities
         ),
@@ -244,11 +244,6 @@ def short_candidates(scenario: Scenario) -> tuple[Candidate, ...]:
     return tuple(_time_candidates(scenario, _SHORT_TICKS_S, converge=False, integrators=integrators))
 
 
-def rung_changes(fidelity: str) -> dict[str, Any]:
-    """Return the changes that run a scenario at a fidelity; a section model hands over where it ends."""
-    return {"fidelity": fidelity, **({"model.handover": True} if fidelity == "section" else {})}
-
-
 def lower_fidelities() -> tuple[str, ...]:
     """Return the fidelities below the lumped one, the cheapest first."""
     return tuple(name for name in get_args(Fidelity) if name in _RUNG_TICKS_S)
@@ -293,7 +288,7 @@ def _time_candidates(
     for fidelity in lower_fidelities():
         rungs = [tick for tick in _RUNG_TICKS_S[fidelity] if tick >= ticks_s[0]]
         for tick in rungs if _can_be(scenario, fidelity) else rungs[:1]:
-            changes = {**rung_changes(fidelity), "clock.tick_s": tick, "solver.integrator": "bdf2"}
+            changes = {"fidelity": fidelity, "clock.tick_s": tick, "solver.integrator": "bdf2"}
             name = f"{fidelity}, {_milliseconds(tick)}"
             candidates.append(Candidate(name, "time", {**changes, **one}, family=fidelity))
     return candidates
@@ -302,7 +297,7 @@ def _time_candidates(
 def _can_be(scenario: Scenario, fidelity: str) -> bool:
     """Whether a scenario can be run at a fidelity; where not, one candidate says why."""
     try:
-        loading.load_scenario(scenario, rung_changes(fidelity))
+        loading.load_scenario(scenario, {"fidelity": fidelity})
     except ScenarioError:
         return False
     return True

@@ -115,7 +115,7 @@ def compile_for_trade(
         more: modules with kernels of what follows the runs.
     """
     films = replace(scenario, fidelity="lumped", contact=replace(scenario.contact, self_contact=True))
-    sections = replace(scenario, fidelity="section", model=replace(scenario.model, handover=True))
+    sections = replace(scenario, fidelity="section")
     models = *kernel_modules(films), *kernel_modules(sections)
     contact = () if scenario.robot == NO_ARM else contact_modules()
     compile_kernels(tell, (*more, *models, *contact))

@@ -153,7 +153,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"object": [{"name": "left", "shape": "sphere", "size_m": [0.1], "position_m": [9.0, 0.0, 1.0]}]},
         "arm.left: is the name of",
     ),
-    "handover": ({"fidelity": "section", "model.handover": True}, "model.handover: several arms need false"),
 }
 
 

@@ -115,14 +115,6 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
             {"soft_robot": "three_finger_gripper", "phase.hang.gas": {"copy_2": "sealed"}},
             "phase.hang.gas: is sealed; section models of copies need pressures",
         ),
-        (
-            {
-                "soft_robot": "three_finger_gripper",
-                "model.handover": True,
-                "phase.hang.pressure_Pa": [1, 2, 3],
-            },
-            "phase.hang.pressure_Pa: is not alike for all copies",
-        ),
         ({"soft_robot": "arm_with_gripper"}, "soft_robot.attach: has no section model"),
         (
             {"phase.hang.release": ["unit_1.hole"]},
@@ -143,7 +135,7 @@ def test_what_a_section_model_leaves_out_is_refused(
         load_scenario(path, changes)
 
 
-def test_a_model_that_loses_its_equilibria_needs_a_handover(
+def test_a_model_that_loses_its_equilibria_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -151,11 +143,8 @@ def test_a_model_that_loses_its_equilibria_needs_a_handover(
     monkeypatch.setattr(soft_model, "build_model", lambda *_: lost)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"'hexagon_arm' does not hold: .*or model\.handover = true"):
+    with pytest.raises(ScenarioError, match=r"'hexagon_arm' does not hold: .* take fidelity = 'lumped'"):
         soft_model.section_model(load_scenario(path))
-    run = cosim.run(path, overrides={"model.handover": True})
-    assert run.summary["section_model"]["tip_error_m"] is None
-    assert "it has no equilibrium at some loads" in run.stage.report
 
 
 def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,7 +155,7 @@ def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"by up to 6% of its length, more than 5%, .*; take fidelity"):
-        soft_model.section_model(load_scenario(path, {"model.handover": True}))
+        soft_model.section_model(load_scenario(path))
 
 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])

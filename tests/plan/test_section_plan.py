@@ -19,10 +19,7 @@ RUSH = {"name": "rush", "duration_s": 0.1, "flange_shift_m": [0.0, 0.25, 0.0]}
 PULL = {"name": "pull", "duration_s": 2.0, "cable_tension_N": [60.0, 0.0]}
 TABLE = {"name": "table", "shape": "box", "size_m": [0.3, 0.3, 0.02], "position_m": [0.4, 0.0, 0.37]}
 PLACE = r"section \d of 4 \(.*\) is .*, its model ends at "
-INSTEAD = (
-    "model.handover = true, by which the film takes over there, fidelity = 'lumped', which knows what lies "
-    "beyond, or 'auto'"
-)
+INSTEAD = "fidelity = 'lumped', which knows what lies beyond, or 'auto'"
 
 
 def built(scenario: Scenario) -> tuple[RunInfo, Decision]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 import cosim
-from cosim.coupling.soft_sides.handover import Handover
 from cosim.recording.colours import STRESS_RANGE_PA
 from cosim.telemetry.snapshot import DrawnFilm, RunInfo, Snapshot
 
@@ -236,15 +235,3 @@ def test_errors_stand_beside_their_figures_at_the_ends_of_phases(tmp_path: Path,
         bars = [1e3 * phase["error"][key] for phase in run.summary["phases"]]
         assert [value for (value,) in shown.values()] == pytest.approx(bars)
         assert list(shown) == [2 * round(run.stage.tick_s * 1e9), 5 * round(run.stage.tick_s * 1e9)]
-
-
-def test_the_model_that_stands_for_the_soft_robot_is_shown(
-    rrd: Path, make_stage: MakeStage, make_snapshot: MakeSnapshot, record: Record
-) -> None:
-    def handed_over(stage: RunInfo, tick: int) -> Snapshot:
-        return make_snapshot(stage, tick, handovers=(Handover(tick, "film", "bent"),) if tick == 3 else ())
-
-    stage = replace(make_stage(), hands_over=True)
-    shown = record(rrd, stage, handed_over, ticks=5).by_time("/phase/model", "StateChange:state")
-    assert shown == {0: ["section"], 6_000_000: ["film"]}
-    assert "/phase/model" not in record(rrd, make_stage(), make_snapshot, ticks=5).entities

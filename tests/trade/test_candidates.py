@@ -77,13 +77,7 @@ def test_changes_of_the_command_line_come_first(tmp_path: Path, capsys: pytest.C
     assert not (tmp_path / "out").exists()
 
 
-def test_section_models_hand_over_in_every_table_and_by_the_words_that_are_told() -> None:
+def test_words_that_are_told_change_what_a_candidate_changes() -> None:
     scenario = load_scenario(REFERENCE)
-    chosen = [each for each in candidates_of(scenario) if each.changes["fidelity"] == "section"]
-    chosen += [each for each in short_candidates(scenario) if each.changes["fidelity"] == "section"]
-    assert {each.group for each in chosen} == {"time", "model"}
-    for candidate in chosen:
-        words = candidate.words.split("--set ")[1:]
-        assert load_scenario(REFERENCE, dict(map(parse_assignment, words))).hands_over
     published = Candidate("", "model", {"model.published": False}).words
     assert load_scenario(REFERENCE, dict([parse_assignment(published.removeprefix("--set "))])) == scenario

@@ -200,11 +200,9 @@ class ContactTable:
 @final
 @dataclass(frozen=True)
 class ModelTable:
-    """What the model is: switches for comparison with the paper, and of the section model.
+    """What the model is: switches for comparison with the paper.
 
     Args:
-        handover: of fidelity "section": where the section model ends, the film takes over until that holds
-            again. Without it such a run ends there. Other fidelities have no use for it.
         published: the paper's lumped model, whatever the robot's file says: film law "plain"
             ("edge_strain" if the file says so), uniform hinges, no stiffeners, no finer
             mesh at the holes, no fused necks.
@@ -215,7 +213,6 @@ class ModelTable:
     published: bool = False
     closed: bool = True
     all_hinges: bool = True
-    handover: bool = False
 
 
 @final
@@ -620,11 +617,6 @@ class Scenario:
         """Whether contact of the soft robot's films with one another is modelled, if any can meet."""
         asked = self.contact.self_contact
         return self.fidelity != "rigid" and (asked is True or (asked == "auto" and not self.model.published))
-
-    @property
-    def hands_over(self) -> bool:
-        """Whether a section model hands over to its film where it ends."""
-        return self.fidelity == "section" and self.model.handover
 
     def ticks(self, phase: PhaseTable) -> int:
         """Return how many ticks of the clock a phase lasts, at least one."""

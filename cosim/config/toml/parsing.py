@@ -218,6 +218,8 @@ SCHEMA: Final = 2
 
 _WRINKLING: Final = 'is no more; drop it: film.law = "wrinkling" makes a coarse mesh answer like the film'
 
+_HANDOVER: Final = "is no more; drop it: where a section model ends, fidelity = 'lumped' goes on"
+
 RENAMED: Final = {
     "Scenario": {"chamber": "model"},
     "SoftRobotTable": {"chamber": "stack", "frame": "stiffener"},
@@ -227,7 +229,7 @@ RENAMED: Final = {
 GONE: Final = {
     "FilmTable": {"compressive_fraction": _WRINKLING},
     "SoftRobotTable": {"calibration": _WRINKLING},
-    "ModelTable": {"calibrated": _WRINKLING},
+    "ModelTable": {"calibrated": _WRINKLING, "handover": _HANDOVER},
 }
 """By the class of a table: keys that there are no more, and what to do."""
 

@@ -163,15 +163,6 @@ class ContactExchange:
         planes.anchor[contacts] += shift
         self.arrays.ties.carrier[contacts] += shift
 
-    def carry(self, moved: Array) -> None:
-        """Let stick springs be as stretched as they are on a film whose nodes have moved by (n, 3) [m]."""
-        memory, surface, count = self.arrays.memory, self.surface, int(self.arrays.counts[REMEMBERED])
-        # ties of features go with the film's point by themselves
-        rows = np.flatnonzero(memory.key[:count] < len(self.query.body) * len(surface))
-        shape, point = np.divmod(memory.key[rows], len(surface))
-        shift = np.einsum("ka,kar->kr", surface.weights[point], moved[surface.nodes[point]])
-        memory.offset[rows] += np.einsum("ksr,ks->kr", self.query.rotation[shape], shift)
-
     def ahead(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
         """Return how far bodies will be ahead (b, 6), see `Leads.lead`.
 

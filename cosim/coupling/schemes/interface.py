@@ -12,7 +12,7 @@ handed over; in the iterated one, what the same tick hands over, and what the la
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
@@ -22,7 +22,6 @@ from cosim.coupling import half_ticks
 from cosim.coupling.contact import contact_arrays, contact_exchange, contact_report
 from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
 from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, take_rigid_half
-from cosim.coupling.soft_sides.handover import TakenOver
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, InputError
@@ -222,11 +221,6 @@ class Interface:
         contact = None if self.contact is None else self.contact.save_state()
         return contact, None if self.light is None else self.light.save_state()
 
-    def begin_ticks(self) -> int:
-        """Let the soft side get ready for ticks; return how many may be taken before this is called again."""
-        touching = self.touched.count > 0
-        return self.soft.begin_ticks(self.wrench, self.scene.tick_s, touching=touching)
-
     def begin(self, count: int) -> TicksTaken:
         """Return room for ticks, with what is there before the first of them."""
         flange, handed, bodies = self.scene.flange_pose, self.handed, self._bodies
@@ -277,11 +271,6 @@ class Interface:
         soft, before = self.soft, self.soft.state
         try:
             return light.advance(flange, loads, aim)
-        except TakenOver as change:
-            assert self.contact is not None, "there are contacts"
-            self.contact.carry(change.off)
-            again = None if aim is None else replace(aim, start=None)
-            return self._advance_with(light, flange, loads, again)
         except ConvergenceError:
             if before.earlier is None:
                 raise
@@ -289,16 +278,13 @@ class Interface:
         soft.restart()
         return light.advance(flange, loads, aim)
 
-    def take_reply(
-        self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None, *, passed: int = 1
-    ) -> None:
+    def take_reply(self, taken: TicksTaken, reply: SoftReply, acted: Array | None = None) -> None:
         """Fill the row of the tick in progress with what `advance_soft` has returned, and hand it over.
 
         Args:
             taken: filled.
             reply: of the soft side.
             acted: (6,), on the flange in the tick, at its origin, world axes; unless given, as MuJoCo has it.
-            passed: ticks that the soft side takes note of; 0 in a tick in pieces.
         """
         k, ticks, touched = taken.done, taken.ticks, self.touched
         taken.take(reply, self.soft)
@@ -308,7 +294,7 @@ class Interface:
         ticks.work[k, 0] = touched.work_J
         ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
         taken.stability_ratio[k] = self.ratio
-        self._count(taken, 1, passed)
+        self._count(taken, 1)
 
     def follow(self, taken: TicksTaken, count: int) -> None:
         """Be where kernels have taken ticks, the last of those in the rows.
@@ -328,16 +314,14 @@ class Interface:
         taken.stability_ratio[taken.done : taken.done + count] = self.ratio
         self.scene.stepped(taken.ticks.flange(taken.done + count - 1))
         taken.done += count
-        self._count(taken, count, count)
+        self._count(taken, count)
 
-    def _count(self, taken: TicksTaken, count: int, passed: int) -> None:
+    def _count(self, taken: TicksTaken, count: int) -> None:
         flange, bodies = taken.ticks.handed[taken.done], self._bodies.handed
         self.handed = TransferredLoads(
             six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), *bodies[6:].tolist()
         )
         self.ticks += count
-        if passed:
-            self.soft.passed(passed)
 
 
 class Coupling(ABC):

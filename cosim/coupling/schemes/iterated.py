@@ -311,7 +311,6 @@ class IteratedCoupling(Coupling):
 
     def advance(self, servos: ticks.Servos, loads: Sequence[Loads]) -> ticks.TicksTaken:
         interface, vector = self.interface, FlangeLoad(self.interface)
-        interface.begin_ticks()
         if interface.to_be_weighed:
             interface.update_stability_ratio()
         taken, joints = interface.begin(1), len(servos.position[0])

@@ -137,7 +137,7 @@ class SectionHalves(SoftHalves):
 
     @property
     def _soft(self) -> SectionArm:
-        soft = self.interface.soft.rowing
+        soft = self.interface.soft
         assert isinstance(soft, SectionArm), "soft_halves() has asked"
         return soft
 
@@ -285,7 +285,7 @@ class FilmHalves(SoftHalves):
     @property
     def soft(self) -> SoftArm:
         """What is stepped."""
-        soft = self.interface.soft.rowing
+        soft = self.interface.soft
         assert isinstance(soft, SoftArm), "soft_halves() has asked"
         return soft
 
@@ -443,7 +443,7 @@ class FilmHalves(SoftHalves):
 
 def soft_halves(interface: Interface) -> SoftHalves:
     """Return what takes the ticks of an interface in a row."""
-    soft = interface.soft.rowing
+    soft = interface.soft
     if isinstance(soft, SectionArm) and interface.scene.steps_itself and not soft.stepper.losses_follow_shape:
         return SectionHalves(interface)
     if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:

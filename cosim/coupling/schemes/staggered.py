@@ -95,7 +95,7 @@ class FineTicks:
     @property
     def fast_m_s(self) -> float:
         """Speed from which on ticks are fine ones; endless where no film is stepped."""
-        soft = self._interface.soft.rowing
+        soft = self._interface.soft
         return self._fast_m_s if isinstance(soft, lumped_arm.SoftArm) and soft.steps_alone else np.inf
 
     def look(self) -> None:
@@ -124,7 +124,7 @@ class FineTicks:
             taken: its row is filled.
         """
         interface = self._interface
-        scene, soft = interface.scene, interface.soft.rowing
+        scene, soft = interface.scene, interface.soft
         assert isinstance(soft, lumped_arm.SoftArm), "no other soft side takes fine ticks"
         count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
         fine, shapes = interface.begin(count), []
@@ -135,12 +135,11 @@ class FineTicks:
                 scene.check()
             scene.stepped(fine.ticks.flange(k))
             reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
-            interface.take_reply(fine, reply, passed=0)
+            interface.take_reply(fine, reply)
             shapes.append(soft.state.positions)
         taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin[1:])
         self._condense(fine, taken)
         interface.ticks = ticks + 1
-        interface.soft.passed(1)
         self.look()
         if not self.left:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
@@ -260,7 +259,7 @@ class StaggeredCoupling(Coupling):
         self._added = np.zeros((joints, joints))
         self._past = np.zeros((2, joints))
         self._carries = False
-        self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
+        self._halves = soft_halves(interface)
         self._fine = FineTicks(interface)
         self._halves.fast_m_s = self._fine.fast_m_s
         self._begun: tuple[TicksTaken, half_ticks.RigidSide] | None = None
@@ -346,11 +345,7 @@ class StaggeredCoupling(Coupling):
         """Get ready for up to so many ticks; return room for them."""
         interface = self.interface
         interface.scene.check()
-        most = 1 if self._fine.left else interface.begin_ticks()  # one model takes fine ticks
-        if interface.soft.rowing is not self._rowing:  # another model steps from here on
-            self._rowing, self._halves = interface.soft.rowing, soft_halves(interface)
-            self._halves.fast_m_s = self._fine.fast_m_s
-        return interface.begin(min(count, self._halves.most, most))
+        return interface.begin(1 if self._fine.left else min(count, self._halves.most))
 
     def _weighed(self, taken: TicksTaken) -> half_ticks.RigidSide:
         """Weigh the flange where that is due; return the rigid side until it is due again."""
@@ -366,8 +361,7 @@ class StaggeredCoupling(Coupling):
         """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
 
         Returns:
-            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind,
-            nor where another model steps.
+            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind.
         """
         interface, (begun, self._begun) = self.interface, (self._begun, None)
         rigid = self._weighed(taken) if begun is None else begun[1]
@@ -390,7 +384,7 @@ class StaggeredCoupling(Coupling):
         with interface.soft.work:
             interface.take_reply(taken, interface.advance_soft(loads[done]))
         self._fine.look()
-        return not self._halves.plain and interface.soft.rowing is self._rowing
+        return not self._halves.plain
 
     def carried(self) -> CarriedInertia:
         """Return a copy of what rides on the joints."""

@@ -360,25 +360,6 @@ class SectionArm(soft_side.SoftSide):
         """Let equilibria from now on take in what the film touches."""
         self.obstacles = self._equilibria.obstacles = obstacles
 
-    def resisting(self, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
-        """Return the gradient (f, 6) [N, N m] of the potential at frames (f, 4, 3) at rest, under loads.
-
-        Args:
-            frames: (f, 4, 3).
-            loads: that act.
-            pressure_Pa: of the gas.
-        """
-        given, _ = time_step.given_tensions(self._solver, frames, loads, pressure_Pa)
-        return self._solver.evaluate(frames, given, pressure_Pa)
-
-    def standing(self, chain: ChainState, pressure_Pa: float) -> ChainStep:
-        """Return a chain (without forces) as a step that ended there, to `go_to`."""
-        return self._standing(chain, pressure_Pa, np.zeros((len(chain.frames), 6)))
-
-    def hold_as(self, clamp: FrameClamp) -> None:
-        """Be held as a clamp has it."""
-        self.clamp = clamp
-
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they go with the flange."""
         frames = self._last.frames

@@ -18,7 +18,6 @@ BDF2, whose difference quotient taken twice is (3 z - 1)^2 / 4 times those secon
 
 from __future__ import annotations
 
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -31,7 +30,6 @@ from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
 from cosim.coupling.schemes.ledger import ShapeFigures
-from cosim.coupling.soft_sides.handover import BridgeEnd, Handover
 from cosim.errors import ConvergenceError, TickWorkError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -322,41 +320,6 @@ class SoftSide(ABC):
     def restart(self) -> None:
         """Let the next step be the first one of a two-step integrator."""
         self.state = replace(self.state, earlier=None)
-
-    @property
-    def acting(self) -> SoftSide:
-        """The model that represents the soft robot at present: itself, unless it holds several."""
-        return self
-
-    @property
-    def rowing(self) -> SoftSide:
-        """What kernels may step in rows of ticks in place of this side, until it changes."""
-        return self
-
-    def begin_ticks(self, wrench: Wrench, step_s: float, *, touching: bool) -> int:
-        """Get ready for ticks; return how many may be taken before this is called again.
-
-        Args:
-            wrench: that it exerts on the flange at present.
-            step_s: length of a tick [s].
-            touching: whether it has touched something in the last tick.
-        """
-        return sys.maxsize
-
-    def begin_increment(self, here: Equilibrium) -> Equilibrium:
-        """Get ready for an increment of statics; return the equilibrium from which it begins.
-
-        Args:
-            here: where the last one ended.
-        """
-        return here
-
-    def passed(self, count: int) -> None:  # noqa: B027  # most sides do not count
-        """Take note of ticks or increments that have been taken, by whomever."""
-
-    def handovers(self) -> tuple[Handover | BridgeEnd, ...]:
-        """Return the changes between models since this was asked last."""
-        return ()
 
     def searching(self, place: str) -> AbstractContextManager[None]:
         """Let searches within say where they are, while they last; those that take no time say nothing.

@@ -173,17 +173,6 @@ class ContactPlanes:
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
         return ContactForces(point, -own, pressing.copy(), distance)
 
-    def carried(self, moved: Array) -> "ContactPlanes":
-        """Return the contacts with their anchors moved as the contact points are by nodes (n, 3) [m]."""
-        shift = np.einsum("ka,kar->kr", self.weights, moved[self.nodes])
-        return replace(self, anchor=self.anchor + shift)
-
-    def force_on_bodies(self, positions: Array) -> Array:
-        """Return the force (bodies, 3) [N] of a film with nodes (n, 3) [m] on each body."""
-        found = np.zeros((1 + self.body.max(initial=0), 3))
-        np.add.at(found, self.body, -self.at(positions).force)
-        return found
-
     def sticking(self, points: Array, friction: Array) -> "ContactPlanes":
         """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.
 
