@@ -60,11 +60,8 @@ def test_what_may_be_held_by_what_it_touches_is_warned_of(load: Any) -> None:
     assert f"warning: {found.line}\n" in said.getvalue()
 
 
-def test_auto_measures_section_models_that_end_with_their_film(load: Any) -> None:
+def test_auto_takes_the_film_where_section_models_end(load: Any) -> None:
     said: list[str] = []
     ask = load({**PULL, "duration_s": 0.2}, fidelity="auto", auto={"tolerance_m": 0.002})
-    # snapped by 60 N, the arm that began as a chain is elsewhere by more than is asked for, at every tick;
-    # at two of them it is within 5 mm, and what was faster would be taken
     assert with_fidelity_chosen(ask, said.append).fidelity == "lumped"
-    measured = [line for line in said if re.search(r"section, .* real time, tip", line)]
-    assert len(measured) == 4
+    assert not [line for line in said if re.search(r"section, .* real time, tip", line)]
