@@ -1,4 +1,4 @@
-"""Rewrites scenario and robot files of the schema number before: keys are renamed, all else stays.
+"""Rewrites older scenario and robot files: keys are renamed or dropped, all else stays.
 
 Finds the keys of a TOML text, so that some can be changed and all the rest stays as it is.
 """
@@ -153,10 +153,10 @@ def upgrade_file(path: Path) -> int:
 
 
 def upgraded(text: str) -> tuple[str, int]:
-    """Return a file's text with its keys renamed, and how many keys and numbers were changed.
+    """Return a file's text with its keys renamed or dropped, and how many keys and numbers were changed.
 
     Raises:
-        ValueError: a table has an old key beside the new one.
+        ValueError: a table has an old key beside the new one, or a key to be dropped is not on its own line.
     """
     table = _loaded(text)
     scenario = is_scenario(table)
@@ -166,6 +166,8 @@ def upgraded(text: str) -> tuple[str, int]:
         new = parsing.RENAMED.get(kind, {}).get(span.path[-1])
         if new is not None:
             changes.append((span.start, span.end, new))
+        if scenario and span.path in parsing.DROPPED:
+            changes.append((*_line_of(text, span), ""))
         if (
             kind
             and span.path[-1] == "schema"
@@ -176,9 +178,25 @@ def upgraded(text: str) -> tuple[str, int]:
     made = text
     for start, end, new in reversed(changes):
         made = made[:start] + new + made[end:]
-    if repr(_loaded(made)) != repr(_renamed(table, (), scenario)):
+    if _told(_loaded(made)) != _told(_renamed(table, (), scenario)):
         raise ValueError("more than keys would change")
     return made, len(changes)
+
+
+def _told(table: Mapping[str, Any]) -> str:
+    """Return what a file tells; a table without keys, as may be left of one, tells nothing."""
+    return repr({key: value for key, value in table.items() if value != {}})
+
+
+def _line_of(text: str, span: KeySpan) -> tuple[int, int]:
+    """Return where the line of a key begins and ends; nothing else may stand on it but a comment."""
+    begin, end = text.rfind("\n", 0, span.start) + 1, span.value_start + len(span.value)
+    newline = text.find("\n", end)
+    after = len(text) if newline < 0 else newline + 1
+    rest = text[end:after].strip()
+    if not span.value or "{" in text[begin : span.start] or (rest and not rest.startswith("#")):
+        raise ValueError(f"'{'.'.join(span.path)}' is no more, and not alone on its line")
+    return begin, after
 
 
 def _kind_of(table: tuple[str, ...], scenario: bool) -> str:
@@ -202,7 +220,11 @@ def _renamed(value: Any, path: tuple[str, ...], scenario: bool) -> Any:
         return value
     kind = _kind_of(path, scenario)
     names = parsing.RENAMED.get(kind, {})
-    made = {names.get(key, key): _renamed(item, (*path, key), scenario) for key, item in value.items()}
+    made = {
+        names.get(key, key): _renamed(item, (*path, key), scenario)
+        for key, item in value.items()
+        if not (scenario and (*path, key) in parsing.DROPPED)
+    }
     if kind and _is_before(made.get("schema")):
         made["schema"] = parsing.SCHEMA
     return made

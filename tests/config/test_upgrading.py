@@ -94,6 +94,15 @@ def test_robots_that_are_carried_change_as_well() -> None:
     assert table["attach"][1]["name"] == "frame"
 
 
+def test_keys_that_are_no_more_go_with_their_line() -> None:
+    text = NOW.replace("closed=true\n", "closed=true\nhandover = true  # to the film\n")
+    assert upgraded(text) == (NOW, 1)
+    dotted = "schema = 2\nrobot = 'none'\nmodel.handover = false"
+    assert upgraded(dotted) == ("schema = 2\nrobot = 'none'\n", 1)
+    with pytest.raises(ValueError, match="not alone on its line"):
+        upgraded("schema = 2\nrobot = 'none'\nmodel = { handover = true }\n")
+
+
 def as_before(text: str) -> str:
     """Return a file of today as schema 1 would have it."""
     changes = (("schema = 2", "schema = 1"), ("[stack]", "[chamber]"), ("[model]", "[chamber]"))

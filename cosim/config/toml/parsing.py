@@ -233,6 +233,9 @@ GONE: Final = {
 }
 """By the class of a table: keys that there are no more, and what to do."""
 
+DROPPED: Final = {("model", "handover")}
+"""Keys of scenarios without which files mean what they meant."""
+
 REMEDY: Final = "rewrite the file: cosim upgrade FILE"
 
 
