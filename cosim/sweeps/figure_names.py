@@ -20,7 +20,7 @@ OF_A_RUN: Final = (
     "interface_trials", "max_interface_trials", "max_interface_residual", "max_interface_power_error",
     "max_momentum_error", "max_contact_ratio", "contact_since_s", "max_contact_force_N",
     "max_contact_depth_m", "max_self_contact_force_N", "max_self_contact_depth_m", "self_contact_since_s",
-    "touched", "soft_weight_N", "section_model", "handover", "error", "branchings", "overlaps", "objects",
+    "touched", "soft_weight_N", "section_model", "error", "branchings", "overlaps", "objects",
 )  # fmt: skip
 OF_A_PHASE: Final = (
     "complete", "end_s", "newton_iterations", "pressure_Pa", "volume_m3", "cable_tension_N",
