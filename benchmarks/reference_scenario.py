@@ -81,10 +81,10 @@ def watch() -> Stopwatch:
 
 def dynamic(overrides: dict[str, Any], stopwatch: Stopwatch | None = None) -> dict[str, Any]:
     """Run the scenario in dynamic mode with its recording on; return its figures."""
-    from cosim.app.driver import Options, build_simulation, execute, rerun_recorder, with_fidelity_chosen
+    from cosim.app.driver import Options, build_simulation, execute, rerun_recorder
     from cosim.config.loading import load_scenario
 
-    scenario = with_fidelity_chosen(load_scenario(SCENARIO, {**MODEL, **overrides}), print)
+    scenario = load_scenario(SCENARIO, {**MODEL, **overrides})
     with tempfile.TemporaryDirectory() as folder:
         if stopwatch is not None:
             stopwatch.seconds.clear()

@@ -85,12 +85,12 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=2000)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    from cosim.app.driver import build_simulation, with_fidelity_chosen
+    from cosim.app.driver import build_simulation
     from cosim.config.loading import load_scenario
     from cosim.coupling.schemes.soft_halves import SoftHalves
 
     overrides = {"fidelity": options.fidelity, "coupling.scheme": "staggered"}
-    run: Any = build_simulation(with_fidelity_chosen(load_scenario(options.scenario, overrides), print))
+    run: Any = build_simulation(load_scenario(options.scenario, overrides))
     soft, carrier = run._parts.soft, run._parts.carrier
     for _ in islice(run.steps(), 20):
         pass

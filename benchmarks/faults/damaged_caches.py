@@ -1,4 +1,4 @@
-"""Damaged caches: a kept section model and kept figures of a trade, each damaged in 205 ways.
+"""Damaged caches: a kept section model, damaged in 205 ways.
 
     python benchmarks/faults/damaged_caches.py [SEED]
 
@@ -29,9 +29,6 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.reduced.section_model import SectionModel
 from cosim.reduced.sections.section_energy import PressureSpline
-from cosim.trade import measuring, report
-from cosim.trade.candidates import short_candidates
-from cosim.trade.measuring import Measured
 
 WAYS = 205
 Random = np.random.Generator
@@ -91,17 +88,6 @@ def section_result(scenario: Scenario) -> bytes:
     return b"".join(getattr(model, name).tobytes() for name in ("energy", "length", "gas", "nodes"))
 
 
-def trade_result(scenario: Scenario, cache: Path) -> bytes:
-    """Return the figures that a scenario's choice rests on."""
-    results, _ = report.figures(scenario, no_build, cache, lambda text: None)
-    return repr(results).encode()
-
-
-def no_build(scenario: Scenario) -> Any:
-    """Build nothing: figures are made up here."""
-    raise AssertionError(scenario.name)
-
-
 def faults_of(path: Path, result: Callable[[], bytes], random: Random, ways: int) -> list[str]:
     """Return what went wrong with a kept file damaged in so many ways."""
     expected, found = result(), []
@@ -125,31 +111,23 @@ def faults_of(path: Path, result: Callable[[], bytes], random: Random, ways: int
 
 
 def try_all(seed: int, folder: Path, ways: int = WAYS) -> list[str]:
-    """Return what went wrong with both kinds of caches; `folder` becomes the user's cache."""
+    """Return what went wrong with kept section models; `folder` becomes the user's cache."""
     random = np.random.default_rng(seed)
     os.environ["XDG_CACHE_HOME"] = str(folder)
     scenario = load_scenario("ur5e_hexagon_arm")
     model = made_up_model(random)
-    replaced: tuple[Any, Any, Any] = soft_model, report, measuring
-    replaced[0].build_model = lambda *_: model
-    # numbers that a file holds in few digits
-    figures = [(random.integers(1, 9, 9) / 8.0).tolist() for _ in short_candidates(scenario)]
-    rows = [Measured(member, *own) for member, own in zip(short_candidates(scenario), figures, strict=True)]
-    replaced[1].measure = lambda *_, **__: rows
-    replaced[2].compile_for_trade = lambda *_: None
+    replaced: Any = soft_model
+    replaced.build_model = lambda *_: model
     section_result(scenario)
-    trade_result(scenario, folder / "cosim")
     (section,) = (folder / "cosim").glob("section_*")
-    (trade,) = (folder / "cosim").glob("trade_*")
-    found = faults_of(section, lambda: section_result(scenario), random, ways)
-    return found + faults_of(trade, lambda: trade_result(scenario, folder / "cosim"), random, ways)
+    return faults_of(section, lambda: section_result(scenario), random, ways)
 
 
 def main(seed: int = 1) -> int:
-    """Damage both caches in all ways; return 1 if there was a fault."""
+    """Damage the cache in all ways; return 1 if there was a fault."""
     with tempfile.TemporaryDirectory() as folder:
         faults = try_all(seed, Path(folder))
-    print("\n".join([*faults, f"{2 * WAYS} damaged caches: {len(faults)} faults"]))
+    print("\n".join([*faults, f"{WAYS} damaged caches: {len(faults)} faults"]))
     return int(bool(faults))
 
 

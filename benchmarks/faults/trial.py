@@ -184,8 +184,8 @@ def _check(scenario: Scenario) -> str:
 def _run(scenario: Scenario) -> None:
     from cosim.app.driver import build_simulation  # here: the level "load" needs no engine
 
-    if scenario.fidelity in ("section", "auto"):  # their models take longer than a trial may
-        scenario = replace(scenario, fidelity="lumped", auto=None)
+    if scenario.fidelity == "section":  # its model takes longer than a trial may
+        scenario = replace(scenario, fidelity="lumped")
     for _ in islice(build_simulation(scenario).steps(), TICKS + 1):
         pass
 

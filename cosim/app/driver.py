@@ -28,7 +28,7 @@ from uuid import uuid4
 from cosim._version import __version__
 from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
-from cosim.base.files import cache_directory, files_read
+from cosim.base.files import files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.build.kernel_modules import compile_kernels, contact_modules, kernel_modules
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
@@ -469,15 +469,15 @@ def prepared(
         recording: whether the run is recorded.
         contact: whether to compile those as well, if there is an arm.
         kept: parts that may be used again; it gets those that are made here.
-
-    Raises:
-        ScenarioError: no fidelity meets its `[auto]`.
     """
     compile_kernels(tell, _modules(scenario, recording))
-    chosen = with_fidelity_chosen(scenario, tell, kept)
+    if scenario.fidelity == "section":
+        from cosim.build.soft_model import SoftModel  # here, as few runs build one
+
+        SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
     touched = contact_modules() if contact and scenario.robot != NO_ARM else ()
-    compile_kernels(tell, (*_modules(chosen, recording), *touched))
-    return chosen
+    compile_kernels(tell, touched)
+    return scenario
 
 
 def prepared_arms(
@@ -492,30 +492,6 @@ def prepared_arms(
 
     compile_kernels(tell, (open_ticks,))  # as one step of the scene is the rigid half of all arms
     return replace(scenario, arms=arms)
-
-
-def with_fidelity_chosen(
-    scenario: Scenario, tell: Callable[[str], None], kept: KeptParts | None = None
-) -> Scenario:
-    """Return the scenario with `fidelity = "auto"` replaced by what meets its `[auto]`; build what it needs.
-
-    Args:
-        scenario: checked.
-        tell: told what is measured, and what is chosen.
-        kept: parts that may be used again; it gets those that are made here.
-
-    Raises:
-        ScenarioError: nothing meets it.
-    """
-    if scenario.fidelity == "auto":
-        from cosim.trade.report import chosen_fidelity  # here: few runs measure anything
-
-        scenario = chosen_fidelity(scenario, build_simulation, cache_directory(), tell, recorded)
-    if scenario.fidelity == "section":
-        from cosim.build.soft_model import SoftModel  # here, as few runs build one
-
-        SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
-    return scenario
 
 
 def named_body(body: AnyBody | None) -> NamedBody | None:

@@ -107,7 +107,7 @@ def left_to_runs(scenario: Scenario) -> tuple[str, ...]:
     found = [f"whether the tip can follow phase {', '.join(aimed)}"] if aimed else []
     if scenario.plan.collision == "refuse" and scenario.robot != NO_ARM:
         found.append("whether the way is clear (plan.collision)")
-    if scenario.fidelity in ("section", "auto"):
+    if scenario.fidelity == "section":
         found.append("whether the film has a section model (fidelity)")
     return tuple(found)
 

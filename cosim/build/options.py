@@ -72,9 +72,8 @@ def dynamic_options(scenario: Scenario) -> state.StepOptions:
 
 def fidelity_report(scenario: Scenario, section: SectionModel | None) -> str:
     """Return in words how finely the soft robot is modelled, and by which section model, if any."""
-    chosen = scenario.auto.chosen if scenario.auto is not None else None
     paper = "; the paper's lumped model (model.published)" if scenario.model.published else ""
-    return _rung(scenario, section) + paper + (f"; chosen by measurement: {chosen}" if chosen else "")
+    return _rung(scenario, section) + paper
 
 
 def _section_rung(model: SectionModel) -> str:

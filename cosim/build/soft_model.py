@@ -139,7 +139,7 @@ class SoftModel:
         tell: told in one sentence what takes long, and what soft sides that search for long try.
 
     Raises:
-        ScenarioError: the fidelity is still to be chosen, or the geometry gives degenerate triangles.
+        ScenarioError: the geometry gives degenerate triangles.
     """
 
     def __init__(
@@ -149,8 +149,6 @@ class SoftModel:
         given: SoftBody | None = None,
         tell: Callable[[str], None] = lambda _text: None,
     ) -> None:
-        if scenario.fidelity == "auto":
-            raise ScenarioError("fidelity", "'auto' is settled before a run is built; see cosim.trade.report")
         self._scenario, self._tell, self.kept = scenario, tell, kept
         self._flange = pose_of(scenario.start.flange)
         self._statics, self._dynamics = options.static_options(scenario), options.dynamic_options(scenario)

@@ -35,7 +35,7 @@ def trade_command(options: argparse.Namespace) -> int:
     requirement, bound = _requirement(options), report.parse_budget(options.slowest)
     scenario = loading.load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
     rules.check_ends(scenario)
-    scenario = replace(scenario, fidelity="lumped", auto=None)
+    scenario = replace(scenario, fidelity="lumped")
     candidates = candidates_of(
         scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against
     )

@@ -30,11 +30,7 @@ MOST_INCREMENTS: Final = 10_000_000
 MOST_SOLIDS: Final = 2_000
 _REFINE_MAX: Final = 4
 _MOTIONS: Final = ("flange", "flange_turn", "flange_shift_m", "tip_path", *JOINT_KEYS)
-_NEEDS: Final = {
-    "section": "a stack of units",
-    "refined": "a geometry that can be drawn finer",
-    "auto": "to choose among models of a soft robot's file",
-}
+_NEEDS: Final = {"section": "a stack of units", "refined": "a geometry that can be drawn finer"}
 _TAKE: Final = "use fidelity = 'lumped'"
 
 
@@ -94,8 +90,6 @@ def _without_phases_it_is_stepped(scenario: Scenario) -> Told:
             f"'{scenario.mode}' follows the increments of phases, and there is no [[phase]]; give one, or "
             "mode = 'dynamic', which cosim.Simulation steps and commands",
         )
-    if scenario.endless and scenario.fidelity == "auto":
-        yield "fidelity", "'auto' is chosen by running the phases, and there is no [[phase]]; name a model"
 
 
 @rule
@@ -136,22 +130,6 @@ def _a_given_body_is_closed_as_given(scenario: Scenario) -> Told:
         yield Fault(
             "model.closed",
             f"is {str(closed).lower()}; the soft body '{robot.name}' is given with closed = {robot.closed}",
-        )
-
-
-@rule
-def _auto_has_a_requirement(scenario: Scenario) -> Told:
-    wanted = scenario.auto
-    if scenario.fidelity != "auto":
-        if wanted is not None and wanted.chosen is None:
-            yield "auto", f"goes with fidelity = 'auto'; the fidelity is '{scenario.fidelity}'"
-    elif scenario.mode != "dynamic":
-        yield "fidelity", f"'auto' chooses among dynamic runs; the mode is '{scenario.mode}'"
-    elif wanted is None or {wanted.budget, wanted.tolerance_m, wanted.force_tolerance_N} == {None}:
-        yield Fault(
-            "auto",
-            "is missing a requirement; fidelity = 'auto' needs auto.budget (least real-time factor), "
-            "auto.tolerance_m (of the tip) or auto.force_tolerance_N",
         )
 
 

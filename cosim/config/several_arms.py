@@ -191,8 +191,6 @@ def _beyond(scenario: Scenario) -> Iterator[tuple[str, str]]:
         yield "robot", "is 'none'; each of several arms needs a robot"
     if scenario.endless:
         yield "phase", "is missing: each of several arms needs phases"
-    if scenario.fidelity == "auto":
-        yield "fidelity", "'auto' knows one arm; choose one with `cosim trade` for each arm alone"
     if scenario.cameras:
         yield "camera", "several arms have none: pictures show one soft robot; leave cameras out"
     for entry in scenario.controllers:

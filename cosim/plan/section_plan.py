@@ -218,7 +218,7 @@ class _Walk:
 
 
 def _refusal(text: str) -> str:
-    return f"{text}; or take fidelity = 'lumped', which knows what lies beyond, or 'auto'"
+    return f"{text}; or take fidelity = 'lumped', which knows what lies beyond"
 
 
 def _refused_phase(phase: PhaseTable, error: OutOfRangeError) -> ScenarioError:

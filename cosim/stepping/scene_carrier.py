@@ -15,7 +15,7 @@ from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes import iterated, ledger
 from cosim.coupling.schemes.interface import Coupling, Interface, rigid_slopes
-from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.errors import InputError, SolverError
@@ -377,8 +377,6 @@ def make_coupling(settings: CouplingTable, interface: Interface) -> Coupling:
     options = iterated.IterationOptions(settings.tolerance, settings.iterations_max)
     if settings.scheme == "iterated":
         return iterated.IteratedCoupling(interface, options)
-    if settings.scheme == "auto":
-        return AutomaticCoupling(interface, options)
     return StaggeredCoupling(interface)
 
 
@@ -386,10 +384,7 @@ def exchange_report(settings: CouplingTable) -> str:
     """Return in words how both sides exchange their loads."""
     if settings.scheme == "staggered":
         return "staggered, both ways at every tick"
-    agreed = f"every tick repeated until the loads agree to {settings.tolerance:g}"
-    if settings.scheme == "iterated":
-        return f"iterated: {agreed}"
-    return f"automatic: staggered; where that would need algorithmic mass, {agreed}"
+    return f"iterated: every tick repeated until the loads agree to {settings.tolerance:g}"
 
 
 @final

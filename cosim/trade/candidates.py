@@ -193,7 +193,6 @@ _RUNG_TICKS_S: Final[Mapping[str, tuple[float, ...]]] = {
 }
 """Ticks of the fidelities below the lumped one."""
 
-_SHORT_TICKS_S: Final = (0.002, 0.005, 0.01, 0.02)
 _GRID_S: Final = 0.02
 """Durations are cut to multiples of this, so that every tick divides them."""
 
@@ -231,17 +230,6 @@ def candidates_of(
         others = [replace(m, group="model", reference=False) for m in (*time, *model) if m not in references]
         candidates = (*references, *others)
     return tuple(replace(m, changes={**m.changes, **hurried}) for m in candidates)
-
-
-def short_candidates(scenario: Scenario) -> tuple[Candidate, ...]:
-    """Return the few candidates that an automatic choice is made from.
-
-    Without anything to touch BDF2 is nearer at every tick and costs the same; with contact Euler's damping
-    may help, so both are tried.
-    """
-    both = ("implicit_euler", "bdf2")
-    integrators = both if scenario.objects or scenario.wires else both[1:]
-    return tuple(_time_candidates(scenario, _SHORT_TICKS_S, converge=False, integrators=integrators))
 
 
 def lower_fidelities() -> tuple[str, ...]:

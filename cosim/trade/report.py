@@ -1,33 +1,24 @@
-"""What trades are reported as, which candidate meets a requirement, and the choice of fidelity = "auto".
+"""What trades are reported as, and which candidate meets a requirement.
 
 Which candidates of a trade are worth having; the trade as Markdown, JSON and a picture.
 
 Which candidates are worth having, and which one to take.
 
 A trade as a picture: errors of positions and forces against the real-time factor, Pareto front marked.
-
-Chooses fidelity, tick and integrator of a scenario by a short trade, whose figures are kept on disk.
 """
 
-import hashlib
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
 from typing import Any, final
 
 from cosim._version import __version__
-from cosim.base import files, state_archive
-from cosim.base.kept_parts import code_identity
-from cosim.config.loading import load_scenario, to_table
-from cosim.config.schema.scenario import Scenario
-from cosim.errors import InputError, ScenarioError
+from cosim.errors import InputError
 from cosim.results.result import figure_kind
-from cosim.trade import measuring
-from cosim.trade.candidates import Candidate, short_candidates
-from cosim.trade.measuring import FORCE_MEAN, Build, Follow, Measured, Telling, measure, unfollowed
+from cosim.trade.measuring import FORCE_MEAN, Measured
 
 RESERVE = 0.15
 """Share of a budget by which a candidate is to be faster, as the speed of a machine varies."""
@@ -370,74 +361,3 @@ def _scatter(axes: Any, results: Sequence[Measured], errors: Sequence[float]) ->
         labelled.add(label)
     if errors and min(errors) > 0.0:
         axes.set_yscale("log")
-
-
-_WITHOUT = ("name", "title", "fidelity", "auto")
-"""What the figures of a scenario do not depend on."""
-
-
-def chosen_fidelity(
-    scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None], follow: Follow = unfollowed
-) -> Scenario:
-    """Return the scenario with its fidelity chosen, if it asks for that; otherwise as it is.
-
-    Args:
-        scenario: checked.
-        build: makes a simulation.
-        cache: directory of kept figures.
-        tell: told what is measured and what is chosen.
-        follow: what follows the run that is chosen for, as its cost counts.
-
-    Raises:
-        ScenarioError: no candidate meets the requirement; the message names the nearest.
-    """
-    if scenario.fidelity != "auto" or scenario.auto is None:
-        return scenario
-    requirement = Requirement(
-        scenario.auto.budget, scenario.auto.tolerance_m, scenario.auto.force_tolerance_N
-    )
-    results, source = figures(replace(scenario, fidelity="lumped", auto=None), build, cache, tell, follow)
-    found = pick(results, requirement)
-    if found is None:
-        raise ScenarioError("auto", f"no candidate meets {requirement.words}; {_nearest(results)}")
-    said = f"{found.candidate.name}: {figures_text(found)}"
-    tell(f"auto: chose {said} ({source})")
-    plain = replace(scenario, fidelity="lumped", auto=None)
-    chosen = load_scenario(plain, found.candidate.changes)
-    return replace(chosen, auto=replace(scenario.auto, chosen=said))
-
-
-def figures(
-    scenario: Scenario, build: Build, cache: Path, tell: Callable[[str], None], follow: Follow = unfollowed
-) -> tuple[list[Measured], str]:
-    """Return the measured candidates of a scenario, and where their figures come from."""
-    candidates = short_candidates(scenario)
-    path = cache / f"trade_{content_hash(scenario, candidates)}.kept"
-    found = files.kept(path, state_archive.unpacking(list))
-    if found is not None:
-        return found, f"measured before: {path}"
-    tell(f"auto: measuring {len(candidates)} ways to run '{scenario.name}', once")
-    measuring.compile_for_trade(scenario, tell)
-    telling = Telling(done=lambda result: tell(f"auto: {result_line(result)}"))
-    results = measure(scenario, candidates, build, telling, follow=follow)
-    files.keep(path, state_archive.packed(results))
-    return results, f"measured now, kept in {path}"
-
-
-def content_hash(scenario: Scenario, candidates: Sequence[Candidate]) -> str:
-    """Return what names the figures of a scenario: a hash of all that they depend on.
-
-    The code is among it: another program may measure something else, or run at another speed.
-    """
-    table = {key: value for key, value in to_table(scenario).items() if key not in _WITHOUT}
-    ways = [dict(candidate.changes) for candidate in candidates]
-    text = json.dumps([code_identity(), table, ways], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _nearest(results: Sequence[Measured]) -> str:
-    front = pareto_front(results)
-    if not front:
-        return "none of them ran to its end"
-    ends = {id(result): result for result in (front[0], front[-1])}.values()
-    return "there are " + " and ".join(f"{result.candidate.name} ({figures_text(result)})" for result in ends)

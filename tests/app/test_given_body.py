@@ -132,7 +132,6 @@ def test_it_is_stepped_branched_and_pickled(file: Path) -> None:
     [
         ({"fidelity": "section"}, "fidelity: 'section' needs a stack of units"),
         ({"fidelity": "refined"}, "fidelity: 'refined' needs a geometry that can be drawn finer"),
-        ({"fidelity": "auto", "auto.budget": 1.0}, "fidelity: 'auto' needs"),
         ({"model.all_hinges": False}, r"model\.all_hinges: is false"),
         ({"model.published": True}, r"model\.published: is true"),
         ({"model.closed": False}, r"model\.closed: is false; .*closed = True"),

@@ -148,7 +148,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "scheme": ({"coupling.scheme": "iterated"}, "coupling.scheme: several arms need 'staggered'"),
     "no robot": ({"arm.right.robot": "none"}, "arm.right.arm_base: needs an arm"),
     "no phase": ({"arm.right.phase": []}, "arm.right.phase: is missing"),
-    "fidelity": ({"fidelity": "auto", "auto": {"tip_m": 1e-3}}, "fidelity"),
     "name": (
         {"object": [{"name": "left", "shape": "sphere", "size_m": [0.1], "position_m": [9.0, 0.0, 1.0]}]},
         "arm.left: is the name of",

@@ -11,12 +11,12 @@ import cosim
 from cosim.base.frames import Array
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions, QuasiNewton
-from cosim.coupling.schemes.staggered import AutomaticCoupling, StaggeredCoupling
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import ConvergenceError, SolverError
 from cosim.rigid.build.description import ServoGains
 from tests.coupling.pads import GRASP, CoupledGrasp
 from tests.coupling.slider import OneBody, Slider
-from tests.coupling.test_staggered import CARRIED_MASS_KG, Rig, largest_speed, rig
+from tests.coupling.test_staggered import largest_speed, rig
 
 RATIOS = (0.5, 0.99, 1.01, 2.0, 10.0)
 SOFT_PA, STIFF_PA = 1e8, 1e11  # film stiffness h^2 over a node's mass: some 10, some 10^4
@@ -132,9 +132,8 @@ def states(here: CoupledGrasp, ticks: int) -> list[Array]:
     return found
 
 
-@pytest.mark.parametrize("scheme", [IteratedCoupling, AutomaticCoupling])
-def test_a_saved_state_repeats_itself(scheme: type[IteratedCoupling]) -> None:
-    here = CoupledGrasp(0.02, 2e-3, scheme)
+def test_a_saved_state_repeats_itself() -> None:
+    here = CoupledGrasp(0.02, 2e-3, IteratedCoupling)
     states(here, 15)
     saved = here.grasp.scene.save_state(), here.grasp.soft.save_state(), here.coupling.save_state()
     expected = states(here, 6)
@@ -142,35 +141,6 @@ def test_a_saved_state_repeats_itself(scheme: type[IteratedCoupling]) -> None:
     here.grasp.soft.restore_state(saved[1])
     here.coupling.restore_state(saved[2])
     assert all(np.array_equal(a, b) for a, b in zip(states(here, 6), expected, strict=True))
-
-
-def after(here: Rig, ticks: int) -> Array:
-    """Return the joint angles after a step of the servos' reference."""
-    here.ticks(ticks, 0.002)
-    return here.scene.joint_position
-
-
-def test_automatic_is_staggered_where_that_needs_no_mass() -> None:
-    plain, automatic = rig(), rig()
-    automatic.coupling = AutomaticCoupling(automatic.coupling.interface)
-    assert np.array_equal(after(plain, 12), after(automatic, 12))
-    assert automatic.ticks(1)[0].scheme == "staggered"
-
-
-def test_automatic_iterates_where_staggered_carries_a_mass() -> None:
-    iterated, automatic = rig(CARRIED_MASS_KG), rig(CARRIED_MASS_KG)
-    iterated.coupling = IteratedCoupling(iterated.coupling.interface)
-    automatic.coupling = AutomaticCoupling(automatic.coupling.interface)
-    assert np.array_equal(after(iterated, 12), after(automatic, 12))
-    assert automatic.ticks(1)[0].scheme == "iterated"
-
-
-def test_automatic_stays_staggered_while_a_light_body_is_touched() -> None:
-    here = CoupledGrasp(0.005, 2e-3, AutomaticCoupling)
-    entries = [here.tick() for _ in range(12)]
-    assert {entry.scheme for entry in entries} == {"staggered"}
-    assert entries[-1].contact_ratio > 1.0
-    assert np.abs(here.grasp.cube_position - GRASP).max() < 5e-4
 
 
 def test_a_linear_problem_takes_one_secant_per_unknown_and_is_remembered() -> None:

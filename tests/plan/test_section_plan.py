@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app.driver import build_simulation, with_fidelity_chosen
+from cosim.app.driver import build_simulation
 from cosim.cli.running import PlanWarnings
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
@@ -19,11 +19,11 @@ RUSH = {"name": "rush", "duration_s": 0.1, "flange_shift_m": [0.0, 0.25, 0.0]}
 PULL = {"name": "pull", "duration_s": 2.0, "cable_tension_N": [60.0, 0.0]}
 TABLE = {"name": "table", "shape": "box", "size_m": [0.3, 0.3, 0.02], "position_m": [0.4, 0.0, 0.37]}
 PLACE = r"section \d of 4 \(.*\) is .*, its model ends at "
-INSTEAD = "fidelity = 'lumped', which knows what lies beyond, or 'auto'"
+INSTEAD = "fidelity = 'lumped', which knows what lies beyond"
 
 
 def built(scenario: Scenario) -> tuple[RunInfo, Decision]:
-    stage = build_simulation(with_fidelity_chosen(scenario, lambda _: None)).stage
+    stage = build_simulation(scenario).stage
     (found,) = (decision for decision in stage.modelled if decision.what == SECTION_RANGE)
     return stage, found
 
@@ -58,10 +58,3 @@ def test_what_may_be_held_by_what_it_touches_is_warned_of(load: Any) -> None:
     said = StringIO()
     PlanWarnings(said).open(stage)
     assert f"warning: {found.line}\n" in said.getvalue()
-
-
-def test_auto_takes_the_film_where_section_models_end(load: Any) -> None:
-    said: list[str] = []
-    ask = load({**PULL, "duration_s": 0.2}, fidelity="auto", auto={"tolerance_m": 0.002})
-    assert with_fidelity_chosen(ask, said.append).fidelity == "lumped"
-    assert not [line for line in said if re.search(r"section, .* real time, tip", line)]

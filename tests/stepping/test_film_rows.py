@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation, with_fidelity_chosen
+from cosim.app.driver import build_simulation
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes import soft_halves
@@ -62,7 +62,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def scenario(path: Path, **changes: Any) -> Scenario:
     overrides = {name.replace("__", "."): value for name, value in changes.items()}
-    return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
+    return load_scenario(path, overrides)
 
 
 def one_by_one(wanted: Scenario) -> list[Snapshot]:

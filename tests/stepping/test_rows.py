@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, build_simulation, drive, execute, with_fidelity_chosen
+from cosim.app.driver import Options, build_simulation, drive, execute
 from cosim.app.simulation import Simulation
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
@@ -60,7 +60,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 def scenario(path: Path, **changes: Any) -> Scenario:
     overrides = {name.replace("__", "."): value for name, value in changes.items()}
-    return with_fidelity_chosen(load_scenario(path, overrides), lambda _text: None)
+    return load_scenario(path, overrides)
 
 
 def together(run: SteppedRun, many: int = 64, most: int | None = None) -> list[Snapshot]:

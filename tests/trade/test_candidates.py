@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.trade.test_auto import small
 
 from cosim.build.simulation import build
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
-from cosim.trade.candidates import Candidate, candidates_of, lower_fidelities, short_candidates
+from cosim.trade.candidates import Candidate, candidates_of, lower_fidelities
 from cosim.trade.measuring import measure
-from tests.trade.test_auto import small
 
 REFERENCE = "ur5e_hexagon_arm"
 PUBLISHED = {"model.published": True}
@@ -33,14 +33,11 @@ def test_against_the_refined_mesh_there_is_one_table() -> None:
         candidates_of(scenario, quick=True, truth="refined")
 
 
-def test_every_lower_fidelity_is_a_candidate_of_both_tables_and_of_the_short_list() -> None:
+def test_every_lower_fidelity_is_a_candidate() -> None:
     assert "rigid" in lower_fidelities()
-    for candidates in (
-        candidates_of(load_scenario(REFERENCE, PUBLISHED), quick=True),
-        short_candidates(load_scenario(REFERENCE, PUBLISHED)),
-    ):
-        timed = {candidate.changes["fidelity"] for candidate in candidates if candidate.group == "time"}
-        assert timed == {*lower_fidelities(), "lumped"}
+    candidates = candidates_of(load_scenario(REFERENCE, PUBLISHED), quick=True)
+    timed = {candidate.changes["fidelity"] for candidate in candidates if candidate.group == "time"}
+    assert timed == {*lower_fidelities(), "lumped"}
 
 
 def test_every_switch_of_what_is_modelled_is_a_candidate() -> None:

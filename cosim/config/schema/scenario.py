@@ -34,40 +34,18 @@ class CouplingTable:
     Args:
         scheme: "staggered": one step of each side a tick, loads act one tick later, algorithmic mass rides
             along where the soft robot is heavy for the bodies that it acts on; "iterated": a tick is repeated
-            until the loads agree; "auto": iterated only where the staggered exchange would need algorithmic
-            mass.
+            until the loads agree.
         tolerance: largest difference of the loads over their size, where they agree.
         iterations_max: trials of a tick before the run fails.
     """
 
-    scheme: Literal["staggered", "iterated", "auto"] = "staggered"
+    scheme: Literal["staggered", "iterated"] = "staggered"
     tolerance: Annotated[float, Interval(ge=1e-12, le=1e-3)] = 1e-9
     iterations_max: keys.Count = 30
 
 
-Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined", "auto"]
-"""From the cheapest to the dearest; "auto" is chosen by measurement."""
-
-
-@final
-@dataclass(frozen=True)
-class AutoTable:
-    """What fidelity, tick and integrator shall meet with `fidelity = "auto"`; at least one requirement.
-
-    Errors are those against the lumped model at the finest tick of the measurement.
-
-    Args:
-        budget: least real-time factor of a recorded run, as `cosim run` prints it on an idle machine; the
-            nearest to the reference among these is taken.
-        tolerance_m: largest error of the tip, and of objects that can move; the fastest within it is taken.
-        force_tolerance_N: largest error of the flange force's moving mean over 40 ms.
-        chosen: what was chosen, with its figures; cosim writes it into the scenario as it ran.
-    """
-
-    budget: keys.Positive | None = None
-    tolerance_m: keys.Positive | None = None
-    force_tolerance_N: keys.Positive | None = None
-    chosen: keys.Text | None = None
+Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined"]
+"""From the cheapest to the dearest."""
 
 
 @final
@@ -567,8 +545,7 @@ class Scenario:
         soft_robot: in the file a name, a path, or a table `{file = NAME, ...}` of changes to that file.
         fidelity: of the soft robot. "rigid": it keeps the shape it starts in, mass only; "section": a chain
             of rigid frames, one per ring, with the condensed energy of the film between them; "lumped": the
-            mesh of its file; "refined": every triangle of that divided into four; "auto": chosen by a
-            short trade, tick and integrator with it, so that `[auto]` is met.
+            mesh of its file; "refined": every triangle of that divided into four.
         payload_compensation: the arm's feedforward knows the soft arm's weight.
         objects: `[[object]]` in the file.
         scene: of other things around the arm.
@@ -590,7 +567,6 @@ class Scenario:
     phases: tuple[PhaseTable, ...] = field(default=(), metadata={"alias": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
     fidelity: Fidelity = "lumped"
-    auto: AutoTable | None = None
     arm_base: BaseTable | None = None
     gravity_m_s2: keys.Vector3 = (0.0, 0.0, -9.81)
     payload_compensation: bool = True

@@ -218,6 +218,7 @@ SCHEMA: Final = 2
 
 _WRINKLING: Final = 'is no more; drop it: film.law = "wrinkling" makes a coarse mesh answer like the film'
 
+_AUTO: Final = "is no more; drop it: cosim trade SCENARIO --tolerance or --budget says what to set"
 _HANDOVER: Final = "is no more; drop it: where a section model ends, fidelity = 'lumped' goes on"
 
 RENAMED: Final = {
@@ -229,6 +230,7 @@ RENAMED: Final = {
 GONE: Final = {
     "FilmTable": {"compressive_fraction": _WRINKLING},
     "SoftRobotTable": {"calibration": _WRINKLING},
+    "Scenario": {"auto": _AUTO},
     "ModelTable": {"calibrated": _WRINKLING, "handover": _HANDOVER},
 }
 """By the class of a table: keys that there are no more, and what to do."""

@@ -305,10 +305,6 @@ class IteratedCoupling(Coupling):
         self._history: tuple[Array, ...] = ()
         self._left_over = np.zeros(6)
 
-    def begin_again(self) -> None:
-        """Forget what the last ticks were like; another scheme has advanced both sides since."""
-        self._history, self._left_over = (), np.zeros_like(self._left_over)
-
     def advance(self, servos: ticks.Servos, loads: Sequence[Loads]) -> ticks.TicksTaken:
         interface, vector = self.interface, FlangeLoad(self.interface)
         if interface.to_be_weighed:

@@ -10,8 +10,6 @@ A tick is a row of length one. Kernels take rows, until the flange or bodies are
 is more than they know: lists of what is near are not valid, a tangent is indefinite, gas is sealed. That
 half is left to Python, and the row continues.
 
-The automatic exchange is iterated where the staggered one would need an algorithmic mass.
-
 Fine ticks: a tick of the clock in which something light is hit or thrown, as several exchanges.
 
 Where the film comes on to a body that can move, or takes one along on the flange, by more than a bound in a
@@ -63,7 +61,6 @@ from cosim.base.kernels import RecordStore
 from cosim.coupling import half_ticks, open_ticks
 from cosim.coupling.contact.levers import rigid_motions
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
-from cosim.coupling.schemes.iterated import IteratedCoupling, IteratedState, IterationOptions
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.schemes.soft_halves import FilmHalves, OpenRow, soft_halves
 from cosim.coupling.soft_sides import lumped_arm, soft_side
@@ -143,10 +140,6 @@ class FineTicks:
         self.look()
         if not self.left:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
-
-    def stop(self) -> None:
-        """Take no more fine ticks: another scheme takes the next ones."""
-        self._go(0)
 
     def _go(self, left: int) -> None:
         if bool(left) == bool(self.left):
@@ -431,57 +424,3 @@ class StaggeredCoupling(Coupling):
         if self._carries and not carries:
             scene.apply_joint_torque(np.zeros(len(added)))
         self._added, self._carries = added, carries
-
-
-_FLANGE_RATIO_BOUND = 0.5  # of the stability ratio, above which ticks are iterated
-
-
-@final
-@dataclass(frozen=True)
-class AutomaticState:
-    """Where an `AutomaticCoupling` is.
-
-    Args:
-        iterated: its iterated scheme; the staggered one carries no mass.
-        iterates: whether the last tick was iterated.
-        fine: how many ticks from the next one on are fine ones at least, if they are staggered.
-    """
-
-    iterated: IteratedState
-    iterates: bool
-    fine: int
-
-
-@final
-class AutomaticCoupling(Coupling):
-    """Decides before every tick, by the stability ratio of the flange.
-
-    Args:
-        interface: between the sides.
-        options: when the iterated scheme's loads agree.
-    """
-
-    def __init__(self, interface: Interface, options: IterationOptions | None = None) -> None:
-        super().__init__(interface)
-        self._staggered = StaggeredCoupling(interface, np.inf)
-        self._iterated = IteratedCoupling(interface, options)
-        self._iterates = False
-
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
-        interface = self.interface
-        if interface.to_be_weighed:
-            interface.update_stability_ratio()
-        iterates = interface.ratio > _FLANGE_RATIO_BOUND
-        if iterates and not self._iterates:
-            self._iterated.begin_again()
-            self._staggered.fine.stop()
-        self._iterates = iterates
-        return (self._iterated if iterates else self._staggered).advance(servos.some(0, 1), loads[:1])
-
-    def save_state(self) -> AutomaticState:
-        return AutomaticState(self._iterated.save_state(), self._iterates, self._staggered.fine.left)
-
-    def restore_state(self, state: AutomaticState) -> None:
-        self._staggered.fine.restore(state.fine)
-        self._iterated.restore_state(state.iterated)
-        self._iterates = state.iterates
