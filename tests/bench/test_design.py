@@ -21,6 +21,7 @@ evaluations = 20
 [set]
 model.published = false
 contact.self_contact = false
+soft_robot.stiffener.rest_on_one_another = false
 soft_robot.stack.mesh = "drawn"
 soft_robot.film.law = "edge_strain"
 [[parameter]]

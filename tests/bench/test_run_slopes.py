@@ -24,6 +24,7 @@ BEGIN: dict[str, Any] = {
     "model.published": False,
     "contact.enabled": False,
     "contact.self_contact": False,
+    "soft_robot.stiffener.rest_on_one_another": False,
     "gravity_m_s2": [0.0, 0.0, 4.0],
     "clock.tick_s": 0.002,
     "solver.residual_tolerance_N": 2e-10,  # rounding; 1e-9 at rest moves differences by 1e-5 of them

@@ -26,7 +26,7 @@ def test_the_reference_scenario_ends_where_140_increments_lead_it() -> None:
     assert result.status == "completed"
     # with more increments, and in the dynamic mode: the same to the last digit
     assert tip(result, "inflate") == pytest.approx([0.3, 0.0, 0.5635], abs=2e-4)
-    assert tip(result, "turn") == pytest.approx([0.3507, 0.0, 0.5771], abs=2e-4)
+    assert tip(result, "turn") == pytest.approx([0.3531, 0.0, 0.5781], abs=2e-4)
     assert tip(result, "lift")[2] == pytest.approx(0.59, abs=1e-4)
     assert tip(result, "reach") == pytest.approx([0.45, 0.15, 0.55], abs=1e-4)
     assert result.summary["warnings"] == []

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.trade.test_auto import small
 
 from cosim.build.simulation import build
 from cosim.cli.main import main
@@ -15,6 +14,7 @@ from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.trade.candidates import Candidate, candidates_of, lower_fidelities
 from cosim.trade.measuring import measure
+from tests.trade.test_trade import small
 
 REFERENCE = "ur5e_hexagon_arm"
 PUBLISHED = {"model.published": True}

@@ -15,7 +15,7 @@ from cosim.plan.motion import pose_of
 from cosim.trade.candidates import Candidate, candidates_of, model_candidates
 from cosim.trade.measuring import flange_pose, measure, with_commands
 from cosim.trade.report import markdown
-from tests.trade.test_auto import small
+from tests.trade.test_trade import small
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
 PUBLISHED = {"model.published": True}
