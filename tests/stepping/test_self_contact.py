@@ -70,7 +70,7 @@ def test_units_of_a_flat_arm_hold_each_other_apart(asked: str | bool, tmp_path: 
 def test_fingers_meet_and_press_in_statics() -> None:
     result, depth = closed()
     summary = result.summary
-    assert result.self_contacts[0] == 0
+    assert 0.0 < result.self_contact_force_N[0] < 5.0  # without gas fingers lie on their own films
     assert result.self_contact_force_N[-1] > 10.0
     assert summary["max_self_contact_force_N"] == result.self_contact_force_N.max()
     assert summary["max_self_contact_depth_m"] == result.self_contact_depth_m.max()
@@ -210,8 +210,9 @@ def test_a_run_names_the_link_of_the_arm_that_its_film_is_in(tmp_path: Path) -> 
     scenario = tmp_path / "forearm.toml"
     scenario.write_text(FOREARM, encoding="utf-8")
     result = cosim.run(scenario, error=False)
-    (found,) = result.summary["overlaps"]
-    assert (found["phase"], found["link"]) == ("pull", "forearm_link")
+    assert {found["link"] for found in result.summary["overlaps"]} == {"forearm_link"}
+    found = result.summary["overlaps"][-1]
+    assert found["phase"] == "pull"
     # a corner of a unit, no deeper than to the middle of the link
     assert 1e-3 < found["depth_m"] < 0.03
     assert found["since_s"] <= found["time_s"] <= 2.0
