@@ -54,7 +54,11 @@ def section_model(
         body = soft_body.build_soft_body(replace(robot, copies=None, palm=None), scenario.model)
     body, largest, films = _one_way(body), largest_covered(scenario), film_law(scenario)
     if films is not None:  # friction has no energy; most samples have units that press
-        films = replace(films, friction=0.0, throughout=True) if meetings(body) else None
+        films = (
+            replace(films, friction=0.0, throughout=True, inside=robot.copies is None)
+            if meetings(body)
+            else None
+        )
     fold = "_folds" if robot.copies is not None else ""
     path = cache_directory() / f"section_model_{content_hash(body, largest, films)}{fold}.kept"
     model = kept(path, state_archive.unpacking(SectionModel))

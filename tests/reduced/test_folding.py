@@ -44,7 +44,7 @@ def finger() -> tuple[SectionModel, SoftBody, FilmContactLaw]:
     body = body.with_other(Cable, *(replace(cable, directed=False, loss_N=0.0) for cable in body.cables))
     law = film_law(scenario)
     assert law is not None
-    smooth = replace(law, friction=0.0, throughout=True)
+    smooth = replace(law, friction=0.0, throughout=True, inside=False)
     effort = Effort(levels=6, samples=24, intervals=4)
     return kept_model(body, PRESSURE_Pa, smooth, effort, folds=True), body, smooth
 

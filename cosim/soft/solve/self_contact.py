@@ -52,6 +52,7 @@ class FilmContactLaw:
         friction: coefficient of sliding.
         throughout: whether every solution begins with what is near; otherwise one of films that have not
             pressed before it is tried without, and taken again if they press at its end.
+        inside: whether films of a unit meet from inside, and the first unit the flange's face.
 
     Raises:
         InputError: the coefficient is negative, or not a number.
@@ -60,6 +61,7 @@ class FilmContactLaw:
     law: ContactLaw
     friction: float = 0.5
     throughout: bool = True
+    inside: bool = True
 
     def __post_init__(self) -> None:
         if not self.friction >= 0.0:
@@ -339,6 +341,10 @@ class SelfContact:
         outside = _lists(self.faces, points, body)
         inside = _inner_lists(self.faces, body, self.law.smoothing_m)
         face = FlangeFace.of(body, self.faces, points, self.law)
+        if not law.inside:
+            none = np.zeros((0, 0), dtype=bool)
+            inside = inside[0]._replace(meet=none), inside[1]
+            face = FlangeFace(*(column[:0] for column in face))
         film = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * np.concatenate((points.area, inside[1]))
         rows = ContactRows.of(outside.rows, inside[0].rows, face, np.concatenate((film, face.stiffness)))
         self.can_touch = self.faces.can_meet or self.faces.inside_out.can_meet or len(face.nodes) > 0
