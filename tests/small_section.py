@@ -77,7 +77,7 @@ FRAMED = """{ file = "hexagon_arm", stack = { units = 2 }, cable = [
   { name = "right", corner = 0, units = [1, 2], capstan_factor = 0.8 },
   { name = "left", corner = 1, units = [1, 2], capstan_factor = 0.8 }] }"""
 """Two units of the default arm; at 30 kPa they press on one another where they bend."""
-LAW = FilmContactLaw(ContactLaw(3e8), 0.0, throughout=False)
+LAW = FilmContactLaw(ContactLaw(3e8), 0.0, throughout=False, inside=False)
 
 
 @cache
