@@ -344,7 +344,7 @@ class SelfContact:
         if not law.inside:
             none = np.zeros((0, 0), dtype=bool)
             inside = inside[0]._replace(meet=none), inside[1]
-            face = FlangeFace(*(column[:0] for column in face))
+            face = FlangeFace._make(column[:0] for column in face)
         film = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * np.concatenate((points.area, inside[1]))
         rows = ContactRows.of(outside.rows, inside[0].rows, face, np.concatenate((film, face.stiffness)))
         self.can_touch = self.faces.can_meet or self.faces.inside_out.can_meet or len(face.nodes) > 0
