@@ -27,7 +27,7 @@ SAVED_OTHERWISE = {
     "ContactQuery": "poses, read anew for every search",
     "EquilibriumSolver": "iterations of the search in progress",
     "ErrorFinder": "ends of phases that this part of a run has seen; errors of other phases are left out",
-    "_BehindSearch": "lists that are made anew where they do not serve; findings do not depend on them",
+    "_BehindSearch": "neighbour lists, made again when out of date; what it finds is the same",
     "FilmSides": "what is solved in a step, worked out anew for steps of another kind",
     "FilmShapes": "figures of shapes that never change",
     "FineTicks": "how many ticks are fine ones at least, by the staggered scheme",
