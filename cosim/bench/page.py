@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import tomli_w
 
 from cosim.base import files, resources
 from cosim.base.frames import Array
 from cosim.bench import design, equilibria, fitting, parameters
-from cosim.config.loading import table_text, to_table
+from cosim.config.loading import to_table
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import KnownTable, SoftRobotTable
 from cosim.config.toml.keys import unit_of, unit_text
@@ -176,7 +177,7 @@ def robot_text(
     robot = replace(robot, known=KnownTable(**lists))
     lines = [f"# {robot.name}, with {head[0]}", *(f"# {line}" for line in head[1:])]
     lines.append("# Every other value is spelled out as it was.")
-    return "\n".join(lines) + "\n" + table_text(to_table(robot))
+    return "\n".join(lines) + "\n" + tomli_w.dumps(to_table(robot))
 
 
 def _page(source: str, parts: Sequence[str]) -> str:

@@ -22,9 +22,7 @@ Puts together the table of a soft robot from the files that it starts from and a
 import csv
 import importlib.util
 import inspect
-import json
 import math
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -34,6 +32,8 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeVar, final
+
+import tomli_w
 
 from cosim.base.files import note_file, read_text
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
@@ -550,50 +550,4 @@ def to_table(value: Any) -> Any:
 def scenario_text(scenario: Scenario) -> str:
     """Return the resolved scenario as TOML text, which loads to an equal one with the same body."""
     given = isinstance(scenario.soft_robot, GivenBodyTable)
-    return (_HEADER_GIVEN if given else _HEADER) + table_text(to_table(scenario))
-
-
-def table_text(table: Mapping[str, Any]) -> str:
-    """Return nested tables as TOML text."""
-    return "\n".join(_table_lines(table, "")) + "\n"
-
-
-def _table_lines(table: Mapping[str, Any], path: str) -> list[str]:
-    """Lines of one table: single values first, then its tables and lists of tables."""
-    tables = {key: value for key, value in table.items() if _is_table(value) or _is_table_list(value)}
-    lines = [f"{_key(key)} = {_inline(value)}" for key, value in table.items() if key not in tables]
-    for key, value in tables.items():
-        inner = f"{path}.{_key(key)}" if path else _key(key)
-        if _is_table(value):
-            lines += ["", f"[{inner}]", *_table_lines(value, inner)]
-        else:
-            for entry in value:
-                lines += ["", f"[[{inner}]]", *_table_lines(entry, inner)]
-    return lines
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping)
-
-
-def _is_table_list(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(_is_table(entry) for entry in value)
-
-
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
-
-
-def _text(text: str) -> str:
-    # JSON's escapes are a subset of those of TOML's basic strings, except for the delete character
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _text(value)
-    if isinstance(value, list):
-        return "[" + ", ".join(_inline(item) for item in value) + "]"
-    return repr(value)
+    return (_HEADER_GIVEN if given else _HEADER) + tomli_w.dumps(to_table(scenario))

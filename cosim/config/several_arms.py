@@ -11,8 +11,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, final
 
+import tomli_w
+
 from cosim.base.resources import scenario_path
-from cosim.config.loading import by_key, loaded_scenario, table_text, to_table
+from cosim.config.loading import by_key, loaded_scenario, to_table
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.toml import keys, reading
 from cosim.errors import ScenarioError
@@ -52,7 +54,7 @@ class ArmsScenario:
             {"name": name, **{key: table[key] for key in OF_AN_ARM if key in table}}
             for name, table in tables.items()
         ]
-        return _HEADER + table_text({**shared, "name": self.name, "title": self.title, ARMS: arms})
+        return _HEADER + tomli_w.dumps({**shared, "name": self.name, "title": self.title, ARMS: arms})
 
 
 def has_arms(source: str | Path) -> bool:
