@@ -3,8 +3,7 @@
     python benchmarks/energy.py [NAME ...] [--integrator bdf2]
 
 Cases: the reference, an arm that curls onto itself, a jerk of the reference's flange by 30 mm, the grasp of a
-roll, and the arm with sealed chambers, moved in time. All energy is of the whole run, at
-shipped ticks. A block that falls on the film: `python benchmarks/light_bodies.py --block`.
+roll, and the arm with sealed chambers, moved in time. All energy is of the whole run, at shipped ticks.
 """
 
 from __future__ import annotations

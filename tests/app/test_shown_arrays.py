@@ -14,7 +14,7 @@ import pytest
 
 import cosim
 import cosim.gym
-from benchmarks.faults.public_arrays import arrays_of, state_content, write_to_all
+from tests.fuzz.arrays import arrays_of, state_content, write_to_all
 from cosim import Batch, Command, Controller, Measurement, Simulation
 from cosim.app.driver import Observer
 from cosim.telemetry.snapshot import RunInfo

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.faults.mutations import toml_text
+from tests.fuzz.tables import toml_text
 from cosim.base.resources import scenario_path, soft_robot_path
 from cosim.cli.main import EXIT_INPUT, EXIT_UNWRITTEN, main
 from cosim.config.loading import load_scenario, load_soft_robot

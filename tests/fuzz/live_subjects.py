@@ -11,7 +11,11 @@ from typing import Any, Final, Self, final
 import gymnasium
 import numpy as np
 
-from benchmarks.faults.live_steps import (
+from cosim import Pose, SavedState
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from tests.fuzz.arrays import arrays_of, state_content, write_to_all
+from tests.fuzz.live_steps import (
     _ARM,
     _DEVICES,
     _SMALL,
@@ -22,10 +26,6 @@ from benchmarks.faults.live_steps import (
     _film,
     _kept,
 )
-from benchmarks.faults.public_arrays import arrays_of, state_content, write_to_all
-from cosim import Pose, SavedState
-from cosim.config.loading import load_scenario
-from cosim.config.schema.scenario import Scenario
 
 
 @final

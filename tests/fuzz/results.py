@@ -1,11 +1,9 @@
 """Damaged result folders: of a run, of one that was interrupted, and of a sweep, each with a file damaged.
 
-    python benchmarks/faults/damaged_results.py [COUNT] [SEED]
-
 A file is torn, emptied, overwritten with noise, taken away, replaced by a folder, a link or another file.
 JSON gets deep, loses keys, has other kinds. Tables lose, repeat or exchange rows, columns, digits.
 Whatever reads the folder then has the same values as before, or refuses it in an error of cosim. Another
-traceback, a wait above 10 s, and other values are faults. Prints what became of them.
+traceback, a wait above 10 s, and other values are findings.
 """
 
 from __future__ import annotations
@@ -16,29 +14,24 @@ import json
 import os
 import shutil
 import signal
-import sys
-import tempfile
-import traceback
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, final
 
 import numpy as np
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import pyarrow as pa
 from pyarrow import parquet
 
 import cosim
-from benchmarks.faults.forged_checkpoints import interrupted_run
-from benchmarks.faults.forgeries import places_of
 from cosim.cli.main import main as command_line
 from cosim.results.result import COLUMNS, FRAME_COLUMNS
+from tests.fuzz.checkpoints import interrupted_statics
+from tests.fuzz.forgeries import places_of
+from tests.fuzz.verdict import FINDING, Trial, Verdict, traceback_verdict
 
 Random = np.random.Generator
 LONGEST_S: Final = 10.0
@@ -200,21 +193,18 @@ def _bounded() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def outcome_of(act: Callable[[], bool]) -> str:
-    """Return in a word what became of something; what begins with "FAULT" must not be."""
+def outcome_of(act: Callable[[], bool]) -> Verdict:
+    """Return what became of something that reads a folder."""
     try:
         with _bounded(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return "the same" if act() else "FAULT other values"
-    except cosim.CosimError:
-        return "refused"
+            return Verdict("the same", "") if act() else Verdict(FINDING, "other values")
+    except cosim.CosimError as error:
+        return Verdict("refused", str(error))
     except Hang:
-        return "FAULT hangs"
+        return Verdict(FINDING, f"takes more than {LONGEST_S:g} s")
     except Exception as error:  # that is what is looked for
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        return (
-            f"FAULT {type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {str(error)[:200]}"
-        )
+        return traceback_verdict(error)
 
 
 def _said(*words: str) -> int:
@@ -243,7 +233,7 @@ class Folders:
         changes = {"phase.start.increments": 2, "phase.inflate.increments": 4}
         self._result = cosim.run(SCENARIO, overrides=changes, out=place / "run")
         self._csv = self._exported(place / "run")
-        interrupted = interrupted_run("statics", place)
+        interrupted = interrupted_statics(place)
         resumed = shutil.copytree(interrupted, place / "resumed")
         _said("run", "--resume", str(resumed), "--quiet", "--no-recording")
         self._resumed = _arrays(cosim.load_run(resumed), but=("tick_wall_s",))
@@ -288,33 +278,21 @@ class Folders:
         return bool(cosim.open_sweep(folder).equals(self._table))
 
 
-def try_damages(count: int, seed: int, place: Path) -> list[tuple[str, str, str]]:
-    """Return (damage, what was done, outcome) of so many damaged folders, the kinds in turn."""
-    random, folders, results = np.random.default_rng(seed), Folders(place), []
-    kinds = list(folders.acts)
-    for number in range(count):
-        kind = kinds[number % len(kinds)]
-        folder = shutil.copytree(place / kind, place / f"damaged-{number}")
-        how = damage(folder, random)
-        for name, act in folders.acts[kind].items():
-            results.append((f"{kind}/{how}", name, outcome_of(lambda act=act, folder=folder: act(folder))))  # type: ignore[misc]
-    return results
+@final
+class Results(Trial):
+    """Folders of a run, of one that was interrupted, and of a sweep, in turn."""
 
+    def begin(self, folder: Path) -> None:
+        self._place, self._folders = folder, Folders(folder)
 
-def main(count: int = 200, seed: int = 1) -> int:
-    """Try damaged folders; return 1 if there was a fault."""
-    with tempfile.TemporaryDirectory(prefix="damaged-") as folder:
-        results = try_damages(count, seed, Path(folder))
-    faults = [result for result in results if result[2].startswith("FAULT")]
-    for how, act, outcome in faults:
-        print(f"{how}: {act}: {outcome}")
-    for act in dict.fromkeys(act for _, act, _ in results):
-        print(
-            f"{act}: {dict(Counter(o if o[:5] != 'FAULT' else 'FAULT' for _, a, o in results if a == act))}"
-        )
-    print(f"{count} damaged folders, {len(results)} readings: {len(faults)} faults")
-    return int(bool(faults))
-
-
-if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:])))
+    def tried(self, seed: int, folder: Path) -> Verdict:
+        kinds = list(self._folders.acts)
+        kind, random = kinds[seed % len(kinds)], np.random.default_rng(seed)
+        damaged = Path(shutil.copytree(self._place / kind, folder / kind))
+        how = f"{kind}/{damage(damaged, random)}"
+        last = Verdict("the same", "")
+        for name, act in self._folders.acts[kind].items():
+            last = outcome_of(partial(act, damaged))
+            if last.kind == FINDING:
+                return replace(last, case=f"{how}: {name}")
+        return replace(last, case=how)

@@ -15,10 +15,10 @@ import numpy as np
 
 import cosim
 import cosim.gym
-from benchmarks.faults.public_arrays import arrays_of, state_content, write_to_all
 from cosim import Command, Pose, SavedState, Simulation
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
+from tests.fuzz.arrays import arrays_of, state_content, write_to_all
 
 WRONG: Final[tuple[Any, ...]] = (
     "text", "1.0", b"x", None, True, float("nan"), float("inf"), -float("inf"), -1.0, 0.0, 1e308, 10**400,

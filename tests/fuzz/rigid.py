@@ -1,17 +1,19 @@
-"""What mutated files of arms, cells, bodies and objects lead to: fine and finite, refused, or a finding."""
+"""Mutated URDF, MJCF, arm.toml, cells and meshes: refused by name, or what is built is finite.
+
+A traceback, a crash, a refusal that is not printable or does not name the file, and a number of an MJCF
+that is not finite and is accepted are findings.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import io
-import traceback
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
-from benchmarks.faults.rigid_files import RigidCase
-from benchmarks.faults.trial import LONGEST_REFUSAL, Verdict
 from cosim.base.kept_parts import KeptParts
 from cosim.build.arm_parts import ArmParts
 from cosim.build.arms import find_arm
@@ -21,9 +23,27 @@ from cosim.config.loading import load_scenario
 from cosim.errors import InstabilityError
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
+from tests.fuzz.files import LONGEST_REFUSAL
+from tests.fuzz.rigid_files import RigidCase, rigid_case, unchanged
+from tests.fuzz.verdict import FINDING, Trial, Verdict, traceback_verdict
 
 _FINE = 0
 _REFUSED = 2
+
+
+@final
+class Checked(Trial):
+    """Files that `cosim check` reads, and that are built if it accepts them."""
+
+    cpu_limit_s = 10.0
+
+    def begin(self, folder: Path) -> None:
+        for case in unchanged():
+            try_files(case, folder)
+
+    def tried(self, seed: int, folder: Path) -> Verdict:
+        case = rigid_case(seed)
+        return replace(try_files(case, folder), case=f"{case.source}: {case.changes}")
 
 
 def try_files(case: RigidCase, folder: Path) -> Verdict:
@@ -40,19 +60,17 @@ def try_files(case: RigidCase, folder: Path) -> Verdict:
         said = (out.getvalue() + err.getvalue()).strip("\n")
         if code == _REFUSED:
             problem = _wrong_words(said, path)
-            return Verdict("finding" if problem else "refused when loaded", f"{problem}{said[:600]}")
+            return Verdict(FINDING if problem else "refused when loaded", f"{problem}{said[:600]}")
         if code != _FINE or err.getvalue():
-            return Verdict("finding", f"exit code {code}: {said[:300]}")
+            return Verdict(FINDING, f"exit code {code}: {said[:300]}")
         if case.refused:
-            return Verdict("finding", "a number that is not finite was accepted")
+            return Verdict(FINDING, "a number that is not finite was accepted")
         problem = _not_finite(path)
     except InstabilityError as error:
         return Verdict("unsolved", str(error))
     except Exception as error:  # that is what is looked for
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(frame.filename).name}:{frame.lineno}"
-        return Verdict("finding", f"traceback {type(error).__name__} at {place}: {str(error)[:300]}")
-    return Verdict("finding" if problem else "completed", problem)
+        return traceback_verdict(error)
+    return Verdict(FINDING if problem else "completed", problem)
 
 
 def _wrong_words(said: str, path: Path) -> str:

@@ -1,21 +1,24 @@
-"""What one mutated file leads to: a loaded or run scenario, a refusal, no solution, or a finding."""
+"""Mutated files of scenarios and soft robots: refused with the key's path, solved, or unsolved by name.
+
+A traceback, a refusal without the key's path and what `cosim check` alone accepts or refuses are findings.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import io
-import traceback
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Final, Literal, final
+from typing import ClassVar, Final, Literal, final
 
-from benchmarks.faults.file_sources import put_beside, sources
-from benchmarks.faults.mutations import broken, mutated, mutations_of, toml_text
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import MOST_LINES, InputError, ScenarioError, SolverError
+from tests.fuzz.sources import put_beside, sources
+from tests.fuzz.tables import broken, mutated, mutations_of, toml_text
+from tests.fuzz.verdict import FINDING, Trial, Verdict, traceback_verdict
 
 TICKS = 3
 LONGEST_REFUSAL = 1500
@@ -26,10 +29,6 @@ _FITS_ALL: Final = {  # in place of what fits only the reference scenario's own 
     "start": {"flange": {"position_m": [0.4, 0.0, 0.6], "direction": [1.0, 0.0, 0.0]}, "pressure_Pa": 1e3},
 }
 Level = Literal["load", "build"]
-Kind = Literal[
-    "completed", "refused when loaded", "refused in part", "refused when built", "unsolved", "slow", "finding"
-]  # fmt: skip
-"""In part: a mutation that is refused alone is not told beside others, whose keys a rule needs."""
 
 
 @final
@@ -59,13 +58,26 @@ class Case:
         return _written(self.text, folder)
 
 
-@final
-@dataclass(frozen=True)
-class Verdict:
-    """What became of a case; `what` is the error, or what is wrong with it."""
+class Loaded(Trial):
+    """Files that are loaded."""
 
-    kind: Kind
-    what: str
+    memory_limit_bytes = 1 << 30
+    level: ClassVar[Level] = "load"
+
+    def begin(self, folder: Path) -> None:
+        try_case(unchanged("ur5e_hexagon_arm"), self.level, folder)
+
+    def tried(self, seed: int, folder: Path) -> Verdict:
+        case = case_of(seed)
+        return replace(try_case(case, self.level, folder), case=f"{case.source}: {case.changes}")
+
+
+@final
+class Built(Loaded):
+    """Files that are built and taken three ticks on, if they load."""
+
+    memory_limit_bytes = 4 << 30
+    level = "build"
 
 
 def case_of(seed: int) -> Case:
@@ -100,7 +112,7 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
         folder: for its file, which `mesh.obj` and the like may stand beside.
     """
     path = case.write(folder)
-    refused: Kind = "refused when loaded"
+    refused = "refused when loaded"
     checked = ""
     try:
         with contextlib.redirect_stderr(io.StringIO()):
@@ -110,7 +122,7 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
                 checked = _check(scenario)
                 _run(scenario)
                 if checked:
-                    return Verdict("finding", f"the check alone refuses it: {checked}")
+                    return Verdict(FINDING, f"the check alone refuses it: {checked}")
     except InputError as error:
         problem = _wrong_refusal(error)
         told = checked == str(error) or any(words in str(error) for words in UNCHECKED)
@@ -119,13 +131,11 @@ def try_case(case: Case, level: Level, folder: Path) -> Verdict:
         what = f"{problem}{type(error).__name__}: {error}"
         if not problem and case.alone and level == "load" and (hidden := _hidden(case, error, folder)):
             return Verdict("refused in part", f"not told: {hidden}; {what}")
-        return Verdict("finding" if problem else refused, what)
+        return Verdict(FINDING if problem else refused, what)
     except SolverError as error:
         return Verdict("unsolved", f"{type(error).__name__}: {error}")
     except Exception as error:
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(frame.filename).name}:{frame.lineno}"
-        return Verdict("finding", f"traceback {type(error).__name__} at {place}: {str(error)[:300]}")
+        return traceback_verdict(error)
     return Verdict("completed", "")
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from random import Random
 from typing import Final, final
 
-from benchmarks.faults.mutations import broken, mutated, mutations_of, toml_text
-from benchmarks.faults.rigid_sources import sources
+from tests.fuzz.rigid_sources import sources
+from tests.fuzz.tables import broken, mutated, mutations_of, toml_text
 
 _VALUES: Final = (
     "0", "-1", "1", "2", "1e30", "-1e30", "1e300", "1e400", "inf", "-inf", "nan", "", " ", "x", "1e-30",

@@ -1,1 +1,0 @@
-"""Hostile inputs and faults, seeded; a sample of each runs in the tests."""
