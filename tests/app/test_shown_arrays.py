@@ -14,7 +14,6 @@ import pytest
 
 import cosim
 import cosim.gym
-from tests.fuzz.arrays import arrays_of, state_content, write_to_all
 from cosim import Batch, Command, Controller, Measurement, Simulation
 from cosim.app.driver import Observer
 from cosim.telemetry.snapshot import RunInfo
@@ -22,6 +21,7 @@ from cosim.telemetry.tick_batch import TickBatch
 from tests.app.test_given_body import SCENARIO
 from tests.app.test_live_commands import ARM, SEALED, held, standing
 from tests.devices import device_parts
+from tests.fuzz.arrays import arrays_of, state_content, write_to_all
 from tests.soft.own_tube import tube
 
 

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.tables import toml_text
 from cosim.base.resources import scenario_path, soft_robot_path
 from cosim.cli.main import EXIT_INPUT, EXIT_UNWRITTEN, main
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.upgrading import upgraded
 from cosim.errors import ScenarioError
+from tests.fuzz.tables import toml_text
 
 SCENARIO = '''# Question: what becomes of [chamber]?
 schema = 1                       # schema = 1 once
