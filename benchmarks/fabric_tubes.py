@@ -44,6 +44,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 
 from cosim.base.frames import Array, IntArray, Mask
+from cosim.bench.known_answers import UNLOADED, Specimen, tube
 from cosim.build.kernel_modules import compile_kernels
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
@@ -52,7 +53,6 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium
-from cosim.verification.case import UNLOADED, Specimen, tube
 
 LENGTH_m: Final = 1.0
 RADII_m: Final = (0.065, 0.08, 0.09)

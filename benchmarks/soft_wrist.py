@@ -17,11 +17,11 @@ import mujoco
 import numpy as np
 
 import cosim
+from cosim.bench.known_answers import tube
 from cosim.build.soft_body import NamedBody
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.verification.case import tube
 
 RADIUS_M, LENGTH_M = 0.02, 0.04
 FILM = Film(20e6, 0.3, 2e-4, "tension_field", 1e-2)

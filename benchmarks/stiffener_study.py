@@ -31,7 +31,6 @@ import numpy as np
 
 from benchmarks.measure.stability import negative_pivots
 from cosim import run
-from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.kernel_modules import compile_kernels
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, to_table
@@ -41,12 +40,7 @@ from cosim.soft.beams.beam_rings import BeamRings, RectangularSection, stiffener
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.solve.assembly import SoftSystem
-from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp
-from cosim.verification.stacks import OpenSpecimen, film_stack, squares
+from tests.known_answers.stacks import OpenSpecimen, film_stack, squares, tilt_stiffness
 
 PRESSURES_KPA = (2.0, 5.0, 10.0, 20.0, 40.0)
 STEPS_KPA = (0.1, 0.25, 0.5, 1.0, 2.0, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
@@ -157,32 +151,14 @@ def shipped() -> list[tuple[str, float]]:
     ]
 
 
-def tilt_stiffness(level: int, section: str) -> list[float]:
+def tilts(level: int, section: str) -> list[float]:
     """Return the moment over the angle [N m/rad] at 10 and 30 kPa."""
     sample, found = OpenSpecimen(specimen(squares(1), level, section)), []
     for pressure in (0.1, 0.5, 1.0, 2.0, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 30.0):
         sample.load_to(1e3 * pressure)
         if pressure in (10.0, 30.0):
-            moments = [_moment(sample, 1e3 * pressure, angle) for angle in (-_TILT_RAD, _TILT_RAD)]
-            found.append((moments[1] - moments[0]) / (2.0 * _TILT_RAD))
+            found.append(tilt_stiffness(sample))
     return found
-
-
-def _moment(sample: OpenSpecimen, pressure_Pa: float, angle_rad: float) -> float:
-    """Return the moment [N m] that holds the upper ring, turned about x, where it is."""
-    assert sample.here is not None
-    body, x = sample.body, sample.here.state.positions
-    centre, turn = body.tip_position(x), rotation_from_vector(np.array([angle_rad, 0.0, 0.0]))
-    nodes = np.concatenate([body.base, body.tip])
-    places = np.concatenate([x[body.base], centre + (x[body.tip] - centre) @ turn.T])
-    clamp, system = Clamp(nodes, places, np.ones((len(nodes), 3), dtype=bool)), SoftSystem(body)
-    newton = NewtonSolver(system, clamp.mask(body.nodes))
-    options = NewtonOptions(tolerance_N=1e-6, iterations_max=600, step_max_m=0.01)
-    loads = sample.loads(pressure_Pa, x)
-    found = EquilibriumSolver(newton, clamp, options).solve(sample.here.state, Pose(), loads).state
-    system.evaluate(found.positions, loads, np.zeros(0), found.memory, hessian=False)
-    arms = found.positions[body.tip] - centre
-    return float(np.cross(arms, system.gradient[body.tip])[:, 0].sum())
 
 
 def line(row: dict[str, Any]) -> str:
@@ -215,7 +191,7 @@ def main() -> None:
     for section in sections if options.frames else ():
         print(f"| {section} | {' | '.join(frame(section))} |", flush=True)
     for section in sections if options.tilt else ():
-        values = [tilt_stiffness(level, section) for level in range(options.levels)]
+        values = [tilts(level, section) for level in range(options.levels)]
         cells = [" / ".join(f"{1e3 * value:.0f}" for value in pair) for pair in values]
         print(f"| {section} | {' | '.join(cells)} |", flush=True)
     for name in () if options.tilt or options.frames else options.specimen or SPECIMENS:

@@ -1,4 +1,4 @@
-"""Symmetric bodies that may stand where they would not stay: strips, pouches, stacks, grippers.
+"""Symmetric bodies that may stand where they would not stay: pouches, stacks, grippers.
 
 Each is loaded beyond where its straight equilibrium ends. What is looked at: whether it ends on a stable
 branch, and whether the branching is named.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,14 +17,7 @@ from typing import Any
 import numpy as np
 
 import cosim
-from cosim.base.frames import Pose
-from cosim.soft.elements.material import Film
 from cosim.soft.solve.branching import WHOLE
-from cosim.soft.solve.equilibrium import EquilibriumSolver
-from cosim.soft.solve.stability import footing
-from cosim.telemetry.figures import footing_figures
-from cosim.verification.case import NO_CLAMP, UNLOADED
-from cosim.verification.strips import Strip
 
 SEED = 20261124
 NAMED = "branching", "snap"
@@ -38,21 +31,16 @@ class Outcome:
         stability: in words, at the end.
         load: at which it first branches or snaps with more than a wrinkle, of the largest; None: nowhere.
         how: "branching" or "snap"; "" for none.
-        expected: of a closed form, where there is one.
     """
 
     stability: str
     load: float | None
     how: str
-    expected: float | None = None
 
     @property
     def good(self) -> bool:
         """Whether it is stable, and has said where it branched."""
-        close = self.expected is None or (
-            self.load is not None and abs(self.load / self.expected - 1.0) < 0.01
-        )
-        return self.stability != "unstable" and self.how in NAMED and close
+        return self.stability != "unstable" and self.how in NAMED
 
 
 @dataclass(frozen=True)
@@ -70,27 +58,11 @@ class Symmetric:
     run: Callable[[], Outcome]
 
 
-def strip(length_m: float, width_m: float, thickness_m: float, share: float) -> Outcome:
-    """Push a clamped strip by a multiple of Euler's load."""
-    body = Strip(12, length_m, width_m, Film(1e9, 0.0, thickness_m))
-    euler_N = math.pi**2 * body.bending_stiffness / (4.0 * length_m**2)
-    specimen = body.specimen()
-    options = specimen.equilibria.options  # the slackest strips bear less than 1e-6 N
-    options = replace(options, start_tolerance_N=options.tolerance_N, leaves_saddles=True)
-    follower = EquilibriumSolver(specimen.newton, NO_CLAMP, options)
-    begin = follower.solve(specimen.drawn(), Pose(), UNLOADED)
-    loads = replace(UNLOADED, nodal_force=body.tip_force((-share * euler_N, 0.0, 0.0)))
-    found = follower.follow(begin, Pose(), loads)
-    stands = footing(specimen.newton, found.state, loads, np.eye(3))
-    rows: list[dict[str, Any]] = [vars(each) for each in found.branchings]
-    return _outcome(footing_figures(stands, rows)["stability"], rows, 1.0 / share)
-
-
-def _outcome(stability: str, rows: list[dict[str, Any]], expected: float | None = None) -> Outcome:
+def _outcome(stability: str, rows: list[dict[str, Any]]) -> Outcome:
     large = [row for row in rows if row["extent"] >= WHOLE]
     if not large:
-        return Outcome(stability, None, "", expected)
-    return Outcome(stability, large[0]["load_factor"], NAMED[large[0]["snap"]], expected)
+        return Outcome(stability, None, "")
+    return Outcome(stability, large[0]["load_factor"], NAMED[large[0]["snap"]])
 
 
 def _ran(scenario: str, pouch: tuple[float, float] | None = None) -> Outcome:
@@ -250,15 +222,6 @@ def symmetric_bodies() -> Iterator[Symmetric]:
     def between(low: float, high: float) -> float:
         return float(np.round(random.uniform(low, high), 4))
 
-    shares = (1.2, 2.5, 8.0)
-    strips = [((1.0, 0.05, 5e-3, share), False) for share in shares]
-    for _ in range(3):
-        length_m = between(0.3, 2.0)
-        sizes = length_m, between(0.02, 0.08), length_m * between(3e-3, 8e-3), between(1.1, 8.0)
-        strips.append((sizes, True))
-    for each, drawn in strips:
-        title = "strip {:.2f} x {:.3f} m, {:.4f} m thick, under {:.2f} times Euler's load"
-        yield Symmetric(title.format(*each), drawn, partial(strip, *each))
     given = (0.035, 0.14, 20e3), (0.04, 0.16, 12e3), (0.05, 0.15, 12e3), (0.06, 0.12, 12e3)
     pouches = [(each, False) for each in given]
     pouches += [((between(0.03, 0.06), between(0.1, 0.16), 20e3), True) for _ in range(2)]
@@ -279,17 +242,13 @@ def symmetric_bodies() -> Iterator[Symmetric]:
 
 
 def symmetric_table() -> int:
-    """Load all bodies, and print a line on each; return how many are silent, unstable or far off."""
-    print(
-        "| body | drawn at random | branches at, share of the way | closed form | ends |\n"
-        "|---|---|---:|---:|---|"
-    )
+    """Load all bodies, and print a line on each; return how many are silent or unstable."""
+    print("| body | drawn at random | branches at, share of the way | ends |\n|---|---|---:|---|")
     wrong = 0
     for body in symmetric_bodies():
         found = body.run()
         wrong += not found.good
         load = "nowhere" if found.load is None else f"{found.load:.3f}" + " (snaps)" * (found.how == "snap")
-        expected = "" if found.expected is None else f"{found.expected:.3f}"
         drawn = "yes" if body.drawn else ""
-        print(f"| {body.name} | {drawn} | {load} | {expected} | {found.stability} |", flush=True)
+        print(f"| {body.name} | {drawn} | {load} | {found.stability} |", flush=True)
     return wrong

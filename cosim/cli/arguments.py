@@ -30,10 +30,10 @@ def parser() -> argparse.ArgumentParser:
     _add_compare(commands)
     _add_twin(commands)
     _add_warm_up(commands)
-    verify = commands.add_parser("verify", help="check the soft model against known answers")
+    verify = commands.add_parser(
+        "verify", help="check the soft model and the coupled tick against known answers"
+    )
     verify.add_argument("cases", metavar="CASE", nargs="*", help="names of cases (default: all of them)")
-    verify.add_argument("--json", metavar="FILE", type=Path, help="write the results to a file as well")
-    verify.add_argument("--list", action="store_true", help="list the cases and the sources of their answers")
     _add_trade(commands)
     _add_sweep(commands)
     _add_identify(commands)

@@ -112,9 +112,9 @@ def _command(options: argparse.Namespace, started: float) -> int:
             with LateCollection() as collection:
                 return _run(options, started, collection)
         case "verify":
-            from cosim.cli.verify import list_command, verify_command
+            from cosim.cli.verify import verify_command
 
-            return list_command() if options.list else verify_command(options.cases, options.json)
+            return verify_command(options.cases)
         case "trade":
             from cosim.cli.trade import trade_command
 

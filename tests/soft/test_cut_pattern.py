@@ -13,6 +13,7 @@ import pytest
 
 from cosim.base.drawing import DrawnLine, read_drawing
 from cosim.base.frames import Array, in_mm, rotation_from_vector
+from cosim.bench.known_answers import UNLOADED, Specimen
 from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.film import FilmTable
@@ -33,7 +34,6 @@ from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.verification.case import UNLOADED, Specimen
 
 ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
 

@@ -154,11 +154,11 @@ def test_it_is_on_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> N
 
 
 def test_a_sample_of_symmetric_bodies_ends_stable_and_says_where_they_branch() -> None:
-    """All twenty: `python benchmarks/stability.py --symmetric`."""
+    """All fourteen: `python benchmarks/stability.py --symmetric`."""
     bodies = list(symmetric_bodies())
-    assert len(bodies) == 20
-    assert sum(body.drawn for body in bodies) >= 5
-    for body in (*bodies[3:6], bodies[9], bodies[12]):  # strips drawn at random, a pouch, a stack
+    assert len(bodies) == 14
+    assert sum(body.drawn for body in bodies) >= 4
+    for body in (bodies[3], bodies[6]):  # a pouch, a stack
         assert body.run().good, body.name
 
 
