@@ -7,7 +7,7 @@
 
 Each point is a short run of a small soft arm, or of the UR5e with the reference scenario's, at the ends of
 what may be asked for. Exit code 1 if any failure has no name, or the reference scenario is not stable from
-0.1 to 20 ms at every pressure from 0 to 100 kPa. With --symmetric: fourteen symmetric bodies are loaded beyond
+0.1 to 20 ms at every pressure from 0 to 100 kPa. With --symmetric: symmetric bodies are loaded beyond
 their branchings; 1 if one is silent, or does not end on a stable branch. With --statics: all static solutions
 of the shipped scenarios are counted; 1 if one is unstable. With --saddle: the pouch of tests/cases/saddle in
 statics and in time, and how firmly it stays where it comes to rest; 1 if statics branch or end elsewhere.
