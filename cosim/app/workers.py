@@ -1,18 +1,20 @@
 """Objects in their own processes, called by name: one that ends takes none of the others with it.
 
-A process that has ended, or that does not answer in time, is lost with its objects until `replace` starts
-another one in its place. What cannot be sent to an object is the failure of that object alone.
+Each process is that of an executor with one worker. A process that has ended, or that does not answer in
+time, is lost with its objects until `replace` starts another one in its place. What cannot be sent to an
+object is the failure of that object alone.
 """
 
-import multiprocessing
 import os
 import pickle
 import signal
-import time
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from multiprocessing.connection import Connection, wait
-from typing import Any, Final, cast, final
+from multiprocessing import connection, parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any, Final, final
 
 from cosim.errors import InputError, WorkerError
 
@@ -21,6 +23,17 @@ THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 _JOIN_S: Final = 5.0
 ANSWER_S: Final = 600.0
 """Wall time within which a process has to answer a call; no step of a run takes as long."""
+
+
+@final
+class _OneProcess(SpawnContext):
+    """Spawns the process of an executor with one worker; `process` is that."""
+
+    process: SpawnProcess
+
+    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
+        self.process = SpawnProcess(*args, **kwargs)
+        return self.process
 
 
 @final
@@ -43,22 +56,17 @@ class Workers:
         if count < 1 or workers < 1:
             raise InputError(f"{count} runs in {workers} workers; there must be at least one of each")
         self.count, self._make, self._answer_s = count, make, answer_s
+        self._workers = min(workers, count)
         self._lost = dict[int, WorkerError]()
-        begun = [self._begin(worker) for worker in range(min(workers, count))]
-        self._processes: list[Any] = [process for process, _ in begun]
-        self._links: list[Connection] = [link for _, link in begun]
-        for worker in range(len(begun)):
-            self._send(worker, (make, self.objects_of(worker)))
+        self._begun = [self._begin(worker) for worker in range(self._workers)]
 
-    def _begin(self, worker: int) -> tuple[Any, Connection]:
-        """Start a process; return it and this end of the link to it."""
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe()
-        process = context.Process(target=_serve, args=(there,), daemon=True, name=f"cosim worker {worker}")
+    def _begin(self, worker: int) -> tuple[ProcessPoolExecutor, SpawnProcess]:
+        """Start a process that makes its objects."""
+        context = _OneProcess()
+        executor = ProcessPoolExecutor(1, context, _hold, (self._make, self.objects_of(worker)))
         with one_thread_each():
-            process.start()
-        there.close()
-        return process, here
+            executor.submit(os.getpid)  # the first call of an executor starts its process
+        return executor, context.process
 
     def replace(self, objects: Iterable[int]) -> None:
         """Start lost processes that hold some of the objects again, with all that they hold at its start.
@@ -66,20 +74,18 @@ class Workers:
         Args:
             objects: wanted.
         """
-        for worker in sorted({k % len(self._links) for k in objects} & self._lost.keys()):
-            self._links[worker].close()
-            self._processes[worker], self._links[worker] = self._begin(worker)
+        for worker in sorted({k % self._workers for k in objects} & self._lost.keys()):
+            self._begun[worker] = self._begin(worker)
             del self._lost[worker]
-            self._send(worker, (self._make, self.objects_of(worker)))
 
     @property
     def processes(self) -> tuple[int, ...]:
         """Number of the process of each worker."""
-        return tuple(process.pid or 0 for process in self._processes)
+        return tuple(process.pid or 0 for _, process in self._begun)
 
     def objects_of(self, worker: int) -> list[int]:
         """Return which objects a worker holds."""
-        return list(range(worker, self.count, len(self._processes)))
+        return list(range(worker, self.count, self._workers))
 
     def call(self, method: str, arguments: Mapping[int, tuple[Any, ...]]) -> dict[int, Any]:
         """Call a method of some objects, and return what each returns, or the error that it raises.
@@ -90,85 +96,75 @@ class Workers:
         """
         packed = {k: _packed(given) for k, given in arguments.items()}
         found: dict[int, Any] = {k: one for k, one in packed.items() if isinstance(one, Exception)}
-        waiting: dict[Connection, int] = {}
+        asked: dict[Future[dict[int, Any]], int] = {}
         try:
-            for worker, link in enumerate(self._links):
-                asked = {k: packed[k] for k in self.objects_of(worker) if k in packed.keys() - found.keys()}
-                if asked and worker not in self._lost and self._send(worker, (method, asked)):
-                    waiting[link] = worker
-            until = time.monotonic() + self._answer_s
-            while waiting:
-                answered = wait(list(waiting), max(0.0, until - time.monotonic()))
-                if not answered:
-                    for worker in waiting.values():
-                        self._end_silent(worker)
-                    break
-                for ready in answered:
-                    link = cast("Connection", ready)
-                    found |= self._received(waiting.pop(link), link)
+            for worker in set(range(self._workers)) - self._lost.keys():
+                own = {k: one for k in self.objects_of(worker) if isinstance(one := packed.get(k), bytes)}
+                try:
+                    if own:
+                        asked[self._begun[worker][0].submit(_called, method, own)] = worker
+                except BrokenExecutor:
+                    self._lose(worker)
+            answered, silent = wait(asked, self._answer_s)
+            for future in silent:
+                self._lose(asked[future], silent=True)
+            for future in answered:
+                try:
+                    found |= future.result()
+                except BrokenExecutor:
+                    self._lose(asked[future])
         except BaseException:  # answers that nobody has taken would be those of the next call
             self.close()
             raise
-        lost = {k: self._lost[k % len(self._links)] for k in arguments if k not in found}
+        lost = {k: self._lost[k % self._workers] for k in arguments if k not in found}
         return {k: (found | lost)[k] for k in arguments}
 
     def close(self) -> None:
         """End all processes."""
-        for link in self._links:
-            link.close()
-        for worker, process in enumerate(self._processes):
-            process.terminate()
-            process.join(_JOIN_S)
+        for worker in range(self._workers):
+            self._end(worker)
             self._lost.setdefault(worker, WorkerError(f"worker {worker} has been closed"))
 
-    def _send(self, worker: int, what: Any) -> bool:
-        try:
-            self._links[worker].send(what)
-        except (BrokenPipeError, ConnectionResetError):
-            self._lose(worker)
-            return False
-        return True
-
-    def _received(self, worker: int, link: Connection) -> dict[int, Any]:
-        try:
-            answer: dict[int, Any] = link.recv()
-        except (EOFError, ConnectionResetError):
-            self._lose(worker)
-            return {}
-        return answer
-
-    def _end_silent(self, worker: int) -> None:
-        """End a process that has not answered in time: it hangs, or has been stopped."""
-        process, runs = self._processes[worker], ", ".join(map(str, self.objects_of(worker)))
+    def _end(self, worker: int) -> None:
+        executor, process = self._begun[worker]
         process.kill()
+        executor.shutdown(cancel_futures=True)
         process.join(_JOIN_S)
-        self._lost[worker] = WorkerError(
-            f"worker {worker} (process {process.pid}) did not answer within {self._answer_s:g} s and was "
-            f"ended, and with it runs {runs}; reset them to begin again"
-        )
 
-    def _lose(self, worker: int) -> None:
-        process = self._processes[worker]
-        process.join(_JOIN_S)
-        code, runs = process.exitcode, ", ".join(map(str, self.objects_of(worker)))
+    def _lose(self, worker: int, *, silent: bool = False) -> None:
+        """End what is left of a process that has ended or, silent, that hangs or has been stopped."""
+        self._end(worker)
+        process, runs = self._begun[worker][1], ", ".join(map(str, self.objects_of(worker)))
+        code = process.exitcode
         how = f"by {signal.Signals(-code).name}" if code is not None and code < 0 else f"with code {code}"
+        what = f"did not answer within {self._answer_s:g} s and was ended" if silent else f"has ended {how}"
         self._lost[worker] = WorkerError(
-            f"worker {worker} (process {process.pid}) has ended {how}, and with it runs {runs}; "
+            f"worker {worker} (process {process.pid}) {what}, and with it runs {runs}; "
             "reset them to begin again"
         )
 
 
-def _serve(link: Connection) -> None:
-    """Hold objects and answer calls until the other end is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked is interrupted, and ends this process
-    try:
-        make, places = link.recv()
-        held = {k: _outcome(make, k) for k in places}
-        while True:
-            method, asked = link.recv()
-            link.send({k: _called(held[k], method, arguments) for k, arguments in asked.items()})
-    except (EOFError, ConnectionResetError, BrokenPipeError):
-        return
+_HELD: Final[dict[int, Any]] = {}
+"""Objects that this process holds."""
+
+
+def _hold(make: Callable[[int], Any], places: Iterable[int]) -> None:
+    begin_process()
+    _HELD.update({k: _outcome(make, k) for k in places})
+
+
+def begin_process() -> None:
+    """Set up a process that only works: it leaves Ctrl-C to the one that started it, and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is not None:
+        # a parent that is killed cannot tell its workers, who would wait for ever
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
 
 
 @contextmanager
@@ -200,10 +196,15 @@ def _packed(arguments: tuple[Any, ...]) -> bytes | InputError:
         )
 
 
-def _called(target: Any, method: str, packed: bytes) -> Any:
-    if isinstance(target, Exception):
-        return target
-    return _outcome(lambda: getattr(target, method)(*pickle.loads(packed)))
+def _called(method: str, asked: Mapping[int, bytes]) -> dict[int, Any]:
+    """Return what a method of the objects that are held here returns, or the errors that it raises."""
+
+    def answer(k: int) -> Any:
+        if isinstance(_HELD[k], Exception):
+            raise _HELD[k]
+        return getattr(_HELD[k], method)(*pickle.loads(asked[k]))
+
+    return {k: _outcome(answer, k) for k in asked}
 
 
 def _outcome(function: Callable[..., Any], *arguments: Any) -> Any:

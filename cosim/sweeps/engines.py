@@ -3,17 +3,14 @@
 Hands designs out to workers and takes rows in, whatever happens to the workers.
 """
 
-import os
-import signal
-import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import connection, get_context, parent_process
+from multiprocessing import get_context
 from typing import Any, Final, TypeAlias, final
 
-from cosim.app.workers import one_thread_each
+from cosim.app.workers import begin_process, one_thread_each
 from cosim.base.compilation import processors
 from cosim.errors import InputError
 from cosim.sweeps.table import LOST, Row, Task
@@ -89,20 +86,6 @@ class Engine:
             with _client(self._engine) as client:
                 executor, threads = client.get_executor(), sum(client.nthreads().values())
                 yield Pool(executor, _QUEUED * max(threads, 1), replaceable=False)
-
-
-def begin_process() -> None:
-    """Set up a process that only works: it leaves Ctrl-C to the one that started it, and ends with it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    if parent is not None:
-        # a parent that is killed cannot tell its workers, who would wait for ever
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
 
 
 @contextmanager
