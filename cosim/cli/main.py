@@ -118,7 +118,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
         case "trade":
             from cosim.cli.trade import trade_command
 
-            return trade_command(options)
+            return trade_command(options, SweepLine(sys.stderr))
         case name if name in _PLAIN:
             return _PLAIN[name](options)
         case "list":

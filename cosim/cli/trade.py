@@ -1,116 +1,93 @@
-"""`cosim trade`: a scenario's speed against its accuracy, as a table, JSON and a plot."""
+"""`cosim trade`: a scenario's speed against its accuracy, as a table and a plot, and what to set."""
 
 import argparse
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TextIO, final
+from typing import Final
 
-from cosim.app.driver import build_simulation, recorded
-from cosim.app.run_files import OutputDirectory, default_directory
-from cosim.cli.screen import draw as draw_line
+from cosim.app.driver import prepared
+from cosim.app.run_files import OutputDirectory
 from cosim.cli.screen import printable, tell
 from cosim.config import loading, rules
-from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
-from cosim.recording import colours
-from cosim.trade import report
-from cosim.trade.candidates import Candidate, candidates_of
-from cosim.trade.measuring import Measured, Telling, compile_for_trade, measure
+from cosim.sweeps import trade
+from cosim.sweeps.candidates import candidates_of
+from cosim.sweeps.engines import Engine
+from cosim.sweeps.sweeping import Tell
 
-TABLE, FIGURES, PLOT = "trade.md", "trade.json", "trade.png"
+_LENGTHS_m: Final = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0}
 
 
-def trade_command(options: argparse.Namespace) -> int:
-    """Run a scenario's candidates, write table, JSON and plot; return 1 if none meets the requirement.
+def trade_command(options: argparse.Namespace, progress: Tell) -> int:
+    """Run a scenario's candidates, write table and plot; return 1 if none meets the requirement.
 
     Args:
         options: of the command line.
+        progress: told how many candidates are done.
 
     Raises:
         InputError: wrong words, or a directory that cannot be written; nothing was run.
     """
-    requirement, bound = _requirement(options), report.parse_budget(options.slowest)
+    requirement, slowest = _requirement(options), parse_budget(options.slowest)
     scenario = loading.load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
     rules.check_ends(scenario)
     scenario = replace(scenario, fidelity="lumped")
     candidates = candidates_of(
-        scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against
+        scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against, slowest=slowest
     )
-    out = options.out or default_directory(f"trade_{Path(options.scenario).stem}")
-    with OutputDirectory(out) as directory:
-        compile_for_trade(scenario, tell, (colours,))
-        telling = TradeProgress(sys.stderr, len(candidates)).telling
-        results = measure(scenario, candidates, build_simulation, telling, follow=recorded, slowest=bound)
-        _write(directory, scenario, results, requirement)
+    with OutputDirectory(options.out or Path("runs", f"trade_{Path(options.scenario).stem}")) as directory:
+        prepared(scenario, tell, recording=True, contact=True)
+        results = trade.measure(scenario, candidates, directory, Engine(workers=1), options.modules, progress)
+        table = trade.markdown(scenario.title, results)
+        print(printable(table), flush=True)
+        directory.write(trade.REPORT, table)
+        try:
+            trade.draw(scenario.title, results, directory.path / trade.PLOT)
+        except InputError as error:
+            tell(f"no plot: {error}")
     if requirement is None:
         return 0
-    line = report.choice_lines(results, requirement)
-    print(printable(line))
-    return int(line.startswith("No candidate"))
+    choice = trade.choice_line(results, requirement)
+    print(printable(choice))
+    return int(choice.startswith("No candidate"))
 
 
-def _write(
-    directory: OutputDirectory,
-    scenario: Scenario,
-    results: Sequence[Measured],
-    requirement: report.Requirement | None,
-) -> None:
-    table = report.markdown(scenario.title, results)
-    # before anything is written: what took long must not be lost with a full disk
-    print(printable(table), flush=True)
-    directory.make()
-    directory.claim(TABLE, FIGURES, PLOT)
-    directory.write(TABLE, table)
-    directory.write(FIGURES, report.as_json(scenario.name, results, requirement))
-    try:
-        report.draw(scenario.title, results, directory.path / PLOT)
-    except InputError as error:
-        tell(f"no plot: {error}")
-
-
-def _requirement(options: argparse.Namespace) -> report.Requirement | None:
+def _requirement(options: argparse.Namespace) -> trade.Requirement | None:
     given = (options.budget, options.tolerance, options.force_tolerance)
-    readers = (report.parse_budget, report.parse_tolerance, report.parse_force)
+    readers = (parse_budget, parse_tolerance, parse_force)
     values = [None if text is None else read(text) for text, read in zip(given, readers, strict=True)]
-    return None if values == [None] * 3 else report.Requirement(*values)
+    return None if values == [None] * 3 else trade.Requirement(*values)
 
 
-@final
-class TradeProgress:
-    """Draws one line that renews itself on a terminal, and one for every candidate that is done.
+def parse_budget(text: str) -> float:
+    """Return the real-time factor of a text such as "1.0x"."""
+    return _positive(text, {"x": 1.0}, "a real-time factor, such as 1.0x")
 
-    Args:
-        stream: where to draw, usually stderr.
-        count: of candidates.
+
+def parse_tolerance(text: str) -> float:
+    """Return the length [m] of a text such as "1mm"; metres if there is no unit."""
+    return _positive(text, _LENGTHS_m, "a length, such as 1mm")
+
+
+def parse_force(text: str) -> float:
+    """Return the force [N] of a text such as "0.1N"."""
+    return _positive(text, {"N": 1.0}, "a force, such as 0.1N")
+
+
+def _positive(text: str, units: Mapping[str, float], wanted: str) -> float:
+    """Return a positive number times its unit.
+
+    Raises:
+        InputError: it is none.
     """
-
-    def __init__(self, stream: TextIO, count: int) -> None:
-        self._stream, self._count = stream, count
-        self._terminal = stream.isatty()
-        self._place, self._name = 0, ""
-        self.telling = Telling(self.begin, self.advance, self.done)
-
-    def begin(self, place: int, candidate: Candidate) -> None:
-        """A candidate begins."""
-        self._place, self._name = place, candidate.name
-        self.advance(0.0)
-
-    def advance(self, fraction: float) -> None:
-        """So much of its run is done; shown on a terminal only."""
-        if self._terminal:
-            self._write(f"\r\x1b[K{self._head} {self._name}: {100 * fraction:.0f} %")
-
-    def done(self, result: Measured) -> None:
-        """A candidate is done."""
-        start = "\r\x1b[K" if self._terminal else ""
-        self._write(f"{start}{self._head} {report.result_line(result)}\n")
-
-    @property
-    def _head(self) -> str:
-        return f"[{self._place + 1}/{self._count}]"
-
-    def _write(self, text: str) -> None:
-        draw_line(text, self._stream)
+    number = text.strip()
+    unit = next((unit for unit in units if number.endswith(unit)), "")
+    try:
+        value = float(number.removesuffix(unit)) * units.get(unit, 1.0)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise InputError(f"'{text}' is not {wanted}")
+    return value

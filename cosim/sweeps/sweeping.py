@@ -40,7 +40,7 @@ from cosim.results.result import ResultBuilder
 from cosim.sweeps import table as tables
 from cosim.sweeps.engines import PROCESSES, Engine, rows_of
 from cosim.sweeps.figure_names import check_figures
-from cosim.sweeps.table import LOST, TABLE, Design, Measure, Row, Task
+from cosim.sweeps.table import LOST, TABLE, Design, DesignFollower, Measure, Row, Task
 from cosim.telemetry.summary import reason_of
 
 
@@ -98,13 +98,18 @@ def _run(scenario: Scenario, task: Task) -> Row:
     watchers: Sequence[driver.Observer] = () if measure is None else (arrays,)
     directory = None if task.directory is None else Path(task.directory)
     build = partial(driver.build_simulation, kept=_kept_here())
-    outcome = driver.execute(scenario, build, driver.Options(directory, None, watchers, error=False), started)
+    options, follower = driver.Options(directory, None, watchers, error=False), task.follower
+    if follower is not None:
+        options = replace(options, watchers=(*watchers, follower), stop=follower.stop)
+    outcome = driver.execute(scenario, build, options, started)
     error, summary = outcome.error, outcome.summary
     if isinstance(error, InputError):
         return Row("refused", reason_of(error))
-    figures = tables.figures_of(summary)
+    figures: dict[str, Any] = dict(tables.figures_of(summary))
     if measure is not None and summary["status"] == "completed":
         figures |= tables.measured(measure, arrays.result(summary, directory))
+    if follower is not None and summary["status"] == "completed":
+        figures |= follower.figures()
     return Row(summary["status"], summary["reason"], figures)
 
 
@@ -251,7 +256,7 @@ Tell = Callable[[SweepProgress], object]
 
 @final
 @dataclass
-class _Sweep:
+class StudyRun:
     """A sweep under way.
 
     Args:
@@ -261,6 +266,7 @@ class _Sweep:
         measure: of results.
         modules: for workers to import.
         tell: told of the progress.
+        followers: of the designs, by their places; empty for none.
     """
 
     study: studies.StudyTable
@@ -269,6 +275,7 @@ class _Sweep:
     measure: Measure | None
     modules: tuple[str, ...]
     tell: Tell
+    followers: Sequence[DesignFollower] = ()
     varied: list[dict[str, Any]] = field(default_factory=list)
     identities: list[str] = field(default_factory=list)
     refused: dict[int, Row] = field(default_factory=dict)
@@ -309,9 +316,10 @@ class _Sweep:
     def _tasks(self) -> Iterator[tuple[str, Task]]:
         """Yield what is to be computed; note what is known, and what is refused."""
         for place, varied in enumerate(self.varied):
+            follower = self.followers[place] if self.followers else None
             try:
                 scenario = loading.load_scenario(self.study.scenario, {**self.study.set, **varied})
-                name = content_name(loading.scenario_text(scenario), self._code)
+                name = content_name(loading.scenario_text(scenario), self._code, follower)
             except InputError as error:
                 self.identities.append("")
                 self.refused[place] = Row("refused", reason_of(error))
@@ -324,18 +332,19 @@ class _Sweep:
                 self.waiting[name] += 1  # the same contents, by other values
             else:
                 self.waiting[name] = 1
-                yield name, self._task(name, scenario)
+                yield name, self._task(name, scenario, follower)
 
     def _is_known(self, name: str) -> bool:
         """Return whether there is a row of a name, and what its run read is as it was."""
         row = self.journal.rows.get(name)
         return row is not None and changed_file(row.files, self._seen) is None
 
-    def _task(self, name: str, scenario: Scenario) -> Task:
+    def _task(self, name: str, scenario: Scenario, follower: DesignFollower | None) -> Task:
         warm_up(scenario)
         folder = str((self.where / name).resolve()) if self.study.keep_runs else None
         measure = self.measure if self.study.measure is None else self.study.measure
-        return Task.of(scenario, modules=self.modules, measure=measure, directory=folder)
+        how = {"modules": self.modules, "measure": measure, "directory": folder, "follower": follower}
+        return Task.of(scenario, **how)
 
     def _note(self, status: str, count: int = 1) -> None:
         self.statuses[status] += count
@@ -393,7 +402,7 @@ def sweep(
         directory.make()
         directory.claim(JOURNAL, TABLE)
         with Journal(where / JOURNAL).open() as journal:
-            under_way = _Sweep(table, where, journal, function, tuple(modules), tell or _tell_nobody)
+            under_way = StudyRun(table, where, journal, function, tuple(modules), tell or _tell_nobody)
             under_way.fan_out(chosen)
         outcome = under_way.outcome()
         tables.write_table(where / TABLE, studies.varied_keys(table), under_way.designs(), table.figures)

@@ -20,7 +20,7 @@ from functools import cache
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, Protocol, final
 
 from cosim.base.files import whole_file
 from cosim.base.resources import is_file, writing
@@ -28,6 +28,10 @@ from cosim.config.loading import module_of_file
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.results.result import RunResult, figure_kind, unit_by_name
+
+if TYPE_CHECKING:
+    from cosim.telemetry.snapshot import RunInfo
+    from cosim.telemetry.tick_batch import TickBatch
 
 Measure = Callable[[RunResult], Mapping[str, float]]
 """Returns more columns of a run, by names that end in their unit."""
@@ -103,6 +107,25 @@ LOST: Final = "lost"
 """Status of a design whose worker died."""
 
 
+class DesignFollower(Protocol):
+    """Follows the run of one design, in its worker; a dataclass whose fields, before the run, name it."""
+
+    def open(self, stage: RunInfo) -> None:
+        """The run begins."""
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in some ticks."""
+
+    def stop(self) -> str | None:
+        """Return why the run shall end now; None: it continues."""
+
+    def close(self) -> None:
+        """The run has ended, one way or another."""
+
+    def figures(self) -> dict[str, Any]:
+        """Return figures of a completed run, in JSON's own kinds."""
+
+
 @final
 @dataclass(frozen=True)
 class Task:
@@ -113,12 +136,14 @@ class Task:
         modules: to import first.
         measure: function of the result, or its name; None for none.
         directory: of the run's files; None keeps none.
+        follower: of this run alone; None for none.
     """
 
     scenario: bytes
     modules: tuple[str, ...] = ()
     measure: Measure | str | None = None
     directory: str | None = None
+    follower: DesignFollower | None = None
 
     @classmethod
     def of(cls, scenario: Scenario, **how: Any) -> Task:
@@ -132,7 +157,8 @@ class Row:
     """What came out of a design.
 
     Args:
-        status: "completed", "failed", "refused" (it cannot be built) or "lost" (its worker died).
+        status: "completed", "failed", "interrupted" (by its follower), "refused" (it cannot be built) or
+            "lost" (its worker died).
         reason: why it is not completed.
         figures: numbers of the run, by name; up to where it failed.
         wall_s: wall time of the run, without what the first one of a process waits for.
@@ -200,7 +226,7 @@ _DIGEST: Final = b"cosim_sha256"
 _PLAIN: Final = (bool, int, float, str)
 _OWN_COLUMNS: Final = {
     "design": "place in the study, counted from 0",
-    "status": "completed, failed, refused (cannot be built) or lost (its worker died)",
+    "status": "completed, failed, interrupted, refused (cannot be built) or lost (its worker died)",
     "reason": "why it is not completed",
     "identity": "hash of scenario and code",
 }
