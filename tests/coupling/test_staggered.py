@@ -14,7 +14,7 @@ from cosim.coupling.schemes.interface import Coupling, Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.errors import SolverError
+from cosim.errors import InstabilityError, SolverError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inverse_kinematics import solve
 from cosim.rigid.build.description import SceneDescription, ServoGains
@@ -164,6 +164,15 @@ def test_a_heavy_body_needs_its_algorithmic_mass(integrator: Integrator) -> None
     assert last < 0.01
     plain = rig(CARRIED_MASS_KG, ratio_bound=np.inf, integrator=integrator)
     assert largest_speed(plain, 60) > 1.0
+
+
+def test_an_instability_names_the_scheme_for_a_heavy_body() -> None:
+    heavy = r"stability ratio 2\.\d.*coupling.scheme = 'iterated'"
+    for carried_kg, advice in ((CARRIED_MASS_KG, heavy), (0.0, r"loads\.$")):
+        here = rig(carried_kg)
+        here.ticks(1)
+        with pytest.raises(InstabilityError, match=advice):
+            here.ticks(5, np.nan)
 
 
 def test_algorithmic_mass_leaves_rest_and_the_end_of_a_motion_alone() -> None:

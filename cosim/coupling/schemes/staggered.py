@@ -65,6 +65,8 @@ from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.schemes.soft_halves import FilmHalves, OpenRow, soft_halves
 from cosim.coupling.soft_sides import lumped_arm, soft_side
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
+from cosim.errors import InstabilityError
+from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 
@@ -328,11 +330,22 @@ class StaggeredCoupling(Coupling):
             while goes_on and taken.done < count:
                 goes_on = self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
         except BaseException as error:  # whatever it is, what has been taken is to be shown first
+            self._advise(error)
             if not taken.done:
                 raise
             taken.error = error
         self._halves.end(taken)
         return taken
+
+    def _advise(self, error: BaseException) -> None:
+        """Add to an instability the scheme that helps where the soft robot is heavy for the arm."""
+        ratio, scene = self.interface.ratio, self.interface.scene
+        own = isinstance(scene, RigidScene)  # scenes that cosim does not step alone cannot repeat a tick
+        if own and ratio > self._ratio_bound and isinstance(error, InstabilityError):
+            error.args = (
+                f"{error} The soft robot is heavy for the arm (stability ratio {ratio:.2g}): set "
+                "coupling.scheme = 'iterated'.",
+            )
 
     def _ready(self, count: int) -> TicksTaken:
         """Get ready for up to so many ticks; return room for them."""
