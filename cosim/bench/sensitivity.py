@@ -62,8 +62,6 @@ class RunSlopes:
                 "sensitivities in time know no losses that follow the shape or the way of a cable; set "
                 "friction_coefficient = 0 and losses = 'one_way' of all cables"
             )
-        if self._options.substep_error_m is not None:
-            raise InputError("sensitivities in time are of whole ticks; leave out solver.substep_error_m")
         self._moves = [each.moves(model) for each in parameters]
         self._solver, self._clamp = self._newton(start.clamp), start.clamp
         self._rates: dict[tuple[int, int], StrainRates | None] = {}

@@ -16,6 +16,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve import newton_options, state
 
+EQUILIBRIUM_ITERATIONS_MAX = 100
 REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
 STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
 
@@ -49,7 +50,7 @@ def static_options(scenario: Scenario) -> newton_options.NewtonOptions:
     return newton_options.NewtonOptions(
         tolerance_N=scenario.solver.residual_tolerance_N,
         start_tolerance_N=scenario.solver.residual_tolerance_N,
-        iterations_max=scenario.solver.newton_iterations_max,
+        iterations_max=EQUILIBRIUM_ITERATIONS_MAX,
         search_iterations_max=scenario.solver.search_iterations_max,
         reuse_max=REUSE_MAX if scenario.mode == "quasistatic" else 0,
         reuse_below_N=STATIC_REUSE_BELOW_N,
@@ -66,7 +67,6 @@ def dynamic_options(scenario: Scenario) -> state.StepOptions:
         newton=replace(static_options(scenario), reuse_max=REUSE_MAX, reuse_below_N=math.inf),
         damping_per_s=scenario.solver.damping_per_s,
         air_drag_per_s=scenario.solver.air_drag_per_s,
-        substep_error_m=scenario.solver.substep_error_m,
     )
 
 

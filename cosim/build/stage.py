@@ -441,7 +441,7 @@ def _frames_length(body: SoftBody) -> Callable[[Array], float] | None:
 
 def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
     options, lumped = dynamic_options(scenario), scenario.fidelity in ("lumped", "refined")
-    if scenario.mode != "dynamic" or not lumped or options.substep_error_m is not None:
+    if scenario.mode != "dynamic" or not lumped:
         return None
     gravity = np.array(scenario.gravity_m_s2)
     tick_s = scenario.clock.tick_s

@@ -98,7 +98,6 @@ def test_shipped_tolerances_leave_the_derivatives_of_tight_ones() -> None:
     [
         ({}, "flange_force_N", "flange_force_N.x: has no derivative in time"),
         (DIRECTED, "length_m", "set friction_coefficient = 0"),
-        ({"solver.substep_error_m": 1e-5}, "length_m", "leave out solver.substep_error_m"),
     ],
 )
 def test_what_has_no_derivative_in_time_is_refused(

@@ -99,6 +99,8 @@ def test_keys_that_are_no_more_go_with_their_line() -> None:
     assert upgraded(text) == (NOW, 1)
     dotted = "schema = 2\nrobot = 'none'\nmodel.handover = false"
     assert upgraded(dotted) == ("schema = 2\nrobot = 'none'\n", 1)
+    solver = "schema = 2\nrobot = 'none'\n[solver]\nsubstep_error_m = 1e-5\ndamping_per_s = 2.0\n"
+    assert upgraded(solver) == (solver.replace("substep_error_m = 1e-5\n", ""), 1)
     with pytest.raises(ValueError, match="not alone on its line"):
         upgraded("schema = 2\nrobot = 'none'\nmodel = { handover = true }\n")
 

@@ -147,11 +147,11 @@ def test_check_loads_and_builds_every_design(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_check_says_what_all_designs_share_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = "scenario = '{}'\nset.fidelity = 'finest'\n[grid]\nsolver.newton_iterations_max = [50, 60, 0]\n"
+    text = "scenario = '{}'\nset.fidelity = 'finest'\n[grid]\nsolver.search_iterations_max = [50, 60, 0]\n"
     told = checked(text.format(SCENARIO), tmp_path, capsys)
     assert [line.partition(": ")[0] for line in told] == [
         "all 3 designs",
-        "design 3 of 3 (solver.newton_iterations_max = 0)",
+        "design 3 of 3 (solver.search_iterations_max = 0)",
     ]
     (line,) = checked(text.format("nowhere.toml"), tmp_path, capsys)
     assert line.startswith("all 3 designs: ")

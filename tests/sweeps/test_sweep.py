@@ -86,7 +86,7 @@ def test_what_cannot_be_built_or_solved_is_a_row_with_its_reason(executor: Execu
         {"soft_robot": "nobody"},
         {"phase.inflate.pressure_Pa": 9e3},
         {"soft_robot.film.poisson": 0.7},
-        {"phase.inflate.pressure_Pa": 9e6, "solver.newton_iterations_max": 1},
+        {"phase.inflate.pressure_Pa": 9e6, "solver.search_iterations_max": 1},
     ]
     seen: list[SweepProgress] = []
     study = {**{key: STUDY[key] for key in ("scenario", "set")}, "design": designs}

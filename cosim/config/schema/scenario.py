@@ -68,7 +68,6 @@ class SolverTable:
     Args:
         residual_tolerance_N: largest force component left at an equilibrium or a converged step; all that is
             left adds up to no more than 100 times that, nor does its moment, over the body's size.
-        newton_iterations_max: bound for an equilibrium (quasistatic mode and the start).
         search_iterations_max: bound for all iterations of one search on the film: for the start, for an
             increment or a piece of a planned motion, for the tensions or flange pose of a tip target.
         dynamic_tolerance_N: the same in a tick of the dynamic mode.
@@ -82,21 +81,17 @@ class SolverTable:
             film.loss_factor of the soft robot's file.
         air_drag_per_s: drag of air at rest, force = -air_drag_per_s * m * v, also where the soft robot
             moves along with the arm: at 0.25 m/s and 2 per s by 0.5 N for each kilogram.
-        substep_error_m: the soft side's step is cut into up to 16 pieces where its error in a tick is larger;
-            omitted: never.
         follow_unstable: whether static solutions stay on equilibria that have become unstable; else they
             leave them for stable ones.
     """
 
     residual_tolerance_N: keys.Positive = 1e-6
-    newton_iterations_max: keys.Count = 100
     search_iterations_max: keys.Count = 3000
     dynamic_tolerance_N: keys.Positive = 1e-4
     dynamic_newton_iterations: keys.Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "bdf2"
     damping_per_s: keys.NonNegative = 0.0
     air_drag_per_s: keys.NonNegative = 0.0
-    substep_error_m: keys.Positive | None = None
     follow_unstable: bool = False
 
 

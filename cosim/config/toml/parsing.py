@@ -232,11 +232,15 @@ GONE: Final = {
     "SoftRobotTable": {"calibration": _WRINKLING},
     "Scenario": {"auto": _AUTO},
     "ModelTable": {"calibrated": _WRINKLING, "handover": _HANDOVER},
+    "SolverTable": {
+        "substep_error_m": "is no more; drop it, and shorten clock.tick_s where a tick's error is too large",
+        "newton_iterations_max": "is no more; drop it: search_iterations_max bounds a search",
+    },
 }
 """By the class of a table: keys that there are no more, and what to do."""
 
-DROPPED: Final = {("model", "handover")}
-"""Keys of scenarios without which files mean what they meant."""
+DROPPED: Final = {("model", "handover"), *(("solver", key) for key in GONE["SolverTable"])}
+"""Keys of scenarios that upgrading drops."""
 
 REMEDY: Final = "rewrite the file: cosim upgrade FILE"
 

@@ -438,7 +438,7 @@ class FilmHalves(SoftHalves):
         touching = None if films is None else films.remembered
         state = SoftState(x[1], velocity[1], way.memory[done].copy(), (x[0], velocity[0]), touching)
         drive = ticks.flange(done), loads
-        soft.go_to(state, float(ticks.residual[done - 1]), ticks.flange(done - 1), drive)
+        soft.go_to(state, float(ticks.residual[done - 1]), drive)
 
 
 def soft_halves(interface: Interface) -> SoftHalves:
@@ -446,7 +446,7 @@ def soft_halves(interface: Interface) -> SoftHalves:
     soft = interface.soft
     if isinstance(soft, SectionArm) and interface.scene.steps_itself and not soft.stepper.losses_follow_shape:
         return SectionHalves(interface)
-    if isinstance(soft, SoftArm) and soft.steps_alone and soft.stepper.quick.sides.knows_body:
+    if isinstance(soft, SoftArm) and soft.stepper.quick.sides.knows_body:
         return FilmHalves(interface)
     return SoftHalves(interface)
 

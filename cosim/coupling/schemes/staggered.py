@@ -95,7 +95,7 @@ class FineTicks:
     def fast_m_s(self) -> float:
         """Speed from which on ticks are fine ones; endless where no film is stepped."""
         soft = self._interface.soft
-        return self._fast_m_s if isinstance(soft, lumped_arm.SoftArm) and soft.steps_alone else np.inf
+        return self._fast_m_s if isinstance(soft, lumped_arm.SoftArm) else np.inf
 
     def look(self) -> None:
         """Decide on the next tick, after one."""

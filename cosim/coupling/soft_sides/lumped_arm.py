@@ -1,11 +1,5 @@
-"""The soft side of the coupling: a body on the flange, stepped or solved for equilibrium.
-
-A tick may be cut into pieces: halves of one that does not converge, or by the error of a piece.
-The error of an implicit step is its distance from an explicit prediction of the same order, weighted.
-Implicit Euler leaves -h^2 x''/2 of the exact solution, free flight x + h v leaves +h^2 x''/2: half their
-distance is the error. BDF2 leaves -2 h^3 x'''/9, the explicit x + h (3 v_n - v_n-1) / 2 leaves 5 h^3 x'''/12:
-8/23 of it.
-Source: Hairer, Norsett and Wanner, Solving ODEs I, section III.2 (error constants; Milne's device).
+"""The soft side of the coupling: a body on the flange, stepped or solved for equilibrium. A tick that
+does not converge is taken in halves.
 """
 
 import math
@@ -16,7 +10,7 @@ from typing import TypeVar, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose, rotation_from_vector, vector_from_rotation
+from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.state_check import check_indices
 from cosim.coupling.soft_sides import soft_side
 from cosim.errors import ConvergenceError, InputError
@@ -34,7 +28,6 @@ from cosim.soft.solve.stability import footing, undecided
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,
-    Integrator,
     Obstacles,
     SoftState,
     StepAim,
@@ -58,9 +51,6 @@ class SoftArmState:
         loads: there.
         residual_N: of the last step.
         newton: what its solver has kept.
-        flange_before: pose of the flange one step earlier, if there was one.
-        pieces: into which a step is cut.
-        piece_s: length of the last one [s].
     """
 
     soft: SoftState
@@ -69,9 +59,6 @@ class SoftArmState:
     loads: Loads
     residual_N: float
     newton: NewtonState
-    flange_before: Pose | None
-    pieces: int
-    piece_s: float
 
     def check(self, nodes: int) -> None:
         """Check that it is of a body with so many nodes.
@@ -88,65 +75,6 @@ class SoftArmState:
 
 
 _WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are followed
-_PIECES_MAX = 16
-_SAFETY = 1.2
-_RELAXED = 0.25  # of the bound: then longer pieces are tried in the next step
-
-
-def pose_within(before: Pose | None, begin: Pose, end: Pose, fraction: float) -> Pose:
-    """Return the pose at a fraction s of a tick: x = x0 + s d1 + s (s - 1) (d1 + d_-1) / 2; `end` at 1.
-
-    d1 and d_-1 are the displacements from the tick's beginning to its end and to the beginning of the tick
-    before, of the origin and as rotation vectors.
-
-    Args:
-        before: one tick before the tick's beginning; None: the way is straight.
-        begin: at the tick's beginning.
-        end: at its end.
-        fraction: 0 to 1.
-    """
-    if before is None or fraction >= 1.0:
-        return begin.interpolated(end, fraction)
-    bend = 0.5 * fraction * (fraction - 1.0)
-    ahead, back = end.translation - begin.translation, before.translation - begin.translation
-    turn_ahead = vector_from_rotation(end.rotation @ begin.rotation.T)
-    turn_back = vector_from_rotation(before.rotation @ begin.rotation.T)
-    turn = fraction * turn_ahead + bend * (turn_ahead + turn_back)
-    shift = fraction * ahead + bend * (ahead + back)
-    return Pose(rotation_from_vector(turn) @ begin.rotation, begin.translation + shift)
-
-
-def step_error(integrator: Integrator, before: SoftState, after: SoftState, step_s: float) -> float:
-    """Return the largest error of a node's position made in a step [m].
-
-    Args:
-        integrator: that took the step.
-        before: state at its beginning.
-        after: state at its end.
-        step_s: h [s].
-    """
-    if integrator == "implicit_euler" or before.earlier is None:
-        predicted, fraction = before.positions + step_s * before.velocities, 0.5
-    else:
-        flight = 1.5 * before.velocities - 0.5 * before.earlier[1]
-        predicted, fraction = before.positions + step_s * flight, 8.0 / 23.0
-    away = after.positions - predicted
-    return fraction * math.sqrt(float(np.einsum("nr,nr->n", away, away).max()))
-
-
-def pieces_after(pieces: int, error_m: float, bound_m: float, order: int) -> int:
-    """Return into how many pieces a step should be cut, judging by its error in so many.
-
-    Args:
-        pieces: it was cut into.
-        error_m: largest of a piece.
-        bound_m: that a piece shall keep.
-        order: of the integrator; the error of a piece goes with its length to the power order + 1.
-    """
-    if error_m > bound_m:
-        wanted: float = pieces * _SAFETY * (error_m / bound_m) ** (1.0 / (order + 1))
-        return min(_PIECES_MAX, max(pieces + 1, math.ceil(wanted)))
-    return max(1, pieces // 2) if error_m < _RELAXED * bound_m / 2.0**order else pieces
 
 
 @final
@@ -178,13 +106,10 @@ class SoftArm(soft_side.SoftSide):
         films = None if self_contact is None else SelfContact(body, self_contact)
         self.films = films if films is not None and films.can_touch else None
         self._flange = world_from_flange
-        self._flange_before: Pose | None = None
         self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
         self._residual = 0.0
         self._work = [0.0, 0.0]
-        self._pieces, self._last_pieces, self._piece_s = 1, 1, 0.0
-        # of the last step: where it began, and what the step before it had left
-        self._begin: tuple[soft_side.Drive, Pose | None, float] = ((self._flange, self._loads), None, 0.0)
+        self._begin: soft_side.Drive = (self._flange, self._loads)  # of the last step
         self.hold(Clamp.of_base(body))
 
     def hold(self, clamp: Clamp) -> None:
@@ -223,19 +148,19 @@ class SoftArm(soft_side.SoftSide):
     def restore(self, before: SoftState) -> None:
         """Undo the last step; the factorisation stays."""
         self.state = before
-        (self._flange, self._loads), self._flange_before, self._piece_s = self._begin
+        self._flange, self._loads = self._begin
 
     def _advance(self, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
         begin, before = (self._flange, self._loads), self.state
-        self._begin = (begin, self._flange_before, self._piece_s)
+        self._begin = begin
         self._work = [0.0, 0.0]
         try:
             with self.work:
-                iterations = self._march(begin, end, step_s, aim)
+                iterations = soft_side.step_or_halves(self._stepping, begin, end, step_s, aim)
         except BaseException:
             self.state = before
             raise
-        self._flange_before, (self._flange, self._loads) = begin[0], end
+        self._flange, self._loads = end
         wrench = self._stepper.wrench(self.state, self._flange)
         return soft_side.SoftReply(wrench, self._residual, iterations, *self._work)
 
@@ -249,21 +174,15 @@ class SoftArm(soft_side.SoftSide):
         """Loads at the end of the last step, contacts not counted."""
         return self._loads
 
-    @property
-    def steps_alone(self) -> bool:
-        """Whether a step is one step, whatever its error."""
-        return self.dynamics.substep_error_m is None
-
-    def go_to(self, state: SoftState, residual_N: float, before: Pose, drive: soft_side.Drive) -> None:
+    def go_to(self, state: SoftState, residual_N: float, drive: soft_side.Drive) -> None:
         """Be where steps that were taken elsewhere have ended.
 
         Args:
             state: there.
             residual_N: of the last step.
-            before: pose of the flange at its beginning.
-            drive: pose of the flange and loads at its end.
+            drive: pose of the flange and loads at the end of that.
         """
-        self.state, self._residual, self._flange_before = state, residual_N, before
+        self.state, self._residual = state, residual_N
         self._flange, self._loads = drive
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
@@ -299,41 +218,6 @@ class SoftArm(soft_side.SoftSide):
         if not self._stepper.factorise(self.state, self._flange, loads, step_s):
             return None
         return self._stepper.solver.linear.solve_all(forces)
-
-    def _march(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
-        """Take one step, cut into as many pieces as its error asks for; return the Newton iterations."""
-        bound, before = self.dynamics.substep_error_m, self.state
-        if bound is None:
-            return soft_side.step_or_halves(self._stepping, begin, end, step_s, aim)
-        if aim is not None and aim.start is not None:  # again: cut as it was the first time
-            return self._cut(begin, end, step_s, self._last_pieces, aim)[0]
-        order = 2 if self.dynamics.integrator == "bdf2" else 1
-        spent = 0
-        while True:
-            pieces = self._last_pieces = self._pieces
-            iterations, error = self._cut(begin, end, step_s, pieces, aim)
-            spent += iterations
-            self._pieces = pieces_after(pieces, error, bound, order)
-            if error <= bound or self._pieces == pieces:
-                return spent
-            self.state = before
-
-    def _cut(
-        self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, pieces: int, aim: StepAim | None
-    ) -> tuple[int, float]:
-        """Take a step in equal pieces; return the Newton iterations and the largest error of a piece [m]."""
-        length, here, spent, worst = step_s / pieces, begin, 0, 0.0
-        if length != self._piece_s:
-            self.restart()
-            self._piece_s = length
-        part = None if aim is None else StepAim(aim.tolerance_N)
-        for k in range(1, pieces + 1):
-            fraction, before = k / pieces, self.state
-            flange = pose_within(self._flange_before, begin[0], end[0], fraction)
-            here, last = (flange, begin[1].interpolated(end[1], fraction)), here
-            spent += soft_side.step_or_halves(self._stepping, last, here, length, part)
-            worst = max(worst, step_error(self.dynamics.integrator, before, self.state, length))
-        return spent, worst
 
     @property
     def _stepping(self) -> tuple[soft_side.StepTaken, Callable[[], None], newton_options.TickWork]:
@@ -521,10 +405,7 @@ class SoftArm(soft_side.SoftSide):
     def save_state(self) -> SoftArmState:
         """Return what the next step depends on; costs no copy but one of the nodal forces."""
         newton = self.equilibrium_solver.solver.save_state()
-        return SoftArmState(
-            self.state, self.clamp, self._flange, self._loads, self._residual, newton,
-            self._flange_before, self._pieces, self._piece_s,
-        )  # fmt: skip
+        return SoftArmState(self.state, self.clamp, self._flange, self._loads, self._residual, newton)
 
     def restore_state(self, state: SoftArmState) -> None:
         """Return to a state of `save_state`, of this arm or of one with the same body.
@@ -539,7 +420,6 @@ class SoftArm(soft_side.SoftSide):
             self.hold(state.clamp)
         self.state, self._residual = state.soft, state.residual_N
         self._flange, self._loads = state.flange, state.loads
-        self._flange_before, self._pieces, self._piece_s = state.flange_before, state.pieces, state.piece_s
         self.equilibrium_solver.solver.restore_state(state.newton)
 
     @property

@@ -486,7 +486,6 @@ class StepOptions:
         newton: bounds of the iteration.
         damping_per_s: alpha [1/s], of motion relative to the flange.
         air_drag_per_s: beta [1/s], of motion in the world.
-        substep_error_m: a step whose error is larger is cut into pieces; None: never (see `step_error`).
     """
 
     integrator: Integrator = "implicit_euler"
@@ -497,7 +496,6 @@ class StepOptions:
     newton: NewtonOptions = NewtonOptions(reuse_max=6)
     damping_per_s: float = 0.0
     air_drag_per_s: float = 0.0
-    substep_error_m: float | None = None
 
     def bound_N(self, node_mass: Array) -> float:
         """Return the residual [N] with which an ordinary step of nodes (n,) [kg] may end: it throws none.
