@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
-from cosim.base.files import keep, kept
+import pytest
+
+from cosim.base.caches import SECTION_MODELS
 from cosim.base.kept_parts import code_identity, content_name
-from cosim.base.state_archive import packed, unpacking
+from cosim.base.state_archive import kept_or_made
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
@@ -18,7 +20,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.self_contact import FilmContactLaw
 
-FOLDER = Path(__file__).resolve().parents[1] / "build" / "section_models"
+FOLDER = Path(__file__).resolve().parents[1] / "build"
 UNITS = 3
 ROBOT = (
     f'{{ file = "hexagon_arm", stack = {{ units = {UNITS} }}, cable = ['
@@ -48,12 +50,11 @@ def kept_model(
     of: SoftBody, largest_Pa: float, films: FilmContactLaw | None, effort: Effort, folds: bool = False
 ) -> SectionModel:
     """Return a section model from disk, or newly built by the same program; see `build_model`."""
-    path = FOLDER / f"{content_name(of, largest_Pa, films, effort, folds, code_identity())}.kept"
-    model = kept(path, unpacking(SectionModel))
-    if model is None:
-        model = build_model(of, largest_Pa, films, effort=effort, folds=folds)
-        keep(path, packed(model))
-    return model
+    name = content_name(of, largest_Pa, films, effort, folds, code_identity())
+    built = partial(build_model, of, largest_Pa, films, effort=effort, folds=folds)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(FOLDER))
+        return kept_or_made(SECTION_MODELS, name, SectionModel, built)
 
 
 @cache

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from cosim.app import driver
 from cosim.app.run_files import default_directory
-from cosim.base import files, kept_parts
+from cosim.base import kept_parts
 from cosim.config import loading, rules, several_arms
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import RunInterrupted
@@ -57,7 +57,7 @@ def run(
     named = driver.named_body(body)
     loaded = loading.load_scenario(scenario, overrides, named and named.table())
     rules.check_ends(loaded)
-    kept = kept_parts.KeptParts(files.cache_directory())
+    kept = kept_parts.KeptParts(on_disk=True)
     checked = driver.prepared(loaded, driver.log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
@@ -98,7 +98,7 @@ def run_arms(
         RunInterrupted: by Ctrl-C.
     """
     started = time.perf_counter()
-    loaded, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(files.cache_directory())
+    loaded, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(on_disk=True)
     checked = driver.prepared_arms(loaded, driver.log, recording=recording, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 import numpy as np
 
 from cosim.app.driver import log, named_body, prepared
-from cosim.base import files, kept_parts, state_archive, state_check
+from cosim.base import kept_parts, state_archive, state_check
 from cosim.base.frames import Array, IntArray, Wrench
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
@@ -136,7 +136,7 @@ class Attached:
         from cosim.build.soft_model import SoftModel  # here, so that wrong input needs no engine
 
         self.scenario, self._host = scenario, host
-        self._model = SoftModel(scenario, kept_parts.KeptParts(files.cache_directory()), body, log)
+        self._model = SoftModel(scenario, kept_parts.KeptParts(on_disk=True), body, log)
         self._waiting: list[tuple[Command, int]] = []
         self._hung: _Hung | None = None
         self._known = state_check.KnownStates()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final, overload
 
 from cosim.app import checkpoint, driver
 from cosim.app.workers import Workers
-from cosim.base import files, kept_parts, state_archive, state_check
+from cosim.base import kept_parts, state_archive, state_check
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step, shown, whole
@@ -85,7 +85,7 @@ class Simulation:
         kept: kept_parts.KeptParts | None = None,
     ) -> None:
         self._controllers, self._body = controllers and dict(controllers), driver.named_body(body)
-        self._kept = kept_parts.KeptParts(files.cache_directory()) if kept is None else kept
+        self._kept = kept_parts.KeptParts(on_disk=True) if kept is None else kept
         self._given = start
         self._begin(scenario, overrides, start)
         self._made = self.scenario, self._run, self.save()
@@ -366,7 +366,7 @@ class Batch:
         loaded = load_scenario(scenario, overrides)
         self.scenario = driver.prepared(loaded, driver.log, recording=False, contact=True)
         given = _for_each(changes, n, "changes")
-        run = partial(BatchRun.of, self.scenario, given, start, kept_parts.KeptParts(files.cache_directory()))
+        run = partial(BatchRun.of, self.scenario, given, start, kept_parts.KeptParts(on_disk=True))
         self._workers = Workers(run, n, workers)
         self._failed: dict[int, Exception] = {}
         self.measure()

@@ -15,6 +15,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from cosim.base import caches
 from cosim.base.numba_insides import SLOW
 
 _UNSAID = [SLOW]  # announced once
@@ -46,9 +47,8 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -
             _compile_side_by_side(missing)
         for kernel in kernels:
             kernel.compile(kernel.fixed_signature)
-    for kernel in missing:
-        if kernel.cache is not None:
-            kernel.cache.remove_old(kernel.fixed_signature)
+    if missing:
+        caches.trim(caches.KERNELS)
 
 
 def _kernels_of(entry: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Files: read whole, noted, written whole or not at all, and kept.
+"""Files: read whole, noted, and written whole or not at all.
 
 The files that loading and building read: each is noted where it is read, with a digest of its contents.
 
@@ -8,19 +8,18 @@ without a word. So whoever asks opens a block (`files_read`), held in a context 
 and every reader reads through `read_file`, or says `note_file` of a file that it hands to an engine. Outside
 a block nothing is noted, and nothing depends on what is noted but the names of what was read.
 
-Files that are written whole, and data kept in them: readers see all of it, what was before, or nothing.
+Files that are written whole: readers see all of it, what was before, or nothing.
 """
 
 import errno
 import os
 import sys
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import BinaryIO, Final, TypeVar
+from typing import BinaryIO, Final
 
 LARGEST_TEXT_BYTES: Final = 4_000_000
 ABSENT: Final = "absent"
@@ -137,11 +136,6 @@ def _roots() -> Iterable[tuple[str, Path]]:
     return (("cosim", _HERE), ("python", Path(sys.prefix).resolve()))
 
 
-Kind = TypeVar("Kind")
-
-_MARK = b"kept by cosim, sha256 "
-
-
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that takes its place when the block ends well, and leaves nothing when it does not.
@@ -218,49 +212,3 @@ def unfinished_files(path: Path) -> list[Path]:
     """Return what processes that were killed in the middle of writing a file have left."""
     found = path.parent.glob(f"{path.name}.*.part")
     return [entry for entry in found if entry.name[len(path.name) + 1 : -len(".part")].isdecimal()]
-
-
-def cache_directory() -> Path:
-    """Return the user's directory of kept figures and models."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "cosim"
-
-
-def keep(path: Path, data: bytes) -> None:
-    """Keep data under a name; where nothing can be written they are made again the next time.
-
-    Args:
-        path: of the file; its directory is made.
-        data: any bytes.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as file:
-            file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
-    except OSError:
-        return
-
-
-def kept(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
-    """Return what was kept; None where there is nothing, and with a warning where it is damaged.
-
-    Args:
-        path: of the file.
-        read: makes it of the data.
-    """
-    try:
-        mark, _, data = path.read_bytes().partition(b"\n")
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        reason = error.strerror or "cannot be read"
-    else:
-        if mark == _MARK + sha256(data).hexdigest().encode():
-            try:
-                return read(data)
-            except Exception as error:  # another version of cosim may have kept other things
-                reason = f"is of another version ({type(error).__name__})"
-        else:
-            reason = "is damaged"
-    warnings.warn(f"{path}: {reason}; its content is computed again", RuntimeWarning, stacklevel=2)
-    return None

@@ -9,7 +9,7 @@ import hashlib
 import platform
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast, final
@@ -97,11 +97,11 @@ class KeptParts:
     is taken is bit-identical to the one that would be made. Not for several threads at once.
 
     Args:
-        folder: in which parts that take long to make are kept for other processes; None: nowhere.
+        on_disk: whether plans are kept for other processes as well.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(self, *, on_disk: bool = False) -> None:
+        self.on_disk = on_disk
         self._kinds: dict[str, dict[str, tuple[Any, dict[str, str]]]] = {}  # with the files that were read
 
     def made(self, kind: str, name: str, make: Callable[[], Kind], most: int = _MOST) -> Kind:
@@ -136,7 +136,7 @@ class KeptParts:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how to make it in another process: with nothing in it."""
-        return KeptParts, (self.folder,)
+        return partial(KeptParts, on_disk=self.on_disk), ()
 
 
 def name_of(*contents: Any) -> str:

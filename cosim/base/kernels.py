@@ -6,8 +6,7 @@ kernel that was not compiled beforehand.
 A device function is compiled as a part of each kernel that calls it. Kernels call one another by address:
 each is compiled once, and only where it is needed.
 
-Machine code is kept under a hash of all source that it comes from. It is read by pickle, so whoever writes to
-its folder can run code: it is read only from folders that the user or root owns and nobody else may write to.
+Machine code is kept under a hash of all source that it comes from, see `cosim.base.caches`.
 """
 
 import _thread
@@ -15,8 +14,6 @@ import logging
 import os
 import re
 import sys
-import time
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from ctypes import addressof, c_char, c_int64
@@ -31,7 +28,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from cosim.base import compilation, files, numba_insides
+from cosim.base import caches, compilation, numba_insides
 from cosim.base.kernel_types import Matrix, Vector, numba_type
 from cosim.base.numba_insides import KNOWN, from_bytes, has_arrays, processor, stack_array, to_bytes
 from cosim.base.numba_insides import call_native as call_native
@@ -49,8 +46,6 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(r"^\s*(?:from|import) (\.*)([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
-_OLD_S = 7 * 24 * 3600.0
-_OTHERS_WRITE = 0o022  # group and others, in a folder's mode
 
 
 def _annotated(function: Any) -> Any:
@@ -80,43 +75,28 @@ class KernelCache:
 
     Args:
         function: of the kernel, in a file.
-        folder: in which it is kept, see `kernel_folders`; None: nowhere.
         alone: whether no other kernel calls it by name.
-        others: folders in which it may have been kept by root.
     """
 
-    def __init__(
-        self, function: Any, folder: Path | None, *, alone: bool, others: tuple[Path, ...] = ()
-    ) -> None:
+    def __init__(self, function: Any, *, alone: bool) -> None:
         self._base, self._alone = f"{function.__module__}.{function.__qualname__}", alone
         self._source = source_hash(Path(function.__code__.co_filename).resolve())
-        self._others, self.keeps = others, folder is not None
-        self._folder = others[0] if folder is None else folder
-        self.cache_path = str(self._folder)
+        folder = caches.folders(caches.KERNELS)[0]
+        self.keeps, self.cache_path = folder is not None, str(folder)
 
-    def path(self, signature: Any) -> Path:
-        """Return the file for a signature, or a tuple of argument types."""
+    def name(self, signature: Any) -> str:
+        """Return the name of the file for a signature, or a tuple of argument types."""
         digest = sha256(f"{self._source} {signature} {self._alone}".encode()).hexdigest()[:12]
-        return self._folder / f"{self._base}-{digest}.nbc"
-
-    def _kept(self, signature: Any, read: Callable[[bytes], Any]) -> Any:
-        """Return what is made of the first sound file for a signature; None if there is none."""
-        path = self.path(signature)
-        places = (path, *(folder / path.name for folder in self._others if folder != self._folder))
-        return next(filter(None, (files.kept(place, read) for place in places)), None)
+        return f"{self._base}-{digest}.nbc"
 
     def is_there(self, signature: Any) -> bool:
-        """Return whether there is sound machine code; warn of a damaged file, and delete it."""
-        if self._kept(signature, bool):
-            return True
-        with suppress(OSError):
-            self.path(signature).unlink(missing_ok=True)
-        return False
+        """Return whether there is sound machine code."""
+        return bool(caches.kept(caches.KERNELS, self.name(signature), bool))
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return what is kept for a signature; None if there is nothing."""
         context.refresh()
-        return self._kept(signature, lambda data: from_bytes(data, context))
+        return caches.kept(caches.KERNELS, self.name(signature), lambda data: from_bytes(data, context))
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep what was compiled, where it can be."""
@@ -125,56 +105,13 @@ class KernelCache:
         with suppress(*(() if KNOWN else (Exception,))):  # another numba may keep other things
             data = to_bytes(compiled, alone=self._alone)
             if data is not None:
-                files.keep(self.path(signature), data)
-
-    def remove_old(self, signature: Any) -> None:
-        """Delete what was kept of other versions of the kernel more than a week ago."""
-        if not self.keeps:
-            return
-        own = self.path(signature).name
-        with suppress(OSError):  # another process may do the same
-            for path in self._folder.glob(f"{self._base}-*.nbc"):
-                if path.name != own and time.time() - path.stat().st_mtime > _OLD_S:
-                    path.unlink()
+                caches.keep(caches.KERNELS, self.name(signature), data)
 
 
 def cache_of(function: Any, *, alone: bool) -> KernelCache | None:
     """Return the cache of a kernel; None where no folder can be used, or its code is not all in files."""
-    own, others = kernel_folders(os.environ.get("NUMBA_CACHE_DIR"))
     in_file = os.path.isfile(function.__code__.co_filename) and not function.__closure__
-    return KernelCache(function, own, alone=alone, others=others) if (own or others) and in_file else None
-
-
-@cache
-def kernel_folders(chosen: str | None) -> tuple[Path | None, tuple[Path, ...]]:
-    """Return the folder to which machine code is written, and those of root from which it is read as well.
-
-    The first is made if need be, readable for everybody if root makes it; None where nothing can be written.
-
-    Args:
-        chosen: folder in which it is; within the package unless given. If others own it or may write to it,
-            it is in the user's cache folder.
-    """
-    user = os.getuid()
-    of_root: list[Path] = []
-    for place in (Path(chosen) if chosen else _PACKAGE / "__pycache__", files.cache_directory()):
-        folder = place / "kernels"
-        try:
-            folder.mkdir(mode=0o700 if user else 0o755, parents=True, exist_ok=True)
-            status = folder.stat()
-        except OSError:
-            continue
-        if status.st_uid not in (user, 0) or status.st_mode & _OTHERS_WRITE:
-            what = "kernels are not read from it, as whoever writes to it could run code"
-            remedy = f"delete it, or make it yours alone: chmod 700 {folder}"
-            warnings.warn(
-                f"{folder}: others own it or may write to it; {what}; {remedy}", RuntimeWarning, stacklevel=2
-            )
-        elif status.st_uid == user and os.access(folder, os.W_OK | os.X_OK):
-            return folder, tuple(of_root)
-        elif os.access(folder, os.X_OK):
-            of_root.append(folder)
-    return None, tuple(of_root)
+    return KernelCache(function, alone=alone) if in_file and any(caches.folders(caches.KERNELS)) else None
 
 
 @cache

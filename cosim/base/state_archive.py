@@ -21,8 +21,9 @@ import zipfile
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, final
 
@@ -30,7 +31,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from cosim.base import files, resources
+from cosim.base import caches, files, resources
 from cosim.errors import InputError
 
 Kind = TypeVar("Kind")
@@ -106,27 +107,30 @@ def read_archive(source: Path | BinaryIO) -> Any:
         raise InputError(f"{source}: {_one_line(error)}") from error
 
 
-def packed(state: Any) -> bytes:
-    """Return a state as the bytes of an archive, such as `cosim.base.files.keep` takes.
+def kept_or_made(cache: str, name: str, kind: type[Kind], make: Callable[[], Kind]) -> Kind:
+    """Return a state that is kept on disk; made, and then kept where it can be, if it is not there.
 
-    Raises:
-        TypeError: see `write_archive`.
+    Args:
+        cache: of `caches.KINDS`.
+        name: of all that it depends on.
+        kind: of the state.
+        make: makes it; one that is no plain data is not kept.
     """
-    stream = io.BytesIO()
-    write_archive(stream, {}, state)
-    return stream.getvalue()
+    found = caches.kept(cache, f"{name}.kept", partial(_unpacked, kind))
+    if found is None:
+        found, stream = make(), io.BytesIO()
+        with suppress(TypeError):
+            write_archive(stream, {}, found)
+            caches.keep(cache, f"{name}.kept", stream.getvalue())
+            caches.trim(cache)
+    return found
 
 
-def unpacking(kind: type[Kind]) -> Callable[[bytes], Kind]:
-    """Return what reads a state of a kind from the bytes of `packed`, and raises where they hold another."""
-
-    def unpack(data: bytes) -> Kind:
-        found = read_archive(io.BytesIO(data))
-        if not isinstance(found, kind):
-            raise TypeError(f"a {type(found).__name__} is no {kind.__name__}")
-        return found
-
-    return unpack
+def _unpacked(kind: type[Kind], data: bytes) -> Kind:
+    found = read_archive(io.BytesIO(data))
+    if not isinstance(found, kind):
+        raise TypeError(f"a {type(found).__name__} is no {kind.__name__}")
+    return found
 
 
 def _read(path: Path | BinaryIO, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

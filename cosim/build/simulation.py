@@ -1,19 +1,13 @@
-"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them.
-
-Solved phases of plans, kept on disk: targets of the tip take a second to solve, and no time to read.
-"""
+"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias, final
+from typing import TYPE_CHECKING, TypeAlias, final
 
-from cosim.base import numba_insides, state_archive
-from cosim.base.files import keep, kept
+from cosim.base import caches, numba_insides, state_archive
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
 from cosim.build import kernel_modules, options
 from cosim.build.soft_model import SoftModel
@@ -44,39 +38,6 @@ if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.host_scene import HostScene
     from cosim.stepping.scene_carrier import ArmCarrier, HostCarrier
-
-
-_MOST: Final = 100  # files, of some hundred kilobytes each
-
-
-def solved_on_disk(folder: Path | None, name: str, solve: Callable[[], SolvedPhases]) -> SolvedPhases:
-    """Return the solved phases of a name, from disk or newly solved.
-
-    They are those of the same program on the same kind of processor; paths of the tip are solved again.
-
-    Args:
-        folder: in which files are kept; None: nowhere.
-        name: of all that the phases depend on.
-        solve: solves them.
-    """
-    if folder is None or is_nameless(name):
-        return solve()
-    path = folder / f"plan_{content_name(name, code_identity(), numba_insides.processor())}.kept"
-    found = kept(path, state_archive.unpacking(SolvedPhases))
-    if found is None:
-        found = solve()
-        with suppress(TypeError):  # a path of the tip is no plain data
-            keep(path, state_archive.packed(found))
-            _remove_oldest(folder)
-    return found
-
-
-def _remove_oldest(folder: Path) -> None:
-    """Delete the plans that were solved longest ago, if there are many."""
-    with suppress(OSError):  # another process may do the same
-        files = sorted(folder.glob("plan_*.kept"), key=lambda path: path.stat().st_mtime)
-        for path in files[:-_MOST]:
-            path.unlink()
 
 
 _Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], arm_limits.PlannedArm | None, "Arm | None"]
@@ -330,13 +291,17 @@ def _asked_name(scenario: Scenario, model: SoftModel) -> str:
 
 
 def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Plan:
+    def solved() -> SolvedPhases:
+        return solved_phases(scenario, model.trial())
+
     def solve() -> SolvedPhases:
-        name, folder = _asked_name(scenario, model), model.kept.folder if model.lasting else None
-
-        def solved() -> SolvedPhases:
-            return solved_on_disk(folder, name, lambda: solved_phases(scenario, model.trial()))
-
-        return model.kept.made("solved phases", name, solved)
+        name = _asked_name(scenario, model)
+        if not model.lasting or not model.kept.on_disk or is_nameless(name):
+            return model.kept.made("solved phases", name, solved)
+        # those of the same program on the same kind of processor; paths of the tip are solved again
+        file = content_name(name, code_identity(), numba_insides.processor())
+        from_disk = partial(state_archive.kept_or_made, caches.PLANS, file, SolvedPhases, solved)
+        return model.kept.made("solved phases", name, from_disk)
 
     try:
         return make_plan(scenario, plan_joints, model.body, solve)

@@ -13,8 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-from cosim.base import kept_parts, state_archive
-from cosim.base.files import cache_directory, keep, kept
+from cosim.base import caches, kept_parts, state_archive
 from cosim.build import options, soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.pattern import PatternTable
@@ -60,12 +59,13 @@ def section_model(
             else None
         )
     fold = "_folds" if robot.copies is not None else ""
-    path = cache_directory() / f"section_model_{content_hash(body, largest, films)}{fold}.kept"
-    model = kept(path, state_archive.unpacking(SectionModel))
-    if model is None:
-        tell(f"Building the section model of {robot.name}: up to two minutes, once; kept in {path}")
-        model = _built(scenario, body, largest, films)
-        keep(path, state_archive.packed(model))
+
+    def built() -> SectionModel:
+        tell(f"Building the section model of {robot.name}: up to two minutes, once (see cosim cache)")
+        return _built(scenario, body, largest, films)
+
+    name = f"{content_hash(body, largest, films)}{fold}"
+    model = state_archive.kept_or_made(caches.SECTION_MODELS, name, SectionModel, built)
     if math.isinf(model.tip_error):
         raise ScenarioError(
             "fidelity",

@@ -434,6 +434,15 @@ def _warm_up(options: argparse.Namespace) -> int:
     return warm_up_command(options.scenarios)
 
 
+def _cache(options: argparse.Namespace) -> int:
+    from cosim.base import caches
+
+    if options.clear:
+        caches.clear()
+    print("\n".join(caches.lines()))
+    return EXIT_DONE
+
+
 _PLAIN: Final = {
     "export": _export,
     "export-fmu": _export_fmu,
@@ -446,5 +455,6 @@ _PLAIN: Final = {
     "compare": _compare,
     "twin": _twin,
     "warm-up": _warm_up,
+    "cache": _cache,
 }
 """Commands of a function each, by name."""

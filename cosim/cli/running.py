@@ -16,7 +16,7 @@ from uuid import uuid4
 import numpy as np
 
 from cosim.app import checkpoint, driver, progress, run_files
-from cosim.base import files, kept_parts
+from cosim.base import kept_parts
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config import arm_files, loading, rules, several_arms
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
@@ -143,7 +143,7 @@ def warm_up_command(names: Sequence[str]) -> int:
         InputError: a scenario is wrong; those before it are done.
     """
     for name in names:
-        kept = kept_parts.KeptParts(files.cache_directory())
+        kept = kept_parts.KeptParts(on_disk=True)
         if several_arms.has_arms(name):
             driver.prepared_arms(several_arms.load_arms(name), tell, recording=True, kept=kept)
         else:
@@ -160,7 +160,7 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
         raise InputError("--checkpoint-every: several arms write no checkpoints; leave it out")
     directory = out if out is not None else run_files.default_directory(scenario.name)
     run_files.check_directory(directory)
-    line, kept = TerminalLine(sys.stderr), kept_parts.KeptParts(files.cache_directory())
+    line, kept = TerminalLine(sys.stderr), kept_parts.KeptParts(on_disk=True)
     if not how.quiet:
         _tell_begin(scenario.title, [arm.robot for arm in scenario.arms.values()])
     told = _ignore if how.quiet else line.tell
@@ -225,7 +225,7 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
     line = TerminalLine(sys.stderr)
     told = _ignore if how.quiet else line.tell
-    kept = kept_parts.KeptParts(files.cache_directory())
+    kept = kept_parts.KeptParts(on_disk=True)
     scenario = driver.prepared(scenario, told, recording=how.recording, kept=kept)
     with Interruption() as interruption:
         shown: list[driver.Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]

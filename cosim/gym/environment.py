@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from cosim.app.simulation import SavedState, Simulation
 from cosim.app.workers import Workers
-from cosim.base.files import cache_directory
 from cosim.base.frames import Array, Mask
 from cosim.base.kept_parts import KeptParts
 from cosim.config.loading import load_scenario
@@ -291,7 +290,7 @@ class TaskVectorEnvironment(VectorEnv[Observation, NDArray[Any], Array]):
     def __init__(self, count: int, workers: int, mode: AutoresetMode, given: Mapping[str, Any]) -> None:
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self.num_envs = count
-        kept = KeptParts(cache_directory())
+        kept = KeptParts(on_disk=True)
         self._workers = Workers(partial(VectorRun.of, mode, given, kept), count, workers)
         spaces = self._workers.call("spaces", {0: ()})[0]
         if isinstance(spaces, Exception):

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 
 from cosim.base import kernels
-from cosim.soft.elements import cable
 from tests.base.forked_python import run_forked
 
 SOURCES = Path(kernels.__file__).parent
@@ -131,7 +129,7 @@ def test_damaged_machine_code_is_compiled_anew_with_a_warning(package: Path) -> 
 def test_a_folder_to_which_others_may_write_is_not_used(package: Path, tmp_path: Path) -> None:
     chosen, own = tmp_path / "chosen", tmp_path / "home"
     chosen.mkdir(mode=0o777)
-    places = {"NUMBA_CACHE_DIR": str(chosen), "XDG_CACHE_HOME": str(own)}
+    places = {"COSIM_CACHE_DIR": str(chosen), "XDG_CACHE_HOME": str(own)}
     assert run(package, **places) == (2.0, 1, "")
     # an own one, whoever writes to that around it; what root makes everybody may read
     assert (chosen / "kernels").stat().st_mode & 0o777 == (0o700 if os.getuid() else 0o755)
@@ -151,7 +149,7 @@ def test_a_folder_to_which_others_may_write_is_not_used(package: Path, tmp_path:
 
 
 def test_without_a_folder_that_can_be_written_kernels_are_compiled_each_time(package: Path) -> None:
-    places = {"NUMBA_CACHE_DIR": str(package / "errors.py"), "XDG_CACHE_HOME": str(package / "errors.py")}
+    places = {"COSIM_CACHE_DIR": str(package / "errors.py"), "XDG_CACHE_HOME": str(package / "errors.py")}
     assert run(package, **places) == run(package, **places) == (2.0, 1, "")
 
 
@@ -196,20 +194,3 @@ def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyP
         encoding="utf-8",
     )
     assert {path.stem for path in kernels._imports(main)} == {*"abcdefg"}
-
-
-def test_old_machine_code_is_deleted_and_that_of_other_kernels_is_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(kernels, "_OLD_S", 60.0)
-    kernel = next(value for value in vars(cable).values() if hasattr(value, "fixed_signature"))
-    cache = kernels.KernelCache(kernel.py_func, tmp_path, alone=True)
-    own = cache.path(kernel.fixed_signature).name
-    base = own.rpartition("-")[0]
-    for name in (own, f"{base}-0123456789ab.nbc", f"{base}-ba9876543210.nbc", "other-0123456789ab.nbc"):
-        (tmp_path / name).touch()
-        age_s = 0.0 if name.startswith(f"{base}-ba") else 100.0
-        os.utime(tmp_path / name, (time.time() - age_s,) * 2)
-    cache.remove_old(kernel.fixed_signature)
-    left = {own, f"{base}-ba9876543210.nbc", "other-0123456789ab.nbc"}
-    assert {path.name for path in tmp_path.iterdir()} == left

@@ -164,7 +164,7 @@ def check_first_calls() -> None:
 
 def test_what_is_called_first_is_compiled_then_and_told(tmp_path: Path) -> None:
     code = "import tests.base.test_kernel_calls as t; t.check_first_calls()"
-    done = run_forked(code, ROOT, NUMBA_CACHE_DIR=str(tmp_path))
+    done = run_forked(code, ROOT, COSIM_CACHE_DIR=str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "add_gravity() could not be compiled" in done.stderr
     assert "OSError: no room" in done.stderr

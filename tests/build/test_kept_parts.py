@@ -12,13 +12,9 @@ import pytest
 
 import cosim
 from cosim import KeptParts, Simulation
-from cosim.base.frames import Pose
 from cosim.base.kept_parts import content_name, name_of
 from cosim.build import simulation as building
-from cosim.build import simulation as solved_plans
 from cosim.errors import ScenarioError
-from cosim.plan.plan import SoftCommand
-from cosim.plan.planning import SolvedPhases
 from tests.small_section import ROBOT
 
 LIFT = f"""
@@ -185,23 +181,24 @@ def test_what_a_change_leaves_alone_is_not_made_again(
 def test_a_plan_on_disk_is_the_one_that_would_be_solved(
     scenario: cosim.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     alone = seen(Simulation(scenario, kept=KeptParts()))
-    Simulation(scenario, kept=KeptParts(tmp_path))
-    (file,) = tmp_path.glob("plan_*.kept")
+    Simulation(scenario, kept=KeptParts(on_disk=True))
+    (file,) = (tmp_path / "cosim" / "plans").iterdir()
 
     def solve_again(*_given: Any) -> None:
         raise AssertionError("solved again")
 
     with monkeypatch.context() as patched:
         patched.setattr(building, "solved_phases", solve_again)
-        assert seen(Simulation(scenario, kept=KeptParts(tmp_path))) == alone
+        assert seen(Simulation(scenario, kept=KeptParts(on_disk=True))) == alone
         with pytest.raises(AssertionError, match="solved again"):
-            Simulation(scenario, overrides={"start.pressure_Pa": 11e3}, kept=KeptParts(tmp_path))
+            Simulation(scenario, overrides={"start.pressure_Pa": 11e3}, kept=KeptParts(on_disk=True))
     whole = file.read_bytes()
     for damaged in (b"", whole[:-7], whole[:5000] + b"?" + whole[5001:], whole.partition(b"\n")[2]):
         file.write_bytes(damaged)
         with pytest.warns(RuntimeWarning, match="its content is computed again"):
-            assert seen(Simulation(scenario, kept=KeptParts(tmp_path))) == alone
+            assert seen(Simulation(scenario, kept=KeptParts(on_disk=True))) == alone
         assert file.read_bytes()[:60] == whole[:60]
 
 
@@ -215,24 +212,13 @@ def test_a_plan_on_disk_is_the_one_that_would_be_solved(
     ids=" ".join,
 )
 def test_a_plan_on_disk_is_that_of_other_steps_in_time_too(
-    scenario: cosim.Scenario, tmp_path: Path, changes: dict[str, Any]
+    scenario: cosim.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any]
 ) -> None:
-    Simulation(scenario, kept=KeptParts(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    Simulation(scenario, kept=KeptParts(on_disk=True))
     alone = seen(Simulation(scenario, overrides=changes, kept=KeptParts()))
-    assert seen(Simulation(scenario, overrides=changes, kept=KeptParts(tmp_path))) == alone
-    assert len(list(tmp_path.glob("plan_*.kept"))) == 1
-
-
-def test_plans_on_disk_are_bounded_in_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solved_plans, "_MOST", 3)
-    found = SolvedPhases((), SoftCommand((0.0,), (None,), (), ()), Pose())
-    for k in range(6):
-        solved_plans.solved_on_disk(tmp_path, f"{k}", lambda: found)
-    assert len(list(tmp_path.iterdir())) == 3
-    nowhere = tmp_path / "file"
-    nowhere.write_text("")
-    with pytest.warns(RuntimeWarning, match="Not a directory"):
-        assert solved_plans.solved_on_disk(nowhere, "7", lambda: found) is found
+    assert seen(Simulation(scenario, overrides=changes, kept=KeptParts(on_disk=True))) == alone
+    assert len(list((tmp_path / "cosim" / "plans").iterdir())) == 1
 
 
 def test_what_cannot_be_made_is_refused_every_time(scenario: cosim.Scenario, kept: KeptParts) -> None:

@@ -87,7 +87,7 @@ def with_sign(fault: str, folder: Path) -> str:
     assert source.count(text) == 1, f"{file} has {source.count(text)} times: {text}"
     path.write_text(source.replace(text, broken), encoding="utf-8")
     command = f"from tests.golden.faults import deviations; print(deviations('{name}'))"
-    given = os.environ | {"NUMBA_CACHE_DIR": str(folder), "OMP_NUM_THREADS": "1"}
+    given = os.environ | {"COSIM_CACHE_DIR": str(folder), "OMP_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
             [sys.executable, "-c", command],

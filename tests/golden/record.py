@@ -26,7 +26,7 @@ def timed(name: str, nudge: runs.Nudge) -> tuple[Figures, float]:
         began = time.process_time()
         figures = runs.figures_of(name, Path(made), nudge=nudge)
         took = time.process_time() - began
-        newest = max(Path(made).glob("cache/cosim/section_model_*"), key=lambda path: path.stat().st_mtime)
+        newest = max(Path(made).glob("cache/cosim/section_models/*"), key=lambda path: path.stat().st_mtime)
         if not (runs.SECTION_MODEL / newest.name).exists():
             shutil.rmtree(runs.SECTION_MODEL)
             runs.SECTION_MODEL.mkdir()

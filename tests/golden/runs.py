@@ -176,7 +176,7 @@ def figures_of(name: str, folder: Path, changes: Changes = UNCHANGED, nudge: Nud
         changes: further values by key path.
         nudge: of the start [m].
     """
-    shutil.copytree(SECTION_MODEL, folder / "cache/cosim")
+    shutil.copytree(SECTION_MODEL, folder / "cache/cosim/section_models")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         return RUNS[name](folder / "run", changes, nudge)

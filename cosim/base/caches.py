@@ -1,0 +1,164 @@
+"""What takes long to make is kept on disk, by one policy: kernels, plans and section models.
+
+Each kind has a folder of its name in `$COSIM_CACHE_DIR`. Without that variable, plans and section models are
+in the user's cache folder, or else in the package's `__pycache__`; kernels are in the package, or else in the
+user's folder. The first folder that can be written is used, and those of root are read as well. Kernels are
+read by pickle, so whoever writes to their folder can run code: folders that others own or may write to are
+not used.
+
+The name of a file holds a hash of all that its content depends on, versions as well. Damaged files are
+deleted with a warning. Of each kind, files that were not used for longest are deleted beyond `MOST_BYTES`.
+"""
+
+import os
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Final, TypeVar
+
+from cosim.base import files
+
+KERNELS, PLANS, SECTION_MODELS = KINDS = ("kernels", "plans", "section_models")
+VARIABLE: Final = "COSIM_CACHE_DIR"
+MOST_BYTES: Final = 1_000_000_000
+"""Of each kind."""
+
+_PACKAGE: Final = Path(__file__).resolve().parents[1]
+_OTHERS_WRITE: Final = 0o022  # group and others, in a folder's mode
+_DAY_S: Final = 24 * 3600.0
+_MARK: Final = b"kept by cosim, sha256 "
+
+Kind = TypeVar("Kind")
+
+
+def folders(kind: str) -> tuple[Path | None, tuple[Path, ...]]:
+    """Return the folder to which a kind is written, and those of root from which it is read as well.
+
+    The first is made if need be, readable for everybody if root makes it; None where nothing can be written.
+
+    Args:
+        kind: of `KINDS`.
+    """
+    chosen, places = os.environ.get(VARIABLE), [_PACKAGE / "__pycache__"]
+    with suppress(RuntimeError):  # a user without a home
+        base = os.environ.get("XDG_CACHE_HOME")
+        user = (Path(base) if base else Path.home() / ".cache") / "cosim"
+        places = [user, *places] if kind != KERNELS else [*places, user]
+    if chosen:
+        places = [Path(chosen), *(place for place in places if place.parent != _PACKAGE)]
+    return _usable(tuple(place / kind for place in places))
+
+
+@cache
+def _usable(places: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
+    user, own, of_root = os.getuid(), None, list[Path]()
+    for folder in places:
+        try:
+            if own is None:
+                folder.mkdir(mode=0o700 if user else 0o755, parents=True, exist_ok=True)
+            status = folder.stat()
+        except OSError:
+            continue
+        if own is not None and status.st_uid != 0:
+            continue
+        if status.st_uid not in (user, 0) or status.st_mode & _OTHERS_WRITE:
+            what = "it is not used, as whoever writes to it could run code"
+            remedy = f"delete it, or make it yours alone: chmod 700 {folder}"
+            warnings.warn(
+                f"{folder}: others own it or may write to it; {what}; {remedy}", RuntimeWarning, stacklevel=3
+            )
+        elif status.st_uid == user and os.access(folder, os.W_OK | os.X_OK):
+            own = own or folder
+        elif os.access(folder, os.X_OK):
+            of_root.append(folder)
+    return own, tuple(of_root)
+
+
+def keep(kind: str, name: str, data: bytes) -> None:
+    """Keep data under a name; where nothing can be written they are made again the next time.
+
+    Args:
+        kind: of `KINDS`.
+        name: of the file.
+        data: any bytes.
+    """
+    folder = folders(kind)[0]
+    if folder is not None:
+        with suppress(OSError):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with files.whole_file(folder / name) as file:
+                file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
+
+
+def kept(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
+    """Return what was kept under a name; None where there is nothing sound.
+
+    Args:
+        kind: of `KINDS`.
+        name: of the file.
+        read: makes it of the data.
+    """
+    own, of_root = folders(kind)
+    found = (_sound(folder / name, read) for folder in (own, *of_root) if folder is not None)
+    return next((one for one in found if one is not None), None)
+
+
+def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
+    """Return what a file keeps; None where there is none, and with a warning where it is damaged."""
+    try:
+        mark, _, data = path.read_bytes().partition(b"\n")
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > _DAY_S:
+                os.utime(path)  # see `trim`
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        reason = error.strerror or "cannot be read"
+    else:
+        if mark == _MARK + sha256(data).hexdigest().encode():
+            try:
+                return read(data)
+            except Exception as error:  # another version of cosim may have kept other things
+                reason = f"is of another version ({type(error).__name__})"
+        else:
+            reason = "is damaged"
+    warnings.warn(f"{path}: {reason}; its content is computed again", RuntimeWarning, stacklevel=2)
+    with suppress(OSError):
+        path.unlink()
+    return None
+
+
+def trim(kind: str) -> None:
+    """Delete the files of a kind that were not used for longest, as far as they are too many bytes."""
+    total = 0
+    with suppress(OSError):  # another process may do the same
+        for path, status in sorted(_files(kind), key=lambda one: -one[1].st_mtime):
+            total += status.st_size
+            if total > MOST_BYTES:
+                path.unlink()
+
+
+def clear() -> None:
+    """Delete all that is kept in folders to which this user writes."""
+    for kind in KINDS:
+        for path, _ in _files(kind):
+            path.unlink(missing_ok=True)
+
+
+def lines() -> list[str]:
+    """Return a line for each kind: number of files, size, and folder."""
+    rows = []
+    for kind in KINDS:
+        sizes, folder = [status.st_size for _, status in _files(kind)], folders(kind)[0]
+        rows.append(f"{kind:<15} {len(sizes):>5} files {1e-6 * sum(sizes):>8.1f} MB  {folder or 'not kept'}")
+    return rows
+
+
+def _files(kind: str) -> list[tuple[Path, os.stat_result]]:
+    folder = folders(kind)[0]
+    found = [] if folder is None or not folder.is_dir() else folder.iterdir()
+    return [(path, path.stat()) for path in found if path.is_file()]
