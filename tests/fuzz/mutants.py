@@ -46,7 +46,11 @@ def noticed_by(fault: Fault, folder: Path) -> str:
         if path.name not in ("cosim", ".git", ".venv"):
             (folder / path.name).symlink_to(path)
     (folder / fault.path).write_bytes(fault.applied((ROOT / fault.path).read_bytes()))
-    given = os.environ | {"NUMBA_CACHE_DIR": str(folder.parent / "kernels"), "OMP_NUM_THREADS": "1"}
+    kernels = folder.parent / "kernels"
+    kernels.mkdir(mode=0o700, exist_ok=True)
+    (folder / "cosim/__pycache__").mkdir()
+    (folder / "cosim/__pycache__/kernels").symlink_to(kernels)
+    given = os.environ | {"OMP_NUM_THREADS": "1"}
     for tests in ("tests/golden", "tests"):
         command = [sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider", tests]
         try:
