@@ -18,7 +18,7 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.eyelets import SHARE
 from cosim.soft.solve.equilibrium import EquilibriumSolver, slide
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
-from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space
 
@@ -53,6 +53,26 @@ def test_without_gravity_shapes_turn_with_the_flange() -> None:
     assert there.state.positions == pytest.approx(motion.apply(here.state.positions), abs=1e-6)
     assert there.iterations <= 1  # carried rigidly, it is in balance up to rounding
     assert there.wrench.force == pytest.approx(np.zeros(3), abs=1e-5)
+
+
+def test_a_body_that_cannot_be_followed_to_its_loads_is_filled_before_it_gets_weight(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    arm = held(hexagon_arm(3))
+    begin, loads = hung(arm), no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
+    wanted, follow = arm.equilibrium.load(begin, loads), EquilibriumSolver.follow
+
+    def from_weightless(self: EquilibriumSolver, here: Equilibrium, pose: Pose, there: Loads) -> Equilibrium:
+        if any(here.loads.gravity) and not any(here.loads.pressure_Pa):
+            raise ConvergenceError("fallen over its base", iterations=7, residual_N=1.0)
+        return follow(self, here, pose, there)
+
+    monkeypatch.setattr(EquilibriumSolver, "follow", from_weightless)
+    found = arm.equilibrium.load(begin, loads)
+    assert found.loads == wanted.loads
+    assert found.state.positions == pytest.approx(wanted.state.positions, abs=1e-6)
+    with pytest.raises(ConvergenceError, match="fallen"):
+        arm.equilibrium.load(begin, no_load(arm.body))
 
 
 def test_pieces_are_halved_where_needed() -> None:

@@ -104,6 +104,7 @@ def slide(
 
 _SPLITS_MAX = 8
 _LOST_MAX = 250  # iterations that led nowhere, on one way, before its pieces are no longer halved
+_WEIGHT_PIECES = 8  # in which a body that is filled without weight gets it
 _FRICTION_ROUNDS_MAX = 30
 CONTACT_ROUNDS_MAX = 40
 _FOOT_SLACK = 0.02  # more in every round
@@ -252,6 +253,9 @@ class EquilibriumSolver:
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.
 
+        A body that cannot be followed there, as a slack one that has fallen over its own base, is filled
+        without weight first, and then gets its weight piece by piece.
+
         Args:
             hung: up without pressure and tension, see `hang`.
             loads: that act in the end.
@@ -259,11 +263,34 @@ class EquilibriumSolver:
         Raises:
             ConvergenceError: none was found.
         """
-        found = self.follow(hung, hung.world_from_flange, loads)
+        try:
+            found = self.follow(hung, hung.world_from_flange, loads)
+        except ConvergenceError:
+            if not (any(loads.pressure_Pa) and any(loads.gravity)):
+                raise
+            with self.effort.search_apart("an equilibrium of a body that is filled without weight first"):
+                found = self._filled_first(hung.world_from_flange, loads)
         spent, slides = hung.iterations + found.iterations, hung.slides + found.slides
         return replace(
             found, iterations=spent, slides=slides, branchings=(*hung.branchings, *found.branchings)
         )
+
+    def _filled_first(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
+        """Return the equilibrium under loads, of the body that gets its weight last."""
+        weightless = replace(loads, gravity=(0.0, 0.0, 0.0))
+        drawn = SoftState.drawn(self.solver.system.body, world_from_flange)
+        here = self.hang(drawn, world_from_flange, weightless.gravity)
+        here = self.follow(here, world_from_flange, weightless)
+        for k in range(1, _WEIGHT_PIECES + 1):
+            part = weightless.interpolated(loads, k / _WEIGHT_PIECES)
+            found = self.follow(here, world_from_flange, part)
+            here = replace(
+                found,
+                iterations=here.iterations + found.iterations,
+                slides=here.slides + found.slides,
+                branchings=(*here.branchings, *found.branchings),
+            )
+        return here
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
