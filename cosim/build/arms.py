@@ -51,13 +51,9 @@ def find_arm(robot: str) -> ArmFile:
         InputError: no such arm, or its files are not usable.
         ScenarioError: keys or values of an `arm.toml` are wrong.
     """
-    source = arm_files.arm_source(robot)
-    if source.is_mjcf:
-        from cosim.rigid.build.mjcf_arm import read_mjcf  # here: a URDF needs no MuJoCo
+    from cosim.rigid.build.arm_reader import read_arm  # here: scenarios without an arm need no MuJoCo
 
-        arm = read_mjcf(source)
-    else:
-        arm = arm_files.read_urdf(source)
+    arm = read_arm(arm_files.arm_source(robot))
     if arm.home_known:
         return arm
     from cosim.kinematics.arm import Arm  # here: an arm with a home needs no Pinocchio

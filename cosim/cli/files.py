@@ -16,7 +16,7 @@ from cosim.base import kept_parts, resources
 from cosim.base.files import write_whole
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
-from cosim.config import arm_files, loading, robot_tree, studies, upgrading
+from cosim.config import arm_files, loading, robot_files, studies, upgrading
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
@@ -179,7 +179,7 @@ def _checked(name: str, fine: str) -> bool:
     path = Path(name)
     faults: tuple[tuple[str, str], ...] = ()
     try:
-        if robot_tree.is_of_menagerie(name) or (resources.is_file(path) and arm_files.is_arm_file(path)):
+        if robot_files.is_of_menagerie(name) or (resources.is_file(path) and arm_files.is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
             fine += _check_built(path if resources.is_file(path) else resources.scenario_path(name))

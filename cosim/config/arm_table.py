@@ -18,7 +18,6 @@ import numpy as np
 
 from cosim.base.arm_file import ARMATURE, FIXED, ArmFile
 from cosim.base.frames import Array, Pose
-from cosim.config.robot_tree import link_of
 from cosim.config.toml import keys
 from cosim.errors import InputError
 
@@ -38,17 +37,10 @@ def add_origin(element: ElementTree.Element, pose: Pose) -> None:
     ElementTree.SubElement(element, "origin", xyz=text_of(pose.translation), rpy=text_of(angles))
 
 
-def origin_of(element: ElementTree.Element) -> Pose:
-    """Return the origin of a joint, shape or inertia whose numbers have been checked."""
-    origin = element.find("origin")
-    if origin is None:
-        return Pose()
-    xyz, rpy = (np.array([float(w) for w in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-    return Pose(about_z @ about_y @ about_x, xyz)
+def link_of(joint: ElementTree.Element, end: str) -> str:
+    """Return the name of a joint's parent or child."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
 
 
 def add_inertial(link: ElementTree.Element, mass_kg: float, pose: Pose, principal: Array) -> None:

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from cosim.base.files import changed_file, files_read
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.config.arm_table import origin_of
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError, ScenarioError
 from tests.config.arm_texts import TWO_JOINTS, scenario_with
@@ -28,13 +26,6 @@ def test_every_named_arm_is_found() -> None:
     assert {"kinova", "panda", "so100", "so101", "ur10", "ur3", "ur5", "ur5e", "xarm7", "z1"} <= set(
         list_arms()
     )
-
-
-def test_an_origin_turns_about_the_axes_of_its_parent() -> None:
-    joint = ElementTree.fromstring('<joint><origin xyz="1 2 3" rpy="0.3 -0.5 1.1"/></joint>')
-    found, expected = origin_of(joint), Rotation.from_euler("xyz", [0.3, -0.5, 1.1])
-    assert found.rotation == pytest.approx(expected.as_matrix(), abs=1e-15)
-    assert found.translation.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_only_the_chain_to_the_flange_is_kept() -> None:

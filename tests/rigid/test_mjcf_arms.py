@@ -93,7 +93,7 @@ def test_hands_are_left_out(tmp_path: Path, site: bool) -> None:
     left_out = "hand, left, right" if site else "left, right"
     assert arm.notes[1] == f"left out, because not on the way to the flange: {left_out}"
     if not site:
-        assert arm.notes[0] == "flange 'hand', the last body before the chain branches or ends"
+        assert arm.notes[0] == "flange 'hand', the last link before the chain branches or ends"
         assert arm.flange_frame == "hand_frame"
 
 
@@ -116,7 +116,7 @@ def test_meshes_are_kept_as_they_are(tmp_path: Path) -> None:
 WRONG = {
     "URDF": (SIX_JOINTS_MJCF, "<robot/>", "is no MJCF: .*; a URDF ends in .urdf"),
     "no MJCF": ("<option", "<optoin", "MuJoCo refuses it: .*optoin"),
-    "no flange": (SIX_JOINTS_MJCF, "<mujoco/>", "no body moves"),
+    "no flange": (SIX_JOINTS_MJCF, "<mujoco/>", "0 joints move the flange 'world'"),
     "ball": ('name="j4"', 'name="j4" type="ball" range="0 90"', "joint 'j4' is 'ball'"),
     "two joints": ('<joint name="j4"/>', '<joint name="j4"/><joint name="k"/>', "body 'link4' has 2 joints"),
     "spring": ('name="j4"', 'name="j4" stiffness="3"', "joint 'j4' has a spring"),

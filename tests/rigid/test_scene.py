@@ -8,10 +8,11 @@ import pytest
 
 from cosim.base.frames import Pose, Wrench, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.config.arm_files import ArmSource, read_urdf
+from cosim.config.arm_files import ArmSource
 from cosim.config.arm_table import ArmTable
 from cosim.errors import InstabilityError
 from cosim.kinematics.arm import Arm, Payload
+from cosim.rigid.build.arm_reader import read_arm
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 
@@ -48,7 +49,7 @@ def test_wrench_on_the_flange_becomes_joint_torque() -> None:
 
 def test_load_acts_at_the_flange_of_a_link_with_mass() -> None:
     """A flange frame that is itself a heavy link: the load acts at its origin, the sensor sees it alone."""
-    file = read_urdf(
+    file = read_arm(
         ArmSource(
             "forearm", FILE.path, ArmTable(FILE.path.name, flange="forearm_link", home=(0.3, -1.0, 0.5))
         )

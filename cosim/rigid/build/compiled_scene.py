@@ -27,9 +27,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.solid import BodyShape
-from cosim.config.arm_chain import readable_mesh
 from cosim.errors import InputError, SceneError
-from cosim.rigid.build import mjcf_arm, mjcf_files, object_bodies
+from cosim.rigid.build import drawn_arm, mjcf_arm, mjcf_files, object_bodies, urdf_arm
 from cosim.rigid.build.description import (
     CELL,
     FLANGE_CONTACTS,
@@ -353,7 +352,6 @@ _SEARCHES_MAX = 500
 _SEARCH_TOLERANCE = 100.0
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
 _FEW_TREES = 2  # as of a gripper and one object: finding islands costs more than solving all at once
-_MESH_GREY = "0.80 0.81 0.83 1"
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
 
 
@@ -371,9 +369,10 @@ def compile_model(description: SceneDescription, arms: tuple[SceneDescription, .
     try:
         return _compiled(description, arms)
     except ValueError as error:
-        raise SceneError(
-            f"MuJoCo refuses it: {error}".replace("\n", ", "), _refused(description, arms)
-        ) from None
+        body = _refused(description, arms)
+        paths = ", ".join(str(one.arm.path) for one in (description, *arms))
+        what = f"a scene with {paths}" if body is None else "it"
+        raise SceneError(f"MuJoCo refuses {what}: {error}".replace("\n", ", "), body) from None
 
 
 def _refused(description: SceneDescription, arms: tuple[SceneDescription, ...]) -> str | None:
@@ -437,11 +436,7 @@ def _add_counter(spec: mujoco.MjSpec, name: str, of: tuple[mujoco.mjtObj, str]) 
 def _arm_spec(description: SceneDescription) -> mujoco.MjSpec:
     """Return an arm where it stands, with servos, sensors and what is mounted on its flange."""
     arm = description.arm
-    try:
-        spec = mujoco.MjSpec.from_string(_mujoco_urdf(arm.urdf))
-    except ValueError as error:
-        text = str(error).replace("\n", ", ")
-        raise InputError(f"arm {arm.name!r}: MuJoCo cannot read {arm.path}: {text}") from None
+    spec = urdf_arm.urdf_spec(ElementTree.fromstring(arm.urdf), arm.path)
     _place_base(spec, description.world_from_base or arm.world_from_base)
     _prepare_arm(spec, description)
     for item in description.mounted:
@@ -497,26 +492,6 @@ def _add_surroundings(
         still = [item.name for item in description.objects if item.mass_kg == 0.0]
         ground = [FLOOR] if spec.body(FLOOR) is not None else []
         attach_cell(spec, cell, [*still, *ground])
-
-
-def _mujoco_urdf(urdf: str) -> str:
-    """Return the URDF with MuJoCo's reading options and only meshes that MuJoCo can decode."""
-    robot = ElementTree.fromstring(urdf)
-    for link in robot.findall("link"):
-        files = [mesh.get("filename", "") for shape in link.findall("visual") for mesh in shape.iter("mesh")]
-        if all(readable_mesh(Path(file)) for file in files):
-            continue
-        for shape in link.findall("visual"):
-            link.remove(shape)
-        for shape in link.findall("collision"):
-            drawn = copy.deepcopy(shape)
-            drawn.tag = "visual"
-            material = ElementTree.SubElement(drawn, "material", name="link")
-            ElementTree.SubElement(material, "color", rgba=_MESH_GREY)
-            link.append(drawn)
-    options = {"discardvisual": "false", "fusestatic": "false", "strippath": "false"}
-    ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", options)
-    return ElementTree.tostring(robot, encoding="unicode")
 
 
 def _place_base(spec: mujoco.MjSpec, world_from_base: Pose) -> None:
@@ -588,6 +563,6 @@ class CompiledScene:
         return shapes
 
     @cached_property
-    def drawings(self) -> dict[str, mjcf_arm.ArmDrawing]:
+    def drawings(self) -> dict[str, drawn_arm.ArmDrawing]:
         """How each arm is drawn, by the prefix of its names."""
-        return {prefix: mjcf_arm.drawing_of(arm, self._model, prefix) for prefix, arm in self._arms.items()}
+        return {prefix: drawn_arm.drawing_of(arm, self._model, prefix) for prefix, arm in self._arms.items()}

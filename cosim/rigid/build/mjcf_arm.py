@@ -1,32 +1,22 @@
-"""Arms of MJCF files, and how an arm looks whose shapes stand in another file.
+"""Arms of MJCF files: links and joints as URDF, which both engines are given; shapes as they are.
 
 Shapes of an arm's links from a compiled MuJoCo model, and back into a specification.
-
-Links and joints become those of a URDF, which both engines are given; the shapes of the links are kept as
-they are. Link frames are those of the bodies, moved to their joints.
-
-Both descriptions stand with their joints at zero. The other one is turned and moved as a whole until the axes
-of its joints lie on those of the arm; then its meshes are fixed to the arm's links.
 """
 
 import xml.etree.ElementTree as ElementTree
-from contextvars import Context
-from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Final, final
 
 import mujoco
 import numpy as np
 
-from cosim.base.arm_file import FIXED, ArmFile, LinkShape
-from cosim.base.frames import Array, IntArray, Pose, cross_matrix, rotation_from_vector
-from cosim.base.solid import BodyShape
-from cosim.config.arm_chain import FLANGE_NAMES
-from cosim.config.arm_files import LEFT_OUT, ArmSource, Chain, arm_of, arm_source, check_limited_chain
+from cosim.base.arm_file import FIXED, LinkShape
+from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.config.arm_files import ArmSource
 from cosim.config.arm_table import add_inertial, add_joint, text_of
 from cosim.errors import InputError
 from cosim.rigid.build import description, mjcf_files
+from cosim.rigid.build.arm_tree import ROOT, Chain, Way
 from cosim.rigid.build.object_bodies import GEOM_TYPES, SHAPES, mesh_of
 
 _GEOMETRY_KINDS: Final = {GEOM_TYPES[name]: name for name in SHAPES}
@@ -82,109 +72,69 @@ def add_shapes(spec: mujoco.MjSpec, shapes: tuple[LinkShape, ...]) -> None:
 _NO_MESH: Final = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
 
 
-ROOT: Final = "world"  # a link of this name is MuJoCo's world
 _HOME: Final = "home"
 _KINDS: Final = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
 _Object = mujoco.mjtObj
 
 
 @final
-@dataclass(frozen=True)
-class _Flange:
-    """Where the flange is: in a body's frame, by the name of a site or of the body, and how it was found."""
-
-    name: str
-    body: int
-    pose: Pose
-    how: str
-
-
-def read_mjcf(source: ArmSource) -> ArmFile:
-    """Return the arm of an MJCF file; only the chain of bodies from the world to the flange is kept.
+class MjcfArm:
+    """The robot of an MJCF file.
 
     Actuators, tendons, sensors, cameras and options are left out: servos are those of the scene.
 
+    Attributes: `tree`, its bodies, all of which have names.
+
+    Args:
+        source: where it is.
+
     Raises:
-        InputError: MuJoCo cannot read the file, the flange is not there, or the chain holds joints that are
-            not handled.
+        InputError: MuJoCo cannot read the file.
     """
-    read, path = mjcf_files.read_mjcf_file(source.path, "arm"), source.path
-    model = read.model
-    flange = _flange(model, source.table.flange, path)
-    bodies = _bodies_to(model, flange.body)
-    robot = ElementTree.Element("robot", name=source.name)
-    ElementTree.SubElement(robot, "link", name=ROOT)
-    parent, outer, moving = ROOT, Pose(), []
-    for body in bodies:
-        joint = _joint_of(model, body, path)
-        moving += [] if joint is None else [joint]
-        parent, outer = _add_link(robot, model, body, joint, parent, outer)
-    taken = flange.name in [link.get("name", "") for link in robot.findall("link")]
-    end = f"{flange.name}_frame" if taken else flange.name
-    ElementTree.SubElement(robot, "link", name=end)
-    add_joint(robot, f"{end}_fixed", FIXED, (parent, end), outer.inverse() @ flange.pose)
-    joints = robot.findall("joint")
-    check_limited_chain(robot, joints, source)
-    _check_alone(model, moving, bodies, path)
-    home = _home(model, moving)
-    notes = [f"flange '{flange.name}', {flange.how}"]
-    if home is not None:
-        notes.append("home from its keyframe")
-    if others := [k for k in range(1, model.nbody) if k not in bodies and model.body_mass[k] > 0.0]:
-        names = ", ".join(_name(model, _Object.mjOBJ_BODY, k) for k in others)
-        notes.append(f"{LEFT_OUT}: {names}")
-    armature = model.dof_armature[model.jnt_dofadr[moving]]
-    shapes = link_shapes(model, bodies, [_name(model, _Object.mjOBJ_BODY, body) for body in bodies])
-    return arm_of(
-        Chain(
-            robot, tuple(joints), end, home, armature if armature.any() else None,
-            shapes=shapes, files=read.files, notes=tuple(notes),
-        ),
-        source,
-    )  # fmt: skip
 
+    def __init__(self, source: ArmSource) -> None:
+        self._source, self._read = source, mjcf_files.read_mjcf_file(source.path, "arm")
+        self.tree = self._read.spec
+        for body in self.tree.bodies:
+            body.name = _name(self._read.model, _Object.mjOBJ_BODY, body.id)
 
-def _flange(model: mujoco.MjModel, given: str | None, path: Path) -> _Flange:
-    sites = {_name(model, _Object.mjOBJ_SITE, k): k for k in range(model.nsite)}
-    bodies = {_name(model, _Object.mjOBJ_BODY, k): k for k in range(1, model.nbody)}
-    for name in FLANGE_NAMES if given is None else (given,):
-        how = "by its name" if given is None else "as asked for"
-        if name in sites:
-            k = sites[name]
-            pose = Pose.from_quaternion(model.site_quat[k], model.site_pos[k])
-            return _Flange(name, int(model.site_bodyid[k]), pose, how)
-        if name in bodies:
-            return _Flange(name, bodies[name], Pose(), how)
-    if given is not None:
-        raise InputError(
-            f"arm file {path} has no site or body {given!r}; there are {', '.join((*sites, *bodies))}"
-        )
-    last = _last_body(model)
-    if last == 0:
-        raise InputError(f"arm file {path}: no body moves, or several do from the beginning; name the flange")
-    how = "the last body before the chain branches or ends"
-    return _Flange(_name(model, _Object.mjOBJ_BODY, last), last, Pose(), how)
+    def chain_to(self, way: Way) -> Chain:
+        """Return the chain to the flange, its links in frames that are the bodies', moved to their joints.
 
+        Raises:
+            InputError: the chain holds joints that are not handled, or is not free to move.
+        """
+        model, path = self._read.model, self._source.path
+        bodies = [self.tree.body(name).id for name in way.bodies]
+        robot = ElementTree.Element("robot", name=self._source.name)
+        ElementTree.SubElement(robot, "link", name=ROOT)
+        parent, outer, moving = ROOT, Pose(), []
+        for body in bodies:
+            joint = _joint_of(model, body, path)
+            moving += [] if joint is None else [joint]
+            parent, outer = _add_link(robot, model, body, joint, parent, outer)
+        _check_alone(model, moving, bodies, path)
+        armature = model.dof_armature[model.jnt_dofadr[moving]]
+        others = [k for k in range(1, model.nbody) if k not in bodies and model.body_mass[k] > 0.0]
+        return Chain(
+            robot, tuple(robot.findall("joint")), self._add_flange(robot, way, outer),
+            home=_home(model, moving),
+            armature=armature if armature.any() else None,
+            shapes=link_shapes(model, bodies, list(way.bodies)),
+            files=self._read.files,
+            left_out=tuple(_name(model, _Object.mjOBJ_BODY, k) for k in others),
+        )  # fmt: skip
 
-def _last_body(model: mujoco.MjModel) -> int:
-    """Return the body after which none moves, or several do; 0 where that is the world itself."""
-    children: dict[int, list[int]] = {}
-    moves = model.body_jntnum > 0
-    for body in range(model.nbody - 1, 0, -1):  # children come after their parents
-        children.setdefault(int(model.body_parentid[body]), []).append(body)
-        moves[model.body_parentid[body]] |= moves[body]
-    body = 0
-    while len(ahead := [child for child in children.get(body, []) if moves[child]]) == 1:
-        body = ahead[0]
-    return body
-
-
-def _bodies_to(model: mujoco.MjModel, body: int) -> list[int]:
-    chain: list[int] = []
-    while body:
-        chain.insert(0, body)
-        body = int(model.body_parentid[body])
-    return chain
+    def _add_flange(self, robot: ElementTree.Element, way: Way, outer: Pose) -> str:
+        """Add the link whose frame is the flange, and return its name; body from link: outer."""
+        model, flange = self._read.model, Pose()
+        if way.on_site:
+            site = model.site(way.flange)
+            flange = Pose.from_quaternion(site.quat, site.pos)
+        end = f"{way.flange}_frame" if way.flange in (ROOT, *way.bodies) else way.flange
+        ElementTree.SubElement(robot, "link", name=end)
+        add_joint(robot, f"{end}_fixed", FIXED, (way.bodies[-1], end), outer.inverse() @ flange)
+        return end
 
 
 def _joint_of(model: mujoco.MjModel, body: int, path: Path) -> int | None:
@@ -283,150 +233,3 @@ def _home(model: mujoco.MjModel, joints: list[int]) -> Array | None:
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     """Return the name of something, or what represents one."""
     return mujoco.mj_id2name(model, kind, index) or f"{kind.name.removeprefix('mjOBJ_').lower()}_{index}"
-
-
-_MOST_APART_m: Final = 5e-3
-_MOST_TURNED: Final = 0.01  # [rad]
-_LEAST_SPREAD: Final = 0.1  # second singular value of the axes' directions: all are parallel at zero
-
-
-@final
-@dataclass(frozen=True)
-class ArmDrawing:
-    """The meshes that an arm is drawn by in place of its own shapes.
-
-    Args:
-        shapes: of the bodies that have meshes; other bodies keep their own shapes.
-        note: by what the arm is drawn, or why by its own shapes; empty where its file names nothing.
-    """
-
-    shapes: tuple[BodyShape, ...] = ()
-    note: str = ""
-
-    def in_place_of(self, own: tuple[BodyShape, ...]) -> tuple[BodyShape, ...]:
-        """Return the shapes of a scene with these in place of those of the same bodies."""
-        replaced = {shape.body for shape in self.shapes}
-        return (*(shape for shape in own if shape.body not in replaced), *self.shapes)
-
-
-def drawing_of(arm: ArmFile, model: mujoco.MjModel, prefix: str = "") -> ArmDrawing:
-    """Return how an arm is drawn in a scene; nothing is raised, as a drawing changes no result.
-
-    Args:
-        arm: whose file may name another description, see `ArmTable.drawn_as`.
-        model: of the scene.
-        prefix: of the arm's names in it.
-    """
-    if arm.drawn_as is None:
-        return ArmDrawing()
-    try:
-        source = Context().run(arm_source, arm.drawn_as)  # its files are not noted as those of a run
-        other = Context().run(_read, source)
-        shapes = _fitted(other, model, [prefix + name for name in arm.joint_names])
-    except (InputError, ValueError) as error:  # MuJoCo raises the latter
-        return ArmDrawing(note=f"drawn by its own shapes: {error}")
-    return ArmDrawing(shapes, f"drawn as {arm.drawn_as}")
-
-
-@lru_cache(maxsize=4)
-def _read(source: ArmSource) -> ArmFile:
-    """Return another description, read once in a process: meshes take time.
-
-    Corners of triangles that are in one place become one vertex, so that round faces are drawn smooth.
-    """
-    arm = read_mjcf(source)
-    return replace(arm, shapes=tuple(map(_welded, arm.shapes)))
-
-
-def _welded(shape: LinkShape) -> LinkShape:
-    vertices, place = np.unique(shape.vertices, axis=0, return_inverse=True)
-    return replace(shape, vertices=vertices, triangles=place.reshape(-1)[shape.triangles])
-
-
-def _fitted(other: ArmFile, model: mujoco.MjModel, names: list[str]) -> tuple[BodyShape, ...]:
-    """Return the meshes of another description in the frames of a model's bodies.
-
-    Args:
-        other: with as many joints as the arm has without those that move its base.
-        model: of the scene.
-        names: of the arm's joints in it.
-
-    Raises:
-        InputError: its axes do not lie on those of the arm.
-    """
-    spec = mujoco.MjSpec.from_string(other.urdf)
-    spec.compiler.fusestatic = False
-    drawn = spec.compile()
-    theirs = np.array([drawn.joint(name).id for name in other.joint_names])
-    ours = np.array([model.joint(name).id for name in names[-len(theirs) :]])
-    if len(ours) < len(theirs):
-        raise InputError(f"{other.path} has {len(theirs)} joints, the arm {len(ours)}")
-    there, here = _at_zero(drawn, theirs), _at_zero(model, ours)
-    placed = _alignment(
-        (here.xanchor[ours], here.xaxis[ours]), (there.xanchor[theirs], there.xaxis[theirs]), other
-    )
-    shapes = []
-    for shape in other.shapes:
-        if not shape.drawn or shape.kind != "mesh":
-            continue
-        source = drawn.body(shape.link).id
-        moved = _joints_above(drawn, source, theirs)
-        first = int(model.jnt_bodyid[ours[0]])
-        body = int(model.jnt_bodyid[ours[moved - 1]] if moved else model.body_parentid[first])
-        pose = _pose(here, body).inverse() @ placed @ _pose(there, source) @ shape.pose
-        red, green, blue, alpha = shape.rgba.tolist()
-        shapes.append(BodyShape(body, pose.apply(shape.vertices), shape.triangles, (red, green, blue, alpha)))
-    return tuple(shapes)
-
-
-def _at_zero(model: mujoco.MjModel, joints: IntArray) -> mujoco.MjData:
-    """Return where all bodies are with some joints at zero."""
-    data = mujoco.MjData(model)
-    data.qpos[model.jnt_qposadr[joints]] = 0.0
-    mujoco.mj_kinematics(model, data)
-    return data
-
-
-def _alignment(ours: tuple[Array, Array], theirs: tuple[Array, Array], other: ArmFile) -> Pose:
-    """Return the pose X that puts axes onto others: least squares of directions, then of distances of lines.
-
-    R minimises sum |R u_k - v_k|^2 (Kabsch, Acta Cryst. A 32, 1976); t solves sum P_k (R p_k + t - q_k) = 0
-    with P_k = 1 - v_k v_k^T.
-
-    Args:
-        ours: points q (n, 3) [m] on the axes, and their directions v (n, 3), of length 1.
-        theirs: p and u, the same.
-        other: whose axes they are, for messages.
-
-    Raises:
-        InputError: the axes are all parallel, or they do not fit.
-    """
-    (q, v), (p, u) = ours, theirs
-    left, spread, right = np.linalg.svd(u.T @ v)
-    if spread[1] < _LEAST_SPREAD:
-        raise InputError(f"axes that are all parallel at zero do not show the heading of {other.path}")
-    upright = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = right.T @ upright @ left.T
-    across = np.array([-(cross_matrix(axis) @ cross_matrix(axis)) for axis in v])
-    away = np.einsum("kij,kj->ki", across, q - p @ rotation.T)
-    shift = np.linalg.solve(across.sum(axis=0), away.sum(axis=0))
-    turned = float(np.linalg.norm(u @ rotation.T - v, axis=1).max())
-    apart = float(np.linalg.norm(away - across @ shift, axis=1).max())
-    if turned > _MOST_TURNED or apart > _MOST_APART_m:
-        raise InputError(
-            f"{other.path} is another arm: with joints at zero its axes are {1e3 * apart:.1f} mm and "
-            f"{turned:.2g} rad away, at most {1e3 * _MOST_APART_m:g} mm and {_MOST_TURNED:g} rad fit"
-        )
-    return Pose(rotation, shift)
-
-
-def _joints_above(model: mujoco.MjModel, body: int, joints: IntArray) -> int:
-    """Return how many of a chain's joints move a body."""
-    order = {int(model.jnt_bodyid[joint]): number for number, joint in enumerate(joints, start=1)}
-    while body and body not in order:
-        body = int(model.body_parentid[body])
-    return order.get(body, 0)
-
-
-def _pose(data: mujoco.MjData, body: int) -> Pose:
-    return Pose(data.xmat[body].reshape(3, 3), data.xpos[body])

@@ -6,11 +6,12 @@ Whether all numbers of a compiled model are finite, and whose those are that are
 """
 
 import math
+import re
 import struct
 import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Never, final
@@ -21,7 +22,7 @@ import numpy as np
 from cosim.base.files import note_file
 from cosim.base.frames import Array
 from cosim.base.resources import is_file
-from cosim.config.robot_tree import check_depth, read_xml
+from cosim.config.robot_files import check_depth, read_xml
 from cosim.errors import InputError, InstabilityError
 
 
@@ -115,8 +116,8 @@ class MjcfFile:
     """What MuJoCo has read.
 
     Args:
-        spec: as the file says.
-        model: compiled of a copy of it; all its numbers are finite.
+        spec: as the file says, compiled.
+        model: of it; all its numbers are finite.
         files: all that it was read from, as far as they are found: includes, meshes, textures.
     """
 
@@ -143,21 +144,52 @@ def read_mjcf_file(path: Path, kind: str) -> MjcfFile:
     contents = _Contents(path, kind)
     contents.count(path.resolve())
     set_up_engine()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what later versions will not know any more
-            spec = mujoco.MjSpec.from_file(str(path))
-            model = spec.copy().compile()
-    except ValueError as error:
-        text = str(error).replace("\n", ", ")
-        raise InputError(f"{kind} file {path}: MuJoCo refuses it: {text:.500}") from None
-    try:
-        check_finite(model)
-    except ValueError as error:
-        raise InputError(f"{kind} file {path}: {error}") from None
+    with refusals(f"{kind} file {path}"):
+        spec = mujoco.MjSpec.from_file(str(path))
+    model = compiled(spec, f"{kind} file {path}")
     for file in contents.named:
         note_file(file)  # MuJoCo has read it by itself
     return MjcfFile(spec, model, (path, *contents.named))
+
+
+def compiled(spec: mujoco.MjSpec, where: str, *, lines: bool = True) -> mujoco.MjModel:
+    """Return the model of a specification.
+
+    Args:
+        spec: read from a file.
+        where: see `refusals`, as `lines`.
+
+    Raises:
+        InputError: MuJoCo refuses it, or a number of it is not finite.
+    """
+    with refusals(where, lines=lines):
+        model = spec.compile()
+    try:
+        check_finite(model)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    return model
+
+
+@contextmanager
+def refusals(where: str, *, lines: bool = True) -> Iterator[None]:
+    """Tell of which file MuJoCo refuses something.
+
+    Args:
+        where: the kind of the file, and its path.
+        lines: whether MuJoCo counts the lines of the file itself.
+
+    Raises:
+        InputError: in place of a ValueError.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what later versions will not know any more
+            yield
+    except ValueError as error:
+        text = str(error).replace("\n", ", ")
+        text = text if lines else re.sub(r", line \d+", "", text)
+        raise InputError(f"{where}: MuJoCo refuses it: {text.strip(' ,'):.500}") from None
 
 
 @final
@@ -195,7 +227,8 @@ class _Contents:
         total, waiting = 0.0, [(root, 1.0)]
         while waiting:
             element, times = waiting.pop()
-            _check_numbers(element, where)
+            check_numbers(element, where)
+            _check_asked(element, where)
             if element.tag in _COUNTED:
                 times *= _product(element, "count")
             total += times * (1 + models.get(element.get("model", ""), 0))
@@ -234,8 +267,8 @@ class _Contents:
         return place
 
 
-def _check_numbers(element: ElementTree.Element, where: str) -> None:
-    """Check that all numbers of an element are finite, and that it asks for no more points than are read."""
+def check_numbers(element: ElementTree.Element, where: str) -> None:
+    """Raise InputError where a number of an element is not finite."""
     for key, text in element.items():
         try:
             values = [float(word) for word in text.split()]
@@ -245,6 +278,10 @@ def _check_numbers(element: ElementTree.Element, where: str) -> None:
             raise InputError(
                 f"{where}: {_label(element)}: {key} is {text!r:.80}; every number must be finite"
             )
+
+
+def _check_asked(element: ElementTree.Element, where: str) -> None:
+    """Check that an element asks for no more points than are read."""
     if element.tag == "mesh":
         points = _POINT_OF_MESH * _product(element, "params") ** 2
     else:
