@@ -14,13 +14,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 from uuid import uuid4
@@ -389,23 +388,6 @@ def build_simulation(scenario: Scenario, *given: Any, **further: Any) -> Stepped
     from cosim.build import simulation
 
     return simulation.build(scenario, *given, **further)
-
-
-@contextmanager
-def recorded(scenario: Scenario, stage: RunInfo) -> Iterator[Observe]:
-    """Do with every tick what a run does: sum it up and record it; the recording is thrown away."""
-    with TemporaryDirectory() as directory:
-        recorder = rerun_recorder(Path(directory) / RECORDING, scenario.recording, RecordingPart(uuid4().hex))
-        recorder.open(stage)
-        summary = SummaryBuilder(stage, 0.0, __version__)
-
-        def observe(batch: TickBatch) -> None:
-            recorder.record(summary.observe(batch))
-
-        try:
-            yield observe
-        finally:
-            recorder.close("", "completed")
 
 
 def rerun_recorder(

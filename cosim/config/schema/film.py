@@ -11,8 +11,6 @@ from cosim.config.toml.reading import Fault, Told, rule
 
 FABRIC_LAWS: Final = ("plain", "tension_field")
 """Laws of a film that is a fabric."""
-SHEET_LAWS: Final = ("plain", "tension_field", "edge_strain", "wrinkling")
-"""Laws of an isotropic film that stretches little."""
 LEAST_STIFFNESS_N_m: Final = 1.0
 """Of modulus times thickness: 1 N per metre doubles its length. The softest silicone has it at 20 um."""
 
@@ -155,13 +153,6 @@ class FilmTable:
     def _resists_as_a_tension_field(self) -> Told:
         if self.buckling_force_N_m and self.law != "tension_field":
             yield "buckling_force_N_m", f"goes with law = 'tension_field'; the law is '{self.law}'"
-
-    def other_laws(self) -> tuple[str, ...]:
-        """Return the laws that the same sheet could have instead; of rubber, or at a buckling force, none."""
-        if self.law == "neo_hookean" or self.buckling_force_N_m:
-            return ()
-        laws = SHEET_LAWS if self.fabric is None else FABRIC_LAWS
-        return tuple(law for law in laws if law != self.law)
 
 
 HeightFractions = Annotated[tuple[Fraction, Fraction, Fraction], Increasing]
