@@ -82,7 +82,7 @@ def with_arm_path(robot: str, folder: Path) -> str:
         folder: that relative paths start from.
 
     Raises:
-        ScenarioError: there is no such file, it is not usable, or keys or values of an `arm.toml` are wrong.
+        ScenarioError: there is no such file, or keys or values of an `arm.toml` are wrong.
     """
     if not is_arm_path(robot):
         return robot
@@ -178,10 +178,5 @@ def _from_table(path: Path) -> ArmSource:
     try:
         file = robot_files.found_file(table.file, path, folders)
     except InputError as error:
-        if robot_files.DATA_PACKAGE in table.file and robot_files.packaged_share() is None:
-            raise InputError(
-                f"arm {name!r} is read from the package {robot_files.DATA_PACKAGE}, which is not installed"
-                "; install it"
-            ) from None
         raise InputError(f"arm file {path}: file {error}") from None
     return ArmSource(name, file, table, folders, (path,))

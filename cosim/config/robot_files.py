@@ -65,7 +65,6 @@ def _text(path: Path, kind: str) -> str:
 
 PREFIX: Final = "menagerie:"
 
-_SCENE: Final = "scene.xml"
 _COMPLETE: Final = ".complete"
 _FETCHED: Final = re.compile(r"(.+)-[0-9a-f]{16}")
 
@@ -92,33 +91,17 @@ def menagerie_file(robot: str) -> Path:
             f"{robot} is not on this machine ({here}); fetch it once with pip install 'cosim[robots]' and "
             f"mujoco-menagerie prefetch {model}, or let MENAGERIE_ROOT name a checkout of mujoco_menagerie"
         )
-    folder = folders[model]
-    if file:
-        return _named(robot, folder, file)
-    included = _included(folder / _SCENE)
-    found = [included] if included is not None else sorted(set(folder.glob("*.xml")) - {folder / _SCENE})
+    files = sorted(folders[model].glob("*.xml"))
+    scene = folders[model] / "scene.xml"
+    include = read_xml(scene).find("include") if scene in files and not file else None
+    if include is not None:  # the robot comes first
+        found = [scene.parent / include.get("file", "")]
+    else:
+        found = [path for path in files if (path.stem == file if file else path != scene)]
     if len(found) != 1:
-        raise InputError(f"{robot}: which of its files? {PREFIX}{model}/FILE is one of {_names(folder)}")
+        names = listing([path.stem for path in files])
+        raise InputError(f"{robot}: which of its files? {PREFIX}{model}/FILE is one of {names}")
     return found[0].resolve()
-
-
-def _named(robot: str, folder: Path, file: str) -> Path:
-    path = folder / f"{file}.xml"
-    if not is_file(path):
-        raise InputError(f"{robot}: {folder} has no file {path.name}; there are: {_names(folder)}")
-    return path.resolve()
-
-
-def _names(folder: Path) -> str:
-    return listing(sorted(path.stem for path in folder.glob("*.xml")))
-
-
-def _included(scene: Path) -> Path | None:
-    """Return the first file that a scene includes: the robot; None without a scene."""
-    if not is_file(scene):
-        return None
-    include = read_xml(scene).find("include")
-    return None if include is None else scene.parent / include.get("file", "")
 
 
 def _models() -> dict[str, Path]:
@@ -140,7 +123,7 @@ def _sorted(folder: Path, pattern: str) -> list[Path]:
     return sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime) if folder.is_dir() else []
 
 
-DATA_PACKAGE: Final = "example-robot-data"
+_DATA_PACKAGE: Final = "example-robot-data"
 _SCHEMES: Final = ("package://", "model://")
 
 
@@ -169,15 +152,15 @@ def found_file(name: str, beside: Path, package_folders: tuple[Path, ...] = ()) 
     raise InputError(f"{name!r} not found (looked for {places}){hint if '://' in name else ''}")
 
 
-def packaged_share() -> Path | None:
+def _packaged_share() -> Path | None:
     """Return the folder that holds the folder example-robot-data; None where it is not installed."""
     candidates = [Path(sys.prefix) / "share"]
     try:
-        files = metadata.distribution(DATA_PACKAGE)
+        files = metadata.distribution(_DATA_PACKAGE)
         candidates.insert(0, Path(str(files.locate_file("cmeel.prefix/share"))))
     except metadata.PackageNotFoundError:
         pass
-    return next((path for path in candidates if (path / DATA_PACKAGE / "robots").is_dir()), None)
+    return next((path for path in candidates if (path / _DATA_PACKAGE / "robots").is_dir()), None)
 
 
 def _candidates(name: str, beside: Path, package_folders: tuple[Path, ...]) -> list[Path]:
@@ -186,7 +169,7 @@ def _candidates(name: str, beside: Path, package_folders: tuple[Path, ...]) -> l
         return [beside.parent / name.removeprefix("file://")]
     inside = name.removeprefix(scheme)
     package, _, rest = inside.partition("/")
-    share = packaged_share()
+    share = _packaged_share()
     above = beside.resolve().parents
     folders = [*package_folders, *above, *([] if share is None else [share])]
     own = [folder / rest for folder in above if folder.name == package]

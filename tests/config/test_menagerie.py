@@ -55,7 +55,7 @@ def test_a_model_is_found(place: str, tmp_path: Path, monkeypatch: pytest.Monkey
     assert (arm.name, len(arm.joint_names)) == ("acme_six", 6)
     assert arm.path == (tmp_path / where / "six.xml").resolve()
     assert find_arm("menagerie:acme_six/six").path == arm.path
-    with pytest.raises(InputError, match=r"no file seven\.xml; there are: .*six"):
+    with pytest.raises(InputError, match=r"which of its files\? .* is one of .*six"):
         find_arm("menagerie:acme_six/seven")
     with pytest.raises(InputError, match="did you mean 'acme_six'"):
         find_arm("menagerie:acme_sic")
