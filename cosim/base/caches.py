@@ -79,7 +79,7 @@ def _usable(places: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
 
 
 def keep(kind: str, name: str, data: bytes) -> None:
-    """Keep data under a name; where nothing can be written they are made again the next time.
+    """Keep data under a name, no more than `MOST_BYTES` of a kind; what cannot be written is made again.
 
     Args:
         kind: of `KINDS`.
@@ -92,6 +92,7 @@ def keep(kind: str, name: str, data: bytes) -> None:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with files.whole_file(folder / name) as file:
                 file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
+        _trim(kind)
 
 
 def kept(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
@@ -113,7 +114,7 @@ def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
         mark, _, data = path.read_bytes().partition(b"\n")
         with suppress(OSError):
             if time.time() - path.stat().st_mtime > _DAY_S:
-                os.utime(path)  # see `trim`
+                os.utime(path)  # see `_trim`
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -132,7 +133,7 @@ def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
     return None
 
 
-def trim(kind: str) -> None:
+def _trim(kind: str) -> None:
     """Delete the files of a kind that were not used for longest, as far as they are too many bytes."""
     total = 0
     with suppress(OSError):  # another process may do the same

@@ -15,7 +15,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from cosim.base import caches
 from cosim.base.numba_insides import SLOW
 
 _UNSAID = [SLOW]  # announced once
@@ -47,8 +46,6 @@ def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -
             _compile_side_by_side(missing)
         for kernel in kernels:
             kernel.compile(kernel.fixed_signature)
-    if missing:
-        caches.trim(caches.KERNELS)
 
 
 def _kernels_of(entry: Any) -> list[Any]:

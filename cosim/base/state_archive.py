@@ -122,7 +122,6 @@ def kept_or_made(cache: str, name: str, kind: type[Kind], make: Callable[[], Kin
         with suppress(TypeError):
             write_archive(stream, {}, found)
             caches.keep(cache, f"{name}.kept", stream.getvalue())
-            caches.trim(cache)
     return found
 
 
