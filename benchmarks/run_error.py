@@ -5,7 +5,8 @@ with films and frames as they come with cosim, in part, as those held out, with 
 alone the factors follow, by the rule of `fitted`. Every phase end is a state. Of the truth the mesh's part
 is the difference to the state at rest on the mesh refined twice, the tick's part that to the same run with
 a quarter of its tick; from where that branches on, nothing is compared. The table says how often the truth
-lies within the bar, and the median of bar over truth.
+lies within the bar, and the median of bar over truth. Fingers, whose mesh is the drawn one with refined
+holes, have factors of their own.
 
 python benchmarks/run_error.py  # factors and table of the rows that are stored in benchmarks/rows
 python benchmarks/run_error.py shipped wide wide_too wide_three held_out --rows FOLDER  # what FOLDER lacks
@@ -39,13 +40,16 @@ from cosim.errors import CosimError, UnreachableError
 from cosim.soft.solve.state import Equilibrium
 from cosim.soft.solve.tip_target import TipTarget
 from cosim.stepping.run_error import (
-    FACTORS,
+    DRAWN,
     FIGURES,
+    GRADED,
     TICK_FACTOR,
+    Calibration,
     ErrorFinder,
     PhaseEnd,
     apart,
     at_rest,
+    calibration_of,
     differences,
     shape_figures,
     tension_apart,
@@ -68,6 +72,7 @@ ROBOTS = {
 """Robots and their cables."""
 
 
+CALIBRATIONS: dict[str, Calibration] = {"graded": GRADED, "drawn": DRAWN}
 Found: TypeAlias = list[tuple[SoftArm, Equilibrium]]
 """A state at rest on the mesh of the run, on that refined once, and on that refined twice."""
 
@@ -285,7 +290,8 @@ def compared(row: dict[str, Any], key: str) -> tuple[float, float, float] | None
         return found, pulled["twice"], pulled["twice"]
     if key not in row.get("truth", {}):
         return None
-    return apart(row["once"], row["rest"])[key], row["twice"][key], row["truth"][key]
+    away = apart(row["once"], row["rest"], CALIBRATIONS[row["mesh"]])
+    return away[key], row["twice"][key], row["truth"][key]
 
 
 def factor(pairs: list[tuple[float, float]]) -> float:
@@ -294,17 +300,25 @@ def factor(pairs: list[tuple[float, float]]) -> float:
     return math.ceil(10.0 * float(ratios.max()) - 1e-9) / 10.0
 
 
-def fitted(rows: list[dict[str, Any]]) -> str:
-    """Return the factors that follow from the calibration; in brackets those in use.
+def fitted(mesh: str, rows: list[dict[str, Any]]) -> str:
+    """Return the factors that follow from the calibration of a mesh; in brackets those in use.
 
     The least, in tenths, that cover all of its states; no less than the 1.5 that differences of the first
     order ask for.
     """
+    factors = CALIBRATIONS[mesh].factors
     found = {key: [pair[:2] for row in rows if (pair := compared(row, key))] for key in FIGURES}
     lines = [
-        f"{key}: {max(FIRST_ORDER, factor(pairs)):.1f} of {len(pairs)} states ({FACTORS[key]})"
+        f"{mesh}, {key}: {max(FIRST_ORDER, factor(pairs)):.1f} of {len(pairs)} states ({factors[key]})"
         for key, pairs in found.items()
+        if pairs
     ]
+    return "\n".join(lines)
+
+
+def fitted_ticks(rows: list[dict[str, Any]]) -> str:
+    """Return the factors of ticks that follow from the calibration; in brackets the one in use."""
+    lines = []
     for key in ("tip_m", "length_m"):
         swings = [(row["swing"][key], row["tick"][key]) for row in in_time(rows)]
         lines.append(f"{key} by ticks: {factor(swings):.1f} of {len(swings)} states ({TICK_FACTOR})")
@@ -347,7 +361,7 @@ def _with_bar(row: dict[str, Any], key: str) -> tuple[float, float] | None:
     if found is None:
         return None
     others = TICK_FACTOR * row["swing"].get(key, 0.0) + row["bars"]["of_solver"].get(key, 0.0)
-    return FACTORS[key] * found[0] + others, found[2]
+    return CALIBRATIONS[row["mesh"]].factors[key] * found[0] + others, found[2]
 
 
 def _within(pairs: list[tuple[float, float]]) -> str:
@@ -375,6 +389,14 @@ def run(draw: str, path: Path, cases: Sequence[int] = ()) -> None:
         print(f"{draw} {case.number}: {time.process_time() - began:.1f} s", flush=True)
 
 
+def known_rows(draw: str, path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a draw that a file has, each with the name of its calibration as its mesh."""
+    names = {id(each): name for name, each in CALIBRATIONS.items()}
+    meshes = {case.number: names[id(calibration_of(loaded(case)))] for case in drawn_cases(draw)}
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [row | {"mesh": meshes[row["case"]]} for row in rows]
+
+
 def main() -> None:
     """Run the draws that are named, and show factors and table of all that has been run."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -385,14 +407,11 @@ def main() -> None:
     paths = {draw: given.rows / f"run_error_{draw}.jsonl" for draw in DRAWS}
     for draw in given.draws:
         run(draw, paths[draw], given.cases)
-    rows = {
-        draw: [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        for draw, path in paths.items()
-        if path.exists()
-    }
+    rows = {draw: known_rows(draw, path) for draw, path in paths.items() if path.exists()}
     calibration = [row for draw, found in rows.items() if draw != "held_out" for row in found]
-    if calibration:
-        print(fitted(calibration) + "\n")
+    for mesh in CALIBRATIONS:
+        print(fitted(mesh, [row for row in calibration if row["mesh"] == mesh]) + "\n")
+    print(fitted_ticks(calibration) + "\n")
     print(table({"calibration": calibration, "held out": rows.get("held_out", [])}))
 
 

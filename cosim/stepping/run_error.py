@@ -29,7 +29,7 @@ enough to read off the shares of modes that are known only later.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,6 +39,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, PATIENCE, FinerMesh, SourceFilm
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
@@ -173,12 +175,41 @@ class Swings:
 
 
 FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
-FACTORS: Final = dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.9), strict=True))
-"""By which the difference of two meshes is multiplied; docs/run_error.md."""
 TICK_FACTOR: Final = 2.2
 """By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
 _OF_SHAPE: Final = 0.5
 """Share of the differences of tip and volume that sag, length and tensions are off by: theirs may vanish."""
+
+
+@final
+@dataclass(frozen=True)
+class Calibration:
+    """How the difference of two meshes bounds the error of the coarser one; docs/run_error.md.
+
+    Args:
+        factors: by which differences are multiplied, one for each of `FIGURES`.
+        of_volume: whether a difference of volumes bounds those of tip, sag and length.
+    """
+
+    factors: Mapping[str, float]
+    of_volume: bool
+
+
+GRADED: Final = Calibration(dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.5), strict=True)), True)
+DRAWN: Final = Calibration(dict(zip(FIGURES, (1.7, 1.7, 1.7, 1.5, 1.5, 1.9), strict=True)), False)
+"""Of drawn meshes with refined holes, as fingers have: they lack volume, which hardly moves their tips."""
+
+
+def calibration_of(scenario: Scenario) -> Calibration:
+    """Return the calibration that holds for the mesh of a scenario."""
+    robot = scenario.soft_robot
+    if not isinstance(robot, SoftRobotTable) or robot.stack is None or robot.attachments:
+        return GRADED
+    stack = robot.stack
+    like_fingers = stack.mesh == "drawn" and stack.refine_holes > 0 and not scenario.model.published
+    return DRAWN if like_fingers else GRADED
+
+
 _OF_TENSION: Final = 0.1
 """Of a tension that was found: it is off by at least that much."""
 _LEAP: Final = 0.05
@@ -497,12 +528,13 @@ class ErrorFinder:
         if away["tip_m"] > _ELSEWHERE * here["length_m"]:
             return {}, "the refined mesh comes to rest on another branch, far away"
         wanted = self._wanted(end)
-        away = apart(away, here) | self._of_tension(wanted, pair, mesh, away["tip_m"])
+        calibration = calibration_of(self._parts.scenario)
+        away = apart(away, here, calibration) | self._of_tension(wanted, pair, mesh, away["tip_m"])
         parts: dict[str, Any] = {}
         if isinstance(end.state, SectionArmState):
             parts["of_section"] = self._of_section(end.state, here, wanted, pair)
         return parts | {
-            "of_mesh": {key: FACTORS[key] * value for key, value in away.items()},
+            "of_mesh": {key: calibration.factors[key] * value for key, value in away.items()},
             "of_tick": {} if self._swings is None else self._of_tick(end.ticks, film, pair.rest),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
@@ -581,17 +613,19 @@ def _leaps(passed: branching.Branching, length_m: float) -> bool:
     return math.dist(before, after) >= _LEAP * length_m
 
 
-def apart(away: dict[str, float], here: dict[str, Any]) -> dict[str, float]:
+def apart(away: dict[str, float], here: dict[str, Any], calibration: Calibration) -> dict[str, float]:
     """Return how far figures are taken to be apart on two meshes.
 
     A coarse mesh holds too little gas, whichever way that moves the tip. Tip, sag and length are off by at
-    least half of max(|tip|, length |dV| / V).
+    least half of max(|tip|, length |dV| / V), or of |tip|.
 
     Args:
         away: how far they were found apart.
         here: on the run's mesh, its length [m] and volume [m^3].
+        calibration: says which.
     """
-    filled = here["length_m"] * away["volume_m3"] / here["volume_m3"] if here["volume_m3"] > 0.0 else 0.0
+    counts = calibration.of_volume and here["volume_m3"] > 0.0
+    filled = here["length_m"] * away["volume_m3"] / here["volume_m3"] if counts else 0.0
     least = _OF_SHAPE * max(away["tip_m"], filled)
     return away | {key: max(away[key], least) for key in ("tip_m", "sag_m", "length_m")}
 
