@@ -109,7 +109,7 @@ def kept(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
 
 
 def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
-    """Return what a file keeps; None where there is none, and with a warning where it is damaged."""
+    """Return the content of a file; None if there is no such file, or, with a warning, if it is damaged."""
     try:
         mark, _, data = path.read_bytes().partition(b"\n")
         with suppress(OSError):

@@ -259,7 +259,20 @@ def decisions(
         *(_sliding(scenario, body) if cables.included else ()),
         _hinges(scenario, body),
         *_losses(scenario, body),
+        *_first_tick(scenario),
     )
+
+
+def _first_tick(scenario: Scenario) -> tuple[Decision, ...]:
+    """Return that the first tick does not resolve a linear ramp; nothing if the run begins with none."""
+    lumped = scenario.fidelity in ("lumped", "refined")
+    if scenario.mode != "dynamic" or not lumped or not scenario.phases:
+        return ()
+    first = scenario.phases[0]
+    if first.ramp != "linear" or (first.pressure_Pa is None and first.cable_tension_N is None):
+        return ()
+    reason = f"phase '{first.name}' begins with a jump of the loads' rate"
+    return (Decision("first tick of a linear ramp", False, reason, f"phase.{first.name}.ramp"),)
 
 
 def finer_steps(scenario: Scenario, scene: "RigidScene") -> tuple[Decision, ...]:

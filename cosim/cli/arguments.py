@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     _add_compare(commands)
     _add_twin(commands)
     _add_warm_up(commands)
-    cached = commands.add_parser("cache", help="list what is kept on disk: kernels, plans, section models")
+    cached = commands.add_parser("cache", help="list the caches on disk: kernels, plans, section models")
     cached.add_argument("--clear", action="store_true", help="delete it; it is made again when it is needed")
     verify = commands.add_parser(
         "verify", help="check the soft model and the coupled tick against known answers"

@@ -196,8 +196,9 @@ class Calibration:
 
 
 GRADED: Final = Calibration(dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.5), strict=True)), True)
+FINGER_SIDES: Final = 4
 DRAWN: Final = Calibration(dict(zip(FIGURES, (1.7, 1.7, 1.7, 1.5, 1.5, 1.9), strict=True)), False)
-"""Of drawn meshes with refined holes, as fingers have: they lack volume, which hardly moves their tips."""
+"""Of square units on the drawn mesh with refined holes, as fingers have: it lacks volume, not reach."""
 
 
 def calibration_of(scenario: Scenario) -> Calibration:
@@ -206,8 +207,8 @@ def calibration_of(scenario: Scenario) -> Calibration:
     if not isinstance(robot, SoftRobotTable) or robot.stack is None or robot.attachments:
         return GRADED
     stack = robot.stack
-    like_fingers = stack.mesh == "drawn" and stack.refine_holes > 0 and not scenario.model.published
-    return DRAWN if like_fingers else GRADED
+    finger_mesh = stack.mesh == "drawn" and stack.refine_holes > 0 and not scenario.model.published
+    return DRAWN if finger_mesh and stack.sides == FINGER_SIDES else GRADED
 
 
 _OF_TENSION: Final = 0.1

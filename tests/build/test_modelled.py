@@ -171,3 +171,13 @@ def test_stiffeners_beyond_their_strength_are_told(strength: float | None, warne
         f"'{run.summary['phases'][-1]['name']}' the stiffeners" in " ".join(run.summary["warnings"])
     ) is warned
     assert "**Stiffeners**: beams of 2 x 2 mm, 2 GPa" in run.stage.report
+
+
+def test_a_linear_ramp_that_the_first_tick_does_not_resolve_is_named() -> None:
+    ramped = {"name": "inflate", "duration_s": 0.06, "pressure_Pa": 15e3}
+    named = "first tick of a linear ramp"
+    assert named not in found(phase=[ramped])
+    decision = found(phase=[ramped | {"ramp": "linear"}])[named]
+    assert not decision.included
+    assert decision.reason == "phase 'inflate' begins with a jump of the loads' rate"
+    assert named not in found(phase=[*GIVEN["phase"], ramped | {"ramp": "linear"}])

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, final
 
 SLOW_CPU_S = 10.0
-"""A case that takes more and ends in order is told as well."""
+"""A case that takes more is reported too, even if it ends in order."""
 FINDING, SLOW = "finding", "slow"
 _LOOK_EVERY_S = 0.5
 

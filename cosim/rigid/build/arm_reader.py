@@ -23,9 +23,8 @@ from cosim.rigid.build.mjcf_arm import MjcfArm
 from cosim.rigid.build.urdf_arm import UrdfArm, find_meshes, replace_unreadable, urdf_spec
 
 LEFT_OUT: Final = "left out, because not on the way to the flange"
-_MOST: Final = (
-    1e7  # of lengths, masses and inertias, m and kg: engines do not compute with all that are finite
-)
+_MOST: Final = 1e7
+"""Of lengths, masses and inertias [m, kg]: engines do not compute with every finite number."""
 _FILLED: Final = ("effort", "velocity")
 _UNBOUNDED: Final = ("acceleration", "inf")
 
