@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 import numpy as np
 
 from cosim.app.driver import log, named_body, prepared
-from cosim.base import kept_parts, state_file
+from cosim.base import kept_parts, state_archive, state_check
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.state import KnownStates, check_state
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
 from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
@@ -42,7 +41,7 @@ _AHEAD: Final = 64
 
 @final
 @dataclass(frozen=True)
-class AttachedState(state_file.WrittenState):
+class AttachedState(state_archive.WrittenState):
     """A soft robot and the scene that it hangs on, between two ticks; made by `Attached.save`.
 
     Args:
@@ -124,9 +123,6 @@ class Attached:
     all three. What acts on the scene is that of the last tick, as in a staggered run of `Simulation`. The
     first `before` brings the soft robot to rest where its mount is then.
 
-    Ticks stay in a row until something of them is read. A loop that reads `tip_position`, `film` and `wrench`
-    alone leaves the row as it is.
-
     Args:
         scenario: with the soft robot, without arm and phases.
         host: the model to hang on.
@@ -140,7 +136,7 @@ class Attached:
         self._model = SoftModel(scenario, kept_parts.KeptParts(on_disk=True), body, log)
         self._waiting: list[tuple[Command, int]] = []
         self._hung: _Hung | None = None
-        self._known = KnownStates()
+        self._known = state_check.KnownStates()
 
     @property
     def spec(self) -> Any:
@@ -222,12 +218,12 @@ class Attached:
         """
         for _ in range(steps):
             self.before(model, data)
-            scene = self._begun_run.scene
+            scene = self._run.scene
             try:
                 scene.step()
                 self.after(model, data)
             except BaseException:  # Ctrl-C as well: MuJoCo's data is to be as the loop has set it
-                self._begun_run.stage = _Stage.BROKEN_OFF
+                self._run.stage = _Stage.BROKEN_OFF
                 scene.abandon_step()
                 raise
 
@@ -312,8 +308,6 @@ class Attached:
         if not isinstance(over_s, float | int) or not 0.0 <= over_s < float("inf"):
             raise InputError(f"over_s is {over_s!r}; must be a time in seconds, 0 or more")
         ticks = max(1, round(over_s / self.tick_s))
-        if self._hung is not None:
-            self._run  # noqa: B018  # what was not commanded yet continues from what is there
         self._ask(command, ticks)
 
     def _ask(self, command: Command, ticks: int) -> None:
@@ -337,7 +331,7 @@ class Attached:
     @property
     def tension_N(self) -> tuple[float, ...]:
         """Tension of each cable at its base in the last tick; set it to a number, one each, or by name."""
-        return tuple(self._begun_run.loads.cable_tension_N)
+        return tuple(self._run.loads.cable_tension_N)
 
     @tension_N.setter
     def tension_N(self, values: Values) -> None:
@@ -347,12 +341,12 @@ class Attached:
     @property
     def tick(self) -> int:
         """Ticks of the soft robot since it was brought to rest."""
-        return self._begun_run.tick
+        return self._run.tick
 
     @property
     def wrench(self) -> Wrench:
         """What the soft robot exerts on its mount at present, at its origin, world axes."""
-        return self._begun_run.carrier.wrench
+        return self._run.carrier.wrench
 
     @property
     def far_wrench(self) -> Wrench:
@@ -368,12 +362,12 @@ class Attached:
     @property
     def tip_position(self) -> Array:
         """(3,) [m], world."""
-        return self._model.body.tip_position(self._begun_run.carrier.positions)
+        return self._model.body.tip_position(self._run.carrier.positions)
 
     @property
     def film(self) -> Array:
         """Nodes of the film (n, 3) [m], world."""
-        return self._begun_run.carrier.positions.copy()
+        return self._run.carrier.positions.copy()
 
     @property
     def triangles(self) -> IntArray:
@@ -391,7 +385,7 @@ class Attached:
         """
         from cosim.rigid.scene.renderer import add_film  # here: it brings MuJoCo
 
-        add_film(scene, self._begun_run.carrier.positions, self.triangles)
+        add_film(scene, self._run.carrier.positions, self.triangles)
 
     @property
     def node_mass_kg(self) -> Array:
@@ -434,11 +428,11 @@ class Attached:
             InputError: the file cannot be read, or the state does not fit.
         """
         run = self._run
-        state = state_file.load(Path(saved)) if isinstance(saved, str | Path) else saved
+        state = state_archive.read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
         if not isinstance(state, AttachedState):
             raise InputError(f"{saved}: holds no attached soft robot but a {type(state).__name__}")
         if state not in self._known:
-            check_state(state, self._state(run), AttachedState)
+            state_check.check_state(state, self._state(run), AttachedState)
         self._break_off()
         run.parts.soft.restore_state(state.soft)
         run.carrier.restore_state(state.carrier)
@@ -450,14 +444,6 @@ class Attached:
 
     @property
     def _run(self) -> _Hung:
-        """What hangs, all of it where the last tick has ended."""
-        run = self._begun_run
-        with _uninterrupted(run):
-            run.carrier.follow()
-        return run
-
-    @property
-    def _begun_run(self) -> _Hung:
         if self._hung is None:
             raise InputError("the soft robot hangs on nothing yet; call before() or reset() with model, data")
         return self._hung
@@ -474,7 +460,6 @@ class Attached:
             run.ahead, run.ahead_tick = () if found is None else found.soft, done
         if run.ahead:
             return parts.loads(run.ahead[done - run.ahead_tick])
-        run.carrier.follow()
         step = StepToTake(0, done, run.tick * self.tick_s, self.tick_s)
         return parts.loads(parts.command(step).soft)
 
@@ -549,11 +534,10 @@ def _scenario(host: HostModel, robot: str | Path | None) -> Scenario:
 def _compile(scenario: Scenario, glued: bool) -> None:
     from cosim.base.compilation import compile_modules  # here: it brings the kernels
     from cosim.build.kernel_modules import contact_modules, exchange_modules
-    from cosim.coupling import open_ticks
     from cosim.rigid.scene import step_loads
 
     touched = contact_modules() if scenario.contact.enabled or glued else ()
-    compile_modules(log, (*exchange_modules(scenario), open_ticks, step_loads, *touched))
+    compile_modules(log, (*exchange_modules(scenario), step_loads, *touched))
 
 
 def _check(run: _Hung, model: Model, data: Data) -> None:

@@ -470,9 +470,6 @@ def prepared_arms(
     for name, one in scenario.arms.items():
         with of_arm(name):
             arms[name] = prepared(one, tell, recording=recording, contact=True, kept=kept)
-    from cosim.coupling import open_ticks  # here: it brings MuJoCo
-
-    compile_kernels(tell, (open_ticks,))  # as one step of the scene is the rigid half of all arms
     return replace(scenario, arms=arms)
 
 

@@ -120,13 +120,10 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
     if scenario.mode != "dynamic":
         return (shapes,)
-    from cosim.coupling import film_ticks, half_ticks, section_ticks
+    from cosim.coupling import half_ticks
     from cosim.rigid.scene import servos
 
-    film = scenario.fidelity in ("lumped", "refined")
-    of_film = (film_ticks,) if film else ()
-    of_chain = (section_ticks,) if scenario.fidelity == "section" else ()
-    return (shapes, servos, half_ticks, *of_film, *of_chain)
+    return (shapes, servos, half_ticks)
 
 
 def _is_wide(robot: AnySoftRobot) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
-from cosim.base.state import KnownStates, check_indices, check_state
+from cosim.base.state_check import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -355,7 +355,7 @@ class SharedArm(ArmCarrier):
 
     def begin_with_others(self, servos: Servos) -> None:
         assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
-        self._coupling.begin(opening=False)
+        self._coupling.begin()
         self._shared.begin_tick()
         payload, feedforward = self._payload(), servos.torque[0]
         if payload is not None:
@@ -468,15 +468,9 @@ class HostCarrier(SceneCarrier):
         return self._coupling
 
     @property
-    def wrench(self) -> Wrench:
-        row = self._staggered.open_row
-        return super().wrench if row is None else row.wrench
-
-    @property
     def positions(self) -> Array:
         """(n, 3) [m], of the film's nodes; a view."""
-        row = self._staggered.open_row
-        return self._soft.state.positions if row is None else row.positions
+        return self._soft.state.positions
 
     def begin(self) -> None:
         """Begin a tick: what acts through it is on the rigid side's arrays."""
@@ -496,20 +490,12 @@ class HostCarrier(SceneCarrier):
         """
         self._last = self.advance(_NO_SERVOS, [loads])
 
-    def follow(self) -> None:
-        """Let everything readable be where the last tick has ended; ticks in a row leave that for later."""
-        if self._staggered.open_row is not None:
-            with self._scene.lent():
-                self._staggered.follow()
-
     def last_entry(self) -> ledger.LedgerEntry:
         """Return what was exchanged in the last tick."""
         assert self._last is not None, "end() comes before"
-        self.follow()
         return self._last.last_entry()
 
     def save_state(self) -> HostCarrierState:
-        self.follow()
         assert self._coupling is not None, "couple() comes before"
         saved = HostCarrierState(self._scene.save_state(), self._coupling.save_state(), self._glued.copy())
         self._known.add(saved)

@@ -18,7 +18,6 @@ import cosim
 from cosim.app import driver
 from cosim.build.kernel_modules import common_modules, contact_modules, kernel_modules
 from cosim.config.loading import load_scenario
-from cosim.coupling import open_ticks
 from cosim.recording import colours
 from cosim.rigid.scene import step_loads
 from tests.compiled import all_modules
@@ -104,7 +103,7 @@ def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
     others += replace(lumped, soft_robot=stiff), apart
     some = (*kernel_modules(lumped), *(module for other in others for module in kernel_modules(other)))
     named: list[str] = []
-    for module in (*common_modules(), *some, *contact_modules(), open_ticks, step_loads, colours):
+    for module in (*common_modules(), *some, *contact_modules(), step_loads, colours):
         own = (value for value in kernels_of(module) if value.__module__ == module.__name__)
         named += [f"{value.__module__}.{value.__name__}" for value in own]
     assert set(compiled()) == set(named)

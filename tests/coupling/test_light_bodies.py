@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +28,6 @@ from cosim.soft.solve.state import StepOptions
 from tests.coupling.one_tick import one_tick
 from tests.coupling.pads import CoupledGrasp, FixedFlange
 from tests.soft.bodies import icosphere
-from tests.stepping.snapshots import python_takes_every_soft_half
 
 GRAVITY, RADIUS_M, BALL_M, DROP_M = 9.81, 0.025, 0.01, 0.02
 HERE = np.array([0.0, 0.0, 1.5])  # above everything else in the scene
@@ -244,18 +242,3 @@ def test_a_light_spool_is_not_thrown_between_fingers_and_palm() -> None:
         path.append(snapshot.body_position[simulation.stage.body_names.index("spool")])
     assert 5.0 < strongest < 30.0  # the fingers close with 12 N
     assert np.ptp(path[-25:], axis=0).max() < 1e-4
-
-
-def test_a_body_is_weighed_at_the_same_ticks_whoever_takes_them() -> None:
-    # Python weighed it a tick later than kernels, and who takes a tick hangs on how many are taken together
-    found = []
-    for taken_by in (nullcontext, python_takes_every_soft_half):
-        with taken_by():
-            here, ages = CoupledGrasp(0.05, 2e-3, StaggeredCoupling, "bdf2"), []
-            for _ in range(110):
-                here.tick()
-                assert here.interface.light is not None
-                ages.append(here.interface.light.save_state().age)
-            found.append(ages)
-    assert found[0] == found[1]
-    assert np.count_nonzero(np.diff(found[0]) < 0) == 2

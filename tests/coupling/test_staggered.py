@@ -274,7 +274,7 @@ def test_past_accelerations_are_kept_when_the_ratio_is_found_anew() -> None:
     here, found_anew = rig(CARRIED_MASS_KG, integrator="bdf2"), 0
     here.ticks(35, 0.002)
     for _ in range(8):
-        found_anew += here.coupling.interface.to_be_weighed
+        found_anew += here.coupling.interface.ratio_is_due
         before = here.coupling.save_state().past
         assert here.ticks(1, 0.002)[0].algorithmic_mass
         after = here.coupling.save_state().past

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import pytest
 
-from cosim.coupling.schemes import staggered
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.coupling.schemes.soft_halves import SoftHalves
 from cosim.telemetry.snapshot import Snapshot
 
 
@@ -45,28 +40,3 @@ def assert_close(found: list[Snapshot], expected: list[Snapshot], tolerance: flo
         mine, others = numbers(one), numbers(other)
         for name, value in mine.items():
             np.testing.assert_allclose(value, others[name], rtol=tolerance, atol=tolerance, err_msg=name)
-
-
-def kernels_take(run: Any, most: int | None = None) -> tuple[list[Snapshot], set[int]]:
-    """Return states of a run, and the ticks whose soft half no Python has taken."""
-    soft, carrier = run._parts.soft, run._parts.carrier
-    advance, left = soft._advance, set[int]()
-
-    def noted(*given: Any) -> Any:
-        left.add(carrier._coupling.interface.ticks + 1)
-        return advance(*given)
-
-    soft._advance = noted
-    try:
-        shown = [snapshot for batch in run.batches(64, most=most) for snapshot in batch]
-    finally:
-        del soft._advance
-    return shown, {snapshot.tick for snapshot in shown} - {0} - left
-
-
-@contextmanager
-def python_takes_every_soft_half() -> Iterator[None]:
-    """Let no kernel take the soft half of a tick."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(staggered, "soft_halves", SoftHalves)
-        yield

@@ -15,11 +15,10 @@ from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base import compilation
+from cosim.base import compilation, state_check
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
-from cosim.base.state import check_indices
 from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
 from cosim.coupling.contact.contact_arrays import AGE, REMEMBERED, TOUCHES, ContactArrays, MemoryRows, Search
 from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
@@ -141,6 +140,16 @@ class ContactExchange:
             positions: (n, 3) [m], of the nodes.
         """
         return self._found(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
+
+    def may_give_way(self) -> tuple[bool, bool]:
+        """Return whether a body that was found may give way, and whether it is known how all of them do."""
+        arrays = self.arrays
+        near = arrays.touched.planes.body[: arrays.counts[TOUCHES]]
+        near = near[arrays.bodies.leads.ahead[near] > 0]
+        if not len(near):
+            return False, True
+        unknown = (arrays.gives[near, 0] == contact_arrays.UNKNOWN) & (arrays.bodies.loaded[near] != 0)
+        return True, not unknown.any()
 
     def settle(self, before: Array, positions: Array) -> ContactReport:
         """Take in the end of the soft step: remember the contacts and load the bodies.
@@ -296,11 +305,11 @@ class ContactExchange:
         memory, query, surface = state.memory, self.query, self.surface
         of_features = memory.face >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
-        check_indices(features, len(query.features.shape), "features")
+        state_check.check_indices(features, len(query.features.shape), "features")
         for triangle in (memory.face[of_features], memory.triangle[memory.triangle >= 0]):
-            check_indices(triangle, len(surface.triangles), "triangles")
+            state_check.check_indices(triangle, len(surface.triangles), "triangles")
         if state.planes is not None:
-            check_indices(state.planes.body, self.bodies.count, "bodies")
+            state_check.check_indices(state.planes.body, self.bodies.count, "bodies")
             surface.check_planes(state.planes)
 
     def _found(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:

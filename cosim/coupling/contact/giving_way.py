@@ -30,7 +30,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.coupling.contact.contact_arrays import AGE, AGREED_M, MET, TURN_LEVER_M, UNKNOWN
 from cosim.coupling.contact.contact_exchange import RENEW_ABOVE, ContactExchange
-from cosim.coupling.contact.contact_kernels import EXACTLY
+from cosim.coupling.contact.contact_kernels import meet_touched
 from cosim.coupling.contact.levers import Levers, Yielding
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError
@@ -317,6 +317,9 @@ class LightBodies:
         Raises:
             ConvergenceError: the film's step has no solution, or bodies and film do not agree.
         """
+        agreed = self._advance_as_met(flange, loads) if aim is None else None
+        if agreed is not None:
+            return agreed
         tick = flange, loads, self._tick_s
         step = _Step(self._exchange, self._soft, tick, aim)
         light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()
@@ -350,18 +353,35 @@ class LightBodies:
         self.weigh()
         return trial.reply
 
+    def _advance_as_met(self, flange: Pose, loads: Loads) -> SoftReply | None:
+        """Take the soft step once, for bodies that go where the film meets them; None: they may not."""
+        exchange, soft, before, tick_s = self._exchange, self._soft, self._soft.state, self._tick_s
+        planes = exchange.find(before, tick_s)
+        gives_way, known = exchange.may_give_way()
+        if not known:
+            return None
+        try:
+            acting = loads if planes is None else replace(loads, contact=planes)
+            reply = soft.advance(flange, acting, tick_s)
+        except ConvergenceError:
+            if gives_way:
+                return None
+            raise
+        x = soft.state.positions
+        if gives_way and not meet_touched(exchange.at, x, reply.residual_N, tick_s, False) <= 1.0:
+            soft.restore(before)
+            return None
+        exchange.settle(before.positions, x)
+        self.weigh()
+        return reply
+
     def begin_ticks_of(self, tick_s: float) -> None:
         """Take ticks of another length from now on; what was weighed in others is forgotten."""
         self._tick_s = tick_s
         self.restore_state(self._first)
 
-    def closely_N(self, tolerance_N: float) -> float:
-        """Return how exact [N] a step has to be, at most as given, for kernels to know where bodies go."""
-        known = self._gives[self._gives[:, 0] < UNKNOWN, 0]
-        return min(tolerance_N, 0.9 * EXACTLY / float(known.max())) if len(known) else tolerance_N
-
     def weigh(self) -> None:
-        """Find again which bodies are heavy, where the last tick of a row asks for it."""
+        """Find again which bodies are heavy, where the last tick asks for it."""
         if self._exchange.asks_for_weighing and not self._exchange.asks_for_heavy:
             self._weigh_light()
         self._weigh_heavy()

@@ -25,7 +25,6 @@ from cosim.coupling.half_ticks import RigidSide, hand_over, read_rigid_half, tak
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import ConvergenceError, InputError
-from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
@@ -84,7 +83,7 @@ def _error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
 # So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.
-_WEIGHED_AFTER_S, _SELDOM_AFTER_S, _FAR_RATIO = 0.08, 0.25, 0.25
+_UPDATED_AFTER_S, _SELDOM_AFTER_S, _FAR_RATIO = 0.08, 0.25, 0.25
 _FEWEST_TICKS, _MOST_TICKS, _MOST_TICKS_FAR = 10, 40, 64
 
 
@@ -97,7 +96,7 @@ class InterfaceState:
         wrench: on the flange in the next tick.
         handed: what the soft side has handed over at the end of the last tick.
         touched: contacts of the last tick.
-        ratio: stability ratio of the flange when it was last weighed.
+        ratio: stability ratio of the flange when it was last updated.
         ticks: done.
         contact: of the soft body with the scene; None where it is not modelled.
         light: bodies that give way, the same.
@@ -133,8 +132,7 @@ class Interface:
         mounted: Array | None = None,
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
-        self.rigid_half = take_rigid_half if scene.steps_itself else read_rigid_half
-        """The kernel of a rigid half."""
+        self._rigid_half = take_rigid_half if scene.steps_itself else read_rigid_half
         self._mounted = np.zeros(10) if mounted is None else mounted
         self._native, bodies = scene.native(), scene.bodies
         self._bodies = contact_arrays.BodyLoads(
@@ -154,9 +152,9 @@ class Interface:
         flange = six_numbers(np.concatenate([about_world.force, about_world.torque]))
         self.handed = TransferredLoads(flange, NOTHING, float(np.abs(wrench.force).max()), 0.0)
         self.ticks = 0
-        self._often = min(max(_FEWEST_TICKS, round(_WEIGHED_AFTER_S / scene.tick_s)), _MOST_TICKS)
+        self._often = min(max(_FEWEST_TICKS, round(_UPDATED_AFTER_S / scene.tick_s)), _MOST_TICKS)
         self._seldom = min(max(_FEWEST_TICKS, round(_SELDOM_AFTER_S / scene.tick_s)), _MOST_TICKS_FAR)
-        self.ratio, self._weighed_every = 0.0, self._seldom
+        self.ratio, self._updated_every = 0.0, self._seldom
 
     @property
     def touched(self) -> contact_report.ContactReport:
@@ -169,14 +167,9 @@ class Interface:
         return self.light.ratio if self.light is not None and self.touched.count else 0.0
 
     @property
-    def to_be_weighed(self) -> bool:
-        """Whether the stability ratio is due to be found again."""
-        return self.ticks % self._weighed_every == 0
-
-    @property
-    def ticks_to_weighing(self) -> int:
-        """Ticks until it is due the next time, the one in progress counted; at least one."""
-        return self._weighed_every - self.ticks % self._weighed_every
+    def ratio_is_due(self) -> bool:
+        """Whether the stability ratio is to be updated ahead of the next tick."""
+        return self.ticks % self._updated_every == 0
 
     def update_stability_ratio(self) -> None:
         """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.
@@ -189,7 +182,7 @@ class Interface:
         self._take_ratio(gain * stability_ratio(self.scene.mobility(), body))
 
     def _take_ratio(self, ratio: float) -> None:
-        self.ratio, self._weighed_every = ratio, self._seldom if ratio < _FAR_RATIO else self._often
+        self.ratio, self._updated_every = ratio, self._seldom if ratio < _FAR_RATIO else self._often
 
     def save_state(self) -> InterfaceState:
         """Return what the next exchange depends on besides the states of scene and soft side."""
@@ -234,6 +227,21 @@ class Interface:
     def rigid(self, carried: CarriedInertia) -> RigidSide:
         """Return the rigid side as kernels see it, with what the joints carry."""
         return RigidSide(self._native, carried, self._bodies, self._mounted, self.soft.mass_kg)
+
+    def step_rigid(self, rigid: RigidSide, servos: Servos, taken: TicksTaken) -> None:
+        """Take the rigid step of the tick in progress, or read that which somebody else has taken.
+
+        Args:
+            rigid: side.
+            servos: what they are asked for in this tick alone.
+            taken: its row is filled.
+
+        Raises:
+            InstabilityError: the state is no longer finite.
+        """
+        if not self._rigid_half(rigid, servos, taken.ticks.from_on(taken.done), 0):
+            self.scene.check()
+        self.scene.stepped(taken.ticks.flange(taken.done))
 
     def error_on_bodies(self) -> float:
         """Return how far what acts on bodies in the step in progress is from what was handed over."""
@@ -294,34 +302,11 @@ class Interface:
         ticks.work[k, 0] = touched.work_J
         ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
         taken.stability_ratio[k] = self.ratio
-        self._count(taken, 1)
-
-    def follow(self, taken: TicksTaken, count: int) -> None:
-        """Be where kernels have taken ticks, the last of those in the rows.
-
-        Args:
-            taken: their rows.
-            count: how many.
-        """
-        figures = taken.ticks.figures[taken.done + count].copy()
-        self.wrench = supplied_wrench(figures)
-        if self.contact is not None and self.light is not None:
-            ticks = taken.ticks.from_on(taken.done)
-            ticks.contact[:count, 2] = np.where(ticks.contacts[:count] > 0, self.light.ratio, 0.0)
-            self.contact.forget()
-            self.light.weigh()
-            ticks.contact[count - 1, 2] = self.contact_ratio
-        taken.stability_ratio[taken.done : taken.done + count] = self.ratio
-        self.scene.stepped(taken.ticks.flange(taken.done + count - 1))
-        taken.done += count
-        self._count(taken, count)
-
-    def _count(self, taken: TicksTaken, count: int) -> None:
         flange, bodies = taken.ticks.handed[taken.done], self._bodies.handed
         self.handed = TransferredLoads(
             six_numbers(flange[:6]), six_numbers(bodies[:6]), float(flange[6]), *bodies[6:].tolist()
         )
-        self.ticks += count
+        self.ticks += 1
 
 
 class Coupling(ABC):

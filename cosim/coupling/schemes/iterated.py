@@ -307,16 +307,14 @@ class IteratedCoupling(Coupling):
 
     def advance(self, servos: ticks.Servos, loads: Sequence[Loads]) -> ticks.TicksTaken:
         interface, vector = self.interface, FlangeLoad(self.interface)
-        if interface.to_be_weighed:
+        if interface.ratio_is_due:
             interface.update_stability_ratio()
         taken, joints = interface.begin(1), len(servos.position[0])
         carried = ticks.CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, joints)))
 
         def rigid_half(wrench: Array) -> float:
             taken.ticks.figures[0, WRENCH:CENTER] = wrench
-            if not half_ticks.take_rigid_half(interface.rigid(carried), servos, taken.ticks, 0):
-                interface.scene.check()
-            interface.scene.stepped(taken.ticks.flange(0))
+            interface.step_rigid(interface.rigid(carried), servos, taken)
             return interface.error_on_bodies()
 
         last, owed = vector.answered(), vector.from_world(self._left_over)

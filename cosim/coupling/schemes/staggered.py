@@ -6,10 +6,6 @@ the flange (stability ratio r above a bound), a share of its algorithmic mass A 
 joints. What it takes at the expected acceleration is given back as torque.
 Where the scene can be touched, contacts are found between the two steps, and act on bodies one tick later.
 
-A tick is a row of length one. Kernels take rows, until the flange or bodies are to be weighed, or a soft half
-is more than they know: lists of what is near are not valid, a tangent is indefinite, gas is sealed. That
-half is left to Python, and the row continues.
-
 Fine ticks: a tick of the clock in which something light is hit or thrown, as several exchanges.
 
 Where the film comes on to a body that can move, or takes one along on the flange, by more than a bound in a
@@ -51,18 +47,15 @@ Source: the amplification of a chain on a mass, in tests/coupling/test_algorithm
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernels import RecordStore
-from cosim.coupling import half_ticks, open_ticks
+from cosim.coupling import half_ticks
 from cosim.coupling.contact.levers import rigid_motions
 from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState
 from cosim.coupling.schemes.ledger import TickPieces
-from cosim.coupling.schemes.soft_halves import FilmHalves, OpenRow, soft_halves
 from cosim.coupling.soft_sides import lumped_arm, soft_side
 from cosim.coupling.ticks import CarriedInertia, Servos, TicksTaken
 from cosim.errors import InstabilityError
@@ -73,6 +66,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
 _SETTLED: Final = 0.5  # share of it below which a tick is calm
 _CALM_TICKS: Final = 10  # of such in a row, after which ticks are whole again
+_TICKS_MAX: Final = 64  # in one call
 
 
 @final
@@ -130,9 +124,7 @@ class FineTicks:
         for k in range(count):
             scene.go_finely(count - k)
             asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
-            if not half_ticks.take_rigid_half(rigid, asked, fine.ticks.from_on(k), 0):
-                scene.check()
-            scene.stepped(fine.ticks.flange(k))
+            interface.step_rigid(rigid, asked, fine)
             reply = interface.advance_soft(begin.interpolated(loads, (k + 1) / count))
             interface.take_reply(fine, reply)
             shapes.append(soft.state.positions)
@@ -254,88 +246,41 @@ class StaggeredCoupling(Coupling):
         self._added = np.zeros((joints, joints))
         self._past = np.zeros((2, joints))
         self._carries = False
-        self._halves = soft_halves(interface)
         self._fine = FineTicks(interface)
-        self._halves.fast_m_s = self._fine.fast_m_s
-        self._begun: tuple[TicksTaken, half_ticks.RigidSide] | None = None
-        self._open: OpenRow | None = None
+        self._begun: TicksTaken | None = None
 
-    def begin(self, *, opening: bool = True) -> None:
-        """Load the rigid side for a tick whose rigid half somebody else takes; then comes `advance`.
-
-        Args:
-            opening: whether it may be in a row that stays open, see `open_row`.
-        """
-        row, halves = self._open, self._halves
-        if row is None:
-            opens = opening and isinstance(halves, FilmHalves) and halves.ready and not self._fine.left
-            taken = self._ready(halves.most if opens else 1)
-            rigid = self._weighed(taken)
-            if isinstance(halves, FilmHalves) and opens:
-                # a first step looks back over one only
-                most = 1 if halves.soft.state.earlier is None else self.interface.ticks_to_weighing
-                most = min(len(taken.trials), most)
-                row = self._open = OpenRow(halves, taken, rigid, most, self._open_store)
-            else:
-                half_ticks.load_rigid_side(rigid, taken.ticks, 0)
-                self._begun = taken, rigid
-        if row is not None:
-            row.load()
-
-    @cached_property
-    def _open_store(self) -> RecordStore:
-        return RecordStore(open_ticks.OpenTicks)
-
-    @property
-    def open_row(self) -> OpenRow | None:
-        """Ticks whose rigid halves somebody else has taken, which the soft side has not followed yet."""
-        return self._open
-
-    def follow(self) -> None:
-        """Let both sides be where an open row is; one tick of it that is in progress goes on by itself."""
-        row, self._open = self._open, None
-        if row is None:
-            return
-        row.close()
-        if row.done:
-            self.interface.follow(row.taken, row.done)
-            self._fine.look()
-        if row.in_tick:
-            taken = self.interface.begin(1)
-            taken.algorithmic_mass[:] = self._carries
-            self._begun = taken, row.rigid
-
-    def _advance_open(self, row: OpenRow, loads: Loads) -> TicksTaken:
-        """Take the soft half of the tick in progress of an open row."""
-        interface, taken = self.interface, row.taken
-        if row.end(loads):
-            if row.full:
-                self.follow()
-            return taken
-        self.follow()
-        interface.scene.stepped(taken.ticks.flange(taken.done))
-        with interface.soft.work:
-            interface.take_reply(taken, interface.advance_soft(loads))
-        self._fine.look()
-        return taken
+    def begin(self) -> None:
+        """Load the rigid side for a tick whose rigid step somebody else takes; then comes `advance`."""
+        taken = self._begun = self._room(1)
+        self._update_when_due()
+        half_ticks.load_rigid_side(self._rigid(), taken.ticks, 0)
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
-        if self._open is not None:
-            return self._advance_open(self._open, loads[0])
-        taken = self._ready(len(loads)) if self._begun is None else self._begun[0]
-        count = len(taken.trials)
-        self._halves.begin(loads[:count])
+        begun, self._begun = self._begun, None
+        taken = self._room(len(loads)) if begun is None else begun
         try:
-            goes_on = True
-            while goes_on and taken.done < count:
-                goes_on = self._go_on(taken, servos.some(taken.done, count), loads[taken.done : count])
-        except BaseException as error:  # whatever it is, what has been taken is to be shown first
+            for k in range(len(taken.trials)):
+                if begun is None:
+                    self._update_when_due()
+                taken.algorithmic_mass[k] = self._carries
+                with self.interface.soft.work:
+                    self._tick(servos.some(k, k + 1), loads[k], taken)
+        except BaseException as error:  # whatever it is, the ticks before it are to be shown first
             self._advise(error)
             if not taken.done:
                 raise
             taken.error = error
-        self._halves.end(taken)
         return taken
+
+    def _tick(self, servos: Servos, loads: Loads, taken: TicksTaken) -> None:
+        """Take one tick of the clock: the rigid step under the last wrench, then the soft step."""
+        if self._fine.left:
+            self._fine.take(self._rigid(), servos, loads, taken)
+            return
+        interface = self.interface
+        interface.step_rigid(self._rigid(), servos, taken)
+        interface.take_reply(taken, interface.advance_soft(loads))
+        self._fine.look()
 
     def _advise(self, error: BaseException) -> None:
         """Add to an instability the scheme that helps where the soft robot is heavy for the arm."""
@@ -347,50 +292,20 @@ class StaggeredCoupling(Coupling):
                 "coupling.scheme = 'iterated'.",
             )
 
-    def _ready(self, count: int) -> TicksTaken:
-        """Get ready for up to so many ticks; return room for them."""
-        interface = self.interface
-        interface.scene.check()
-        return interface.begin(1 if self._fine.left else min(count, self._halves.most))
+    def _room(self, count: int) -> TicksTaken:
+        """Return room for some of so many ticks, with the state before the first of them."""
+        self.interface.scene.check()
+        return self.interface.begin(min(count, _TICKS_MAX))
 
-    def _weighed(self, taken: TicksTaken) -> half_ticks.RigidSide:
-        """Weigh the flange where that is due; return the rigid side until it is due again."""
-        interface = self.interface
-        if interface.to_be_weighed:
+    def _update_when_due(self) -> None:
+        if self.interface.ratio_is_due:
             self._update_stability_ratio()
-        taken.algorithmic_mass[taken.done : taken.done + interface.ticks_to_weighing] = self._carries
+
+    def _rigid(self) -> half_ticks.RigidSide:
+        """Return the rigid side with the inertia that the joints carry until the ratio is due again."""
         joints = len(self._added) if self._carries else 0
         carried = CarriedInertia(self._added[:joints, :joints].copy(), self._given_back, self._past)
-        return interface.rigid(carried)
-
-    def _go_on(self, taken: TicksTaken, servos: Servos, loads: Sequence[Loads]) -> bool:
-        """Take ticks until flange or bodies are to be weighed again, or Python has taken a soft half.
-
-        Returns:
-            Whether the row goes on: not after one that kernels might have taken, so shapes stay of one kind.
-        """
-        interface, (begun, self._begun) = self.interface, (self._begun, None)
-        rigid = self._weighed(taken) if begun is None else begun[1]
-        most = interface.ticks_to_weighing
-        if self._fine.left:
-            self._halves.end(taken)
-            with interface.soft.work:
-                self._fine.take(rigid, servos.some(0, 1), loads[0], taken)
-            return not self._halves.plain
-        done, ending = self._halves.take(rigid, servos.some(0, most), loads[:most], taken)
-        if done:
-            interface.follow(taken, done)
-        if ending == half_ticks.RIGID_SIDE_WARNS:
-            interface.scene.check()
-        if ending not in (half_ticks.SOFT_HALF_LEFT, half_ticks.SOFT_STEP_BEGUN, half_ticks.SOFT_STEP_SOLVED):
-            self._fine.look()
-            return True
-        self._halves.end(taken)
-        interface.scene.stepped(taken.ticks.flange(taken.done))
-        with interface.soft.work:
-            interface.take_reply(taken, interface.advance_soft(loads[done]))
-        self._fine.look()
-        return not self._halves.plain
+        return self.interface.rigid(carried)
 
     def carried(self) -> CarriedInertia:
         """Return a copy of what rides on the joints."""
@@ -409,11 +324,10 @@ class StaggeredCoupling(Coupling):
         return self._fine
 
     def save_state(self) -> StaggeredState:
-        self.follow()
         return StaggeredState(self.interface.save_state(), self._added, self._past.copy(), self._fine.left)
 
     def restore_state(self, state: StaggeredState) -> None:
-        self._begun = self._open = None
+        self._begun = None
         self._fine.restore(state.fine)
         self.interface.restore_state(state.interface)
         self._added, self._carries = state.added, bool(state.added.any())

@@ -1,4 +1,4 @@
-"""Ticks of a section model in rows: where kernels take their soft halves, and where Python does."""
+"""Ticks of a section model: how many are taken together changes nothing, whatever ends them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_kernels import follow_touched
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.section_ticks import advance_chain
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
 from cosim.stepping.scene_carrier import ArmCarrier
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
-from tests.small_section import ROBOT, on_a_ur5e, section
-from tests.stepping.snapshots import assert_close, kernels_take, python_takes_every_soft_half
+from tests.small_section import on_a_ur5e, section
+from tests.stepping.snapshots import assert_close
 
 SCENARIO = on_a_ur5e(
     20e3,
@@ -50,7 +49,7 @@ cable_tension_N = [0.0, 1.0]
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The scenario's file, while its section model is at hand."""
-    file = tmp_path_factory.mktemp("rows") / "three_units.toml"
+    file = tmp_path_factory.mktemp("ticks") / "three_units.toml"
     file.write_text(SCENARIO, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
@@ -68,90 +67,8 @@ def together(run: SteppedRun, many: int = 64, most: int | None = None) -> list[S
     return [snapshot for batch in run.batches(many, most=most) for snapshot in batch]
 
 
-def taken_together(run: Any, most: int | None = None) -> list[int]:
-    """Return the ticks that the kernel takes."""
-    return sorted(kernels_take(run, most)[1])
-
-
-def one_by_one(wanted: Scenario) -> list[Snapshot]:
-    """Return all ticks without the kernel."""
-    with python_takes_every_soft_half():
-        return list(build_simulation(wanted).steps())
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"solver__integrator": "bdf2"},
-        {"payload_compensation": False},
-        {"gravity_m_s2": [3.0, 0.0, -5.0], "solver__damping_per_s": 1.0},
-    ],
-    ids=str,
-)
-def test_rows_are_ticks(path: Path, changes: dict[str, Any]) -> None:
-    """Up to rounding: shapes are read off for one tick or for many."""
-    wanted = scenario(path, **changes)
-    run = build_simulation(wanted)
-    rows, ticks = together(run), one_by_one(wanted)
-    assert taken_together(build_simulation(wanted)) == list(range(1, run.stage.ticks + 1))
-    assert np.ptp([snapshot.tip_position for snapshot in ticks], axis=0).max() > 1e-3
-    assert_close(rows, ticks, 1e-9)
-
-
-BOX = {"name": "box", "shape": "box", "size_m": [0.1, 0.1, 0.05], "position_m": [0.4, 0.0, 0.25]}
-
-
-@pytest.mark.parametrize("height_m", [0.25, 0.05], ids=["near", "far"])
-def test_rows_are_ticks_with_something_near(path: Path, height_m: float) -> None:
-    box = BOX | {"position_m": [0.4, 0.0, height_m]}
-    wanted = scenario(path, contact__only_in_reach=False, object=[box])
-    assert taken_together(build_simulation(wanted), 3) == [1, 2]
-    assert_close(together(build_simulation(wanted), most=40), one_by_one(wanted)[:40], 1e-9)
-
-
 TABLE = {"name": "table", "shape": "box", "size_m": [0.4, 0.4, 0.05], "position_m": [0.4, 0.0, 0.4095]}
 PLATE = {"name": "plate", "shape": "box", "size_m": [0.3, 0.3, 0.004], "position_m": [0.4, 0.0, 0.4366]}
-
-
-@pytest.mark.parametrize(("mass_kg", "copies"), [(None, 1), (0.05, 1), (2.0, 1), (0.1, 3)], ids=str)
-def test_rows_are_ticks_in_contact_too(
-    path: Path, tmp_path: Path, mass_kg: float | None, copies: int
-) -> None:
-    """Of what is fixed, gives way, is too heavy for that, and of several chains on one flange."""
-    plate = PLATE if mass_kg is None else PLATE | {"mass_kg": mass_kg}
-    text = SCENARIO
-    if copies > 1:
-        where = f"copies = {{ count = {copies}, radius_m = 0.09, tilt_rad = 0.0, height_m = 0.0 }}"
-        text = text.replace(ROBOT, ROBOT.replace("{ file", f"{{ {where}, file", 1))
-        for pulls in ("2.0, 0.0", "0.0, 1.0"):
-            text = text.replace(f"[{pulls}]", f"[{', '.join([pulls] * copies)}]")
-        text = text.replace('clamp = ["unit_1.outer"]\n', "")
-    (tmp_path / "touching.toml").write_text(text, encoding="utf-8")
-    wanted = scenario(tmp_path / "touching.toml", object=[TABLE, plate], solver__damping_per_s=5.0)
-    rows, together = kernels_take(build_simulation(wanted))
-    ticks = one_by_one(wanted)
-    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
-    assert touching, "the plate is reached"
-    assert len(touching & together) > 0.9 * len(touching)
-    assert max(snapshot.ledger.momentum_error for snapshot in rows) < 1e-10
-    for found, expected in zip(rows, ticks, strict=True):
-        assert found.ledger.contacts == expected.ledger.contacts
-        assert found.node_position == pytest.approx(expected.node_position, abs=1e-9)
-        assert found.body_position == pytest.approx(expected.body_position, abs=1e-9)
-        assert found.body_contact_force == pytest.approx(expected.body_contact_force, abs=1e-5)
-
-
-def test_bodies_are_weighed_again_while_rows_press_harder_on_them(tmp_path: Path) -> None:
-    turn = "flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.02 }"
-    text = SCENARIO.replace(turn, "flange_shift_m = [0.0, 0.0, -0.012]").replace("0.06\n", "0.3\n")
-    (tmp_path / "lowered.toml").write_text(text, encoding="utf-8")
-    objects = [TABLE, PLATE | {"mass_kg": 0.05}]
-    wanted = scenario(tmp_path / "lowered.toml", object=objects, solver__damping_per_s=5.0)
-    rows, together = kernels_take(build_simulation(wanted))
-    ratios = [snapshot.ledger.contact_ratio for snapshot in rows if snapshot.ledger.contacts]
-    assert len(together) > 0.9 * len(rows)
-    assert ratios[-1] > 5.0 * min(ratio for ratio in ratios if ratio)  # contacts have become stiffer
 
 
 def test_contacts_follow_a_body_by_its_share_of_the_way(path: Path) -> None:
@@ -181,40 +98,6 @@ def test_contacts_follow_a_body_by_its_share_of_the_way(path: Path) -> None:
     assert led[3:] == pytest.approx(gone[3:], abs=1e-12)
 
 
-def test_kernels_take_ticks_in_which_a_light_body_goes_far(path: Path, tmp_path: Path) -> None:
-    """As Python would, though the film's own tolerance is too coarse to know where the plate goes."""
-    (tmp_path / "long.toml").write_text(SCENARIO, encoding="utf-8")
-    objects, long = [TABLE, PLATE | {"mass_kg": 0.05}], 0.01
-    given: dict[str, Any] = {
-        "solver__damping_per_s": 5.0,
-        "solver__dynamic_tolerance_N": 5e-3,
-        "clock__tick_s": long,
-    }
-    wanted = scenario(tmp_path / "long.toml", object=objects, **given)
-    rows, together = kernels_take(build_simulation(wanted))
-    ticks = one_by_one(wanted)
-    touching = {snapshot.tick for snapshot in ticks if snapshot.ledger.contacts}
-    assert len(touching & together) > 0.8 * len(touching)
-    for found, expected in zip(rows, ticks, strict=True):
-        assert found.body_position == pytest.approx(expected.body_position, abs=2e-5)
-
-
-def test_sealed_gas_goes_tick_by_tick(path: Path) -> None:
-    wanted = scenario(path, phase__hold__gas="sealed", contact__enabled=False)
-    rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
-    assert {rows[tick].phase for tick in taken_together(build_simulation(wanted))} == {0}
-    assert rows[-1].pressure_Pa != 25e3
-    assert_close(rows, ticks, 1e-9)
-
-
-def test_commanded_cables_go_tick_by_tick(path: Path, tmp_path: Path) -> None:
-    text = SCENARIO.replace("cable_tension_N = [0.0, 1.0]", "cable_shortening_m = { cable_1 = 1e-3 }")
-    names = load_scenario(path).soft_robot.cable_names()
-    (tmp_path / "short.toml").write_text(text.replace("cable_1", names[0]), encoding="utf-8")
-    wanted = scenario(tmp_path / "short.toml")
-    assert taken_together(build_simulation(wanted), 50) == list(range(1, 41))  # of the phase before
-
-
 def test_devices_act_tick_by_tick(path: Path) -> None:
     run: Any = build_simulation(scenario(path))
     devices = run._parts.commands._actuation
@@ -223,47 +106,11 @@ def test_devices_act_tick_by_tick(path: Path) -> None:
     assert [len(run._some(64)) for _ in range(4)] == [1, 1, 1, 1]
 
 
-def test_rows_know_what_is_mounted(path: Path, tmp_path: Path) -> None:
-    palm = "palm = { radius_m = 0.05, thickness_m = 0.02, mass_kg = 0.7 }"
-    text = SCENARIO.replace(ROBOT, ROBOT.replace("{ file", f"{{ {palm}, file", 1))
-    (tmp_path / "palm.toml").write_text(text, encoding="utf-8")
-    wanted = scenario(tmp_path / "palm.toml")
-    rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
-    assert taken_together(build_simulation(wanted))
-    assert_close(rows, ticks, 1e-9)
-
-
-@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
-def test_rows_carry_algorithmic_mass(path: Path, integrator: str) -> None:
-    wanted = scenario(path, clock__tick_s=0.0005, solver__integrator=integrator)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cosim.stepping.scene_carrier.StaggeredCoupling", _always_carrying)
-        rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
-    assert set(advance_chain.signatures) == {advance_chain.fixed_signature.args}  # compiled for no others
-    assert all(snapshot.ledger.algorithmic_mass for snapshot in rows[1:])
-    assert_close(rows, ticks, 1e-9)
-
-
-def _always_carrying(interface: Any) -> Any:
-    return StaggeredCoupling(interface, ratio_bound=0.0)
-
-
 @pytest.mark.parametrize(("ahead", "integrator"), [(1, "bdf2"), (7, "bdf2"), (7, "implicit_euler")])
-def test_how_many_ticks_go_in_a_row_changes_no_bit(path: Path, ahead: int, integrator: str) -> None:
+def test_how_many_ticks_a_call_takes_changes_no_bit(path: Path, ahead: int, integrator: str) -> None:
     wanted = scenario(path, solver__integrator=integrator)
     few, many = together(build_simulation(wanted), ahead), together(build_simulation(wanted))
     assert_close(few, many, 0.0)
-
-
-def test_a_soft_step_that_is_left_is_finished(path: Path) -> None:
-    """A jump of the pressure in long ticks: free flight leaves the range of the model."""
-    jump = {"phase__turn__ramp": "step", "phase__turn__pressure_Pa": 40e3}
-    # by BDF2, which takes next to nothing of the swing, it leaves the range for good
-    wanted = scenario(path, clock__tick_s=0.005, solver__integrator="implicit_euler", **jump)
-    rows, ticks = together(build_simulation(wanted)), one_by_one(wanted)
-    left = set(range(1, len(rows))) - set(taken_together(build_simulation(wanted)))
-    assert 1 < len(left) < len(rows) - 1
-    assert_close(rows, ticks, 1e-9)
 
 
 def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
@@ -313,22 +160,10 @@ def test_a_rigid_side_that_blows_up_is_named(path: Path) -> None:
     assert shown == list(range(9))
 
 
-def test_the_flange_sensor_shows_the_last_tick(path: Path) -> None:
-    """Its axes are those at the beginning of the tick."""
-    wanted = scenario(path)
-    row: Any = build_simulation(wanted)
-    together(row, most=21)
-    with python_takes_every_soft_half():
-        ticks: Any = build_simulation(wanted)
-        list(ticks.steps(21))
-    found, expected = (run._parts.carrier._scene.flange.measured for run in (row, ticks))
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-
-
 def test_ticks_before_a_rigid_side_that_blows_up_are_shown(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In the middle of a row; what is saved is the state before that tick."""
+    """In the middle of a call; what is saved is the state before that tick."""
     servos = ArmCarrier.servos
 
     def wrong(self: ArmCarrier, *given: Any) -> Any:
