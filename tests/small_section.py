@@ -10,7 +10,7 @@ import pytest
 
 from cosim.base.caches import SECTION_MODELS
 from cosim.base.kept_parts import code_identity, content_name
-from cosim.base.state_archive import kept_or_made
+from cosim.base.state_file import kept_or_made
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of

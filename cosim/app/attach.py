@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 import numpy as np
 
 from cosim.app.driver import log, named_body, prepared
-from cosim.base import kept_parts, state_archive, state_check
+from cosim.base import kept_parts, state_file
 from cosim.base.frames import Array, IntArray, Wrench
+from cosim.base.state import KnownStates, check_state
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
 from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
@@ -41,7 +42,7 @@ _AHEAD: Final = 64
 
 @final
 @dataclass(frozen=True)
-class AttachedState(state_archive.WrittenState):
+class AttachedState(state_file.WrittenState):
     """A soft robot and the scene that it hangs on, between two ticks; made by `Attached.save`.
 
     Args:
@@ -136,7 +137,7 @@ class Attached:
         self._model = SoftModel(scenario, kept_parts.KeptParts(on_disk=True), body, log)
         self._waiting: list[tuple[Command, int]] = []
         self._hung: _Hung | None = None
-        self._known = state_check.KnownStates()
+        self._known = KnownStates()
 
     @property
     def spec(self) -> Any:
@@ -428,11 +429,11 @@ class Attached:
             InputError: the file cannot be read, or the state does not fit.
         """
         run = self._run
-        state = state_archive.read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+        state = state_file.load(Path(saved)) if isinstance(saved, str | Path) else saved
         if not isinstance(state, AttachedState):
             raise InputError(f"{saved}: holds no attached soft robot but a {type(state).__name__}")
         if state not in self._known:
-            state_check.check_state(state, self._state(run), AttachedState)
+            check_state(state, self._state(run), AttachedState)
         self._break_off()
         run.parts.soft.restore_state(state.soft)
         run.carrier.restore_state(state.carrier)

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
-from cosim.base import resources, state_archive
+from cosim.base import resources, state_file
 from cosim.base.files import changed_file, unfinished_files
 from cosim.base.kept_parts import code_identity
-from cosim.base.state_check import check_indices, check_state
+from cosim.base.state import check_indices, check_state
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -239,7 +239,7 @@ class CheckpointKeeper:
         try:
             for path in unfinished_files(self._path):  # of a process that was killed
                 path.unlink(missing_ok=True)
-            state_archive.write_archive(self._path, header, state)
+            state_file.save(self._path, state, header)
         except (OSError, TypeError) as error:  # a full disk, or a controller's state of an unknown kind
             # the run itself is sound, and its other files are still to be written
             warnings.warn(f"no checkpoint could be written: {error}", RuntimeWarning, stacklevel=2)
@@ -272,7 +272,7 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
             names has been changed since.
     """
     file, path, where = directory / SCENARIO, directory / CHECKPOINT, f"--resume {directory}:"
-    header = state_archive.read_header(path)
+    header = state_file.load_header(path)
     changed = changed_file(_table(header, "loaded"), {SCENARIO: scenario_digest(scenario)})
     if changed is not None:
         raise InputError(
@@ -304,7 +304,7 @@ def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> 
         InputError: it cannot be read, or is not one of this simulation.
     """
     path = directory / CHECKPOINT
-    found = state_archive.read_archive(path)
+    found = state_file.load(path)
     if not isinstance(found, Checkpoint):
         raise InputError(f"{path}: holds no checkpoint but a {type(found).__name__}")
     with naming(path):

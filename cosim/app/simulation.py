@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final, overload
 
 from cosim.app import checkpoint, driver
 from cosim.app.workers import Workers
-from cosim.base import kept_parts, state_archive, state_check
+from cosim.base import kept_parts, state_file
+from cosim.base.state import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import checked_step, shown, whole
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, repr=False)
-class SavedState(state_archive.WrittenState):
+class SavedState(state_file.WrittenState):
     """A simulation between two ticks; made by `Simulation.save`.
 
     Args:
@@ -318,13 +319,13 @@ def _read(saved: SavedState | str | Path) -> SavedState:
     Raises:
         InputError: the file cannot be read, or holds something else.
     """
-    found = state_archive.read_archive(Path(saved)) if isinstance(saved, str | Path) else saved
+    found = state_file.load(Path(saved)) if isinstance(saved, str | Path) else saved
     if isinstance(found, checkpoint.Checkpoint):
         found = SavedState(found.run, found.summary.last)
     if not isinstance(found, SavedState) or not isinstance(found._run, RunState):
         raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
     if found is not saved:
-        state_check.check_state(found._run.choices, None, Choices, place=f"{saved}: choices")
+        check_state(found._run.choices, None, Choices, place=f"{saved}: choices")
     return found
 
 

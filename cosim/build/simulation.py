@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias, final
 
-from cosim.base import caches, numba_insides, state_archive
+from cosim.base import caches, numba_insides, state_file
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
 from cosim.build import kernel_modules, options
 from cosim.build.soft_model import SoftModel
@@ -300,7 +300,7 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Pl
             return model.kept.made("solved phases", name, solved)
         # those of the same program on the same kind of processor; paths of the tip are solved again
         file = content_name(name, code_identity(), numba_insides.processor())
-        from_disk = partial(state_archive.kept_or_made, caches.PLANS, file, SolvedPhases, solved)
+        from_disk = partial(state_file.kept_or_made, caches.PLANS, file, SolvedPhases, solved)
         return model.kept.made("solved phases", name, from_disk)
 
     try:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-from cosim.base import caches, kept_parts, state_archive
+from cosim.base import caches, kept_parts, state_file
 from cosim.build import options, soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.pattern import PatternTable
@@ -65,7 +65,7 @@ def section_model(
         return _built(scenario, body, largest, films)
 
     name = f"{content_hash(body, largest, films)}{fold}"
-    model = state_archive.kept_or_made(caches.SECTION_MODELS, name, SectionModel, built)
+    model = state_file.kept_or_made(caches.SECTION_MODELS, name, SectionModel, built)
     if math.isinf(model.tip_error):
         raise ScenarioError(
             "fidelity",

@@ -13,7 +13,7 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.base.state_check import check_indices
+from cosim.base.state import check_indices
 from cosim.config.rules import GasRule
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import GasTable

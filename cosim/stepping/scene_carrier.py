@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
-from cosim.base.state_check import KnownStates, check_indices, check_state
+from cosim.base.state import KnownStates, check_indices, check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport

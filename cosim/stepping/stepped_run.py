@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol, final
 
 from cosim.base.frames import Pose
-from cosim.base.state_check import KnownStates, check_state
+from cosim.base.state import KnownStates, check_state
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError

@@ -29,9 +29,10 @@ from pathlib import Path
 from typing import Any, Final, TextIO, final
 
 from cosim.app import driver, run_files
-from cosim.base import resources, state_check
+from cosim.base import resources
 from cosim.base.files import changed_file, files_read
 from cosim.base.kept_parts import KeptParts, code_identity, content_name
+from cosim.base.state import check_state
 from cosim.build.kernel_modules import compile_kernels, kernel_modules
 from cosim.config import loading, studies
 from cosim.config.schema.scenario import Scenario
@@ -196,7 +197,7 @@ def _read(path: Path) -> list[tuple[str, Row]]:
             if table.pop("digest") != _digest(table):
                 continue
             name, row = table.pop("design"), Row(**table)
-            state_check.check_state((name, row), None, tuple[str, Row], finite=False)
+            check_state((name, row), None, tuple[str, Row], finite=False)
             found.append((name, row))
     return found
 

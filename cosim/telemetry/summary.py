@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.state_check import check_state
+from cosim.base.state import check_state
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry import bounds, figures, holding, tick_batch, touched

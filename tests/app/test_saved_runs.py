@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cosim.app.driver import build_simulation
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
 from cosim.stepping.stepped_run import SteppedRun
@@ -54,8 +54,8 @@ def same(found: list[Snapshot], expected: list[Snapshot]) -> bool:
 
 def through_a_file(state: Any, tmp_path: Path) -> Any:
     """Return a state that has been written and read."""
-    write_archive(tmp_path / "state.npz", {}, state)
-    return read_archive(tmp_path / "state.npz")
+    save(tmp_path / "state.npz", state)
+    return load(tmp_path / "state.npz")
 
 
 def test_a_grasp_goes_on_bit_for_bit(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import cosim
 from cosim.base.frames import Pose
-from cosim.base.state_archive import write_archive
+from cosim.base.state_file import save
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, InputError, OutputError, ScenarioError
 from cosim.results.result import RunResult
@@ -96,7 +96,7 @@ def test_after_a_failure_it_is_where_it_was(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_file_that_holds_no_simulation_is_refused(tmp_path: Path) -> None:
-    write_archive(tmp_path / "pose.npz", {}, Pose())
+    save(tmp_path / "pose.npz", Pose())
     with pytest.raises(InputError, match="holds no simulation but a Pose"):
         simulation(start=tmp_path / "pose.npz")
     with pytest.raises(InputError, match="no saved state"):

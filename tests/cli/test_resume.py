@@ -16,7 +16,7 @@ from rerun.chunk import RrdReader
 from cosim.app import checkpoint, driver
 from cosim.app.driver import build_simulation
 from cosim.app.simulation import Simulation as SteppedByHand
-from cosim.base.state_archive import read_archive
+from cosim.base.state_file import load
 from cosim.cli.main import main
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ConvergenceError
@@ -61,7 +61,7 @@ def test_an_interrupted_run_goes_on(command: Command, whole: dict[str, Any]) -> 
     assert command.names() == ["checkpoint.npz", "recording.rrd", "scenario.toml", "summary.json"]
     assert command.resume(at_tick=interrupt_at(18)) == 130
     assert summary_of(command.directory)["ticks"] == 18
-    kept = read_archive(command.directory / "checkpoint.npz")
+    kept = load(command.directory / "checkpoint.npz")
     assert command.resume() == 0
     assert figures(command.directory) == whole
     after = summary_of(command.directory)

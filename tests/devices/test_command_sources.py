@@ -13,7 +13,7 @@ import pytest
 
 import cosim
 from cosim.app.driver import build_simulation
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_file import load, save
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.phase import CommandTable
@@ -101,10 +101,10 @@ def test_a_run_goes_on_from_a_saved_state_bit_for_bit(tmp_path: Path) -> None:
     run = build_simulation(given)
     steps = run.steps()
     list(islice(steps, 30))
-    write_archive(tmp_path / "state.npz", {}, run.save_state())
+    save(tmp_path / "state.npz", run.save_state())
     expected = [snapshot.node_position for snapshot in steps]
     other = build_simulation(given)
-    other.restore_state(read_archive(tmp_path / "state.npz"))
+    other.restore_state(load(tmp_path / "state.npz"))
     np.testing.assert_array_equal([snapshot.node_position for snapshot in other.steps()], expected)
 
 

@@ -14,7 +14,7 @@ import pytest
 import cosim
 from cosim import Command, Controller, Measurement
 from cosim.app.driver import build_simulation
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.telemetry.figures import control_figures
 from tests.devices.device_parts import (
@@ -244,13 +244,13 @@ def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
     steps = plain.steps()
     list(islice(steps, 160))
     state = plain.save_state()
-    write_archive(tmp_path / "state.npz", {}, state)
+    save(tmp_path / "state.npz", state)
     expected = [(s.node_position.tobytes(), repr(s.devices)) for s in steps]
     fewer = build_simulation(scenario(tmp_path, WINCH, CONTROLLER, INFLATE, PULL))
     with pytest.raises(cosim.InputError, match="2 cables, 1 pumps, 1 controllers; here are 2, 0 and 1"):
         fewer.restore_state(state)
     other = build_simulation(given)
-    other.restore_state(read_archive(tmp_path / "state.npz"))
+    other.restore_state(load(tmp_path / "state.npz"))
     found = [(s.node_position.tobytes(), repr(s.devices)) for s in other.steps()]
     # a branch follows its own scenario from there on
     changed = {

@@ -12,7 +12,7 @@ import pytest
 
 import cosim
 from cosim.app.driver import build_simulation
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_source import joint_rate
@@ -85,10 +85,10 @@ def test_a_run_saved_on_the_way_goes_on_bit_for_bit(tmp_path: Path) -> None:
     run = build_simulation(standing(), controllers={"mine": Drift()})
     steps = run.steps()
     list(islice(steps, 90))
-    write_archive(tmp_path / "state.npz", {}, run.save_state())
+    save(tmp_path / "state.npz", run.save_state())
     expected = [(snapshot.joint_target, snapshot.joint_position) for snapshot in steps]
     other = build_simulation(standing(), controllers={"mine": Drift()})
-    other.restore_state(read_archive(tmp_path / "state.npz"))
+    other.restore_state(load(tmp_path / "state.npz"))
     found = [(snapshot.joint_target, snapshot.joint_position) for snapshot in other.steps()]
     assert len(found) > 150
     np.testing.assert_array_equal(found, expected)

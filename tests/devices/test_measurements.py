@@ -12,7 +12,7 @@ import pytest
 
 import cosim
 from cosim.app.driver import build_simulation
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_source import ring_twist
@@ -109,11 +109,11 @@ def test_after_a_saved_state_a_controller_sees_the_same(tmp_path: Path, scene: A
     run = build_simulation(given, controllers={"mine": first})
     steps = run.steps()
     list(islice(steps, 50))
-    write_archive(tmp_path / "state.npz", {}, run.save_state())
+    save(tmp_path / "state.npz", run.save_state())
     first.heard.clear()
     list(steps)
     again = build_simulation(given, controllers={"mine": second})
-    again.restore_state(read_archive(tmp_path / "state.npz"))
+    again.restore_state(load(tmp_path / "state.npz"))
     list(again.steps())
     assert len(first.heard) == len(second.heard) > 5
     with np.printoptions(floatmode="unique"):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.state_archive import read_archive, write_archive
-from cosim.base.state_check import check_state
+from cosim.base.state import check_state
+from cosim.base.state_file import load, save
 from cosim.build.soft_model import content_hash
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
@@ -72,8 +72,8 @@ def stepped(element: Element) -> SoftArm:
 
 def again(state: Any, folder: Path) -> Any:
     file = folder / "state.npz"
-    write_archive(file, {}, state)
-    return read_archive(file)
+    save(file, state)
+    return load(file)
 
 
 def test_what_an_element_remembers_more_is_saved_and_a_state_without_it_refused(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_what_loads_have_more_is_saved_and_a_file_without_it_refused(
     again(state, tmp_path)
     monkeypatch.setattr(loads_file, "Loads", Windy)
     with pytest.raises(InputError, match=r"Loads is of another version: 'other fields: wind_m_s'"):
-        read_archive(tmp_path / "state.npz")
+        load(tmp_path / "state.npz")
 
 
 def test_a_section_model_is_kept_under_another_name() -> None:

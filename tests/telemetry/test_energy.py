@@ -12,7 +12,7 @@ import pytest
 import cosim
 from cosim.base.names import LOST, TERMS
 from cosim.base.names import PUT_IN as ALL_PUT_IN
-from cosim.base.state_check import check_state
+from cosim.base.state import check_state
 from cosim.recording.plots import plots_of
 from cosim.telemetry.snapshot import Snapshot
 

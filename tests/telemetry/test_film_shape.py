@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.base.state_archive import read_archive, write_archive
+from cosim.base.state_file import load, save
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.soft_side import MeshReader
@@ -55,9 +55,9 @@ def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
         build(load_scenario("ur5e_hexagon_arm", {"model.published": True, "fidelity": "rigid"})).steps()
     )
     with pytest.raises(TypeError, match=r"film is a UnreadFilmShape, which no saved state can hold"):
-        write_archive(tmp_path / "state", {}, snapshot)
-    write_archive(tmp_path / "state", {}, snapshot.kept())
-    found = read_archive(tmp_path / "state")
+        save(tmp_path / "state", snapshot)
+    save(tmp_path / "state", snapshot.kept())
+    found = load(tmp_path / "state")
     for name in READ_LATER:
         np.testing.assert_array_equal(getattr(found, name), getattr(snapshot, name), err_msg=name)
 

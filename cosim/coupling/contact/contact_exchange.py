@@ -15,10 +15,11 @@ from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base import compilation, state_check
+from cosim.base import compilation
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import nothing_of
 from cosim.base.kernels import RecordStore, address_of
+from cosim.base.state import check_indices
 from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
 from cosim.coupling.contact.contact_arrays import AGE, REMEMBERED, TOUCHES, ContactArrays, MemoryRows, Search
 from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
@@ -305,11 +306,11 @@ class ContactExchange:
         memory, query, surface = state.memory, self.query, self.surface
         of_features = memory.face >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
-        state_check.check_indices(features, len(query.features.shape), "features")
+        check_indices(features, len(query.features.shape), "features")
         for triangle in (memory.face[of_features], memory.triangle[memory.triangle >= 0]):
-            state_check.check_indices(triangle, len(surface.triangles), "triangles")
+            check_indices(triangle, len(surface.triangles), "triangles")
         if state.planes is not None:
-            state_check.check_indices(state.planes.body, self.bodies.count, "bodies")
+            check_indices(state.planes.body, self.bodies.count, "bodies")
             surface.check_planes(state.planes)
 
     def _found(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:

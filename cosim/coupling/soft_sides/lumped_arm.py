@@ -11,7 +11,7 @@ from typing import TypeVar, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.base.state_check import check_indices
+from cosim.base.state import check_indices
 from cosim.coupling.soft_sides import soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody

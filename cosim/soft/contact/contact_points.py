@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.state_check import check_indices
+from cosim.base.state import check_indices
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact import contact_law, obstacle_contact

@@ -32,7 +32,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.state_check import resolved
+from cosim.base.state import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
 

@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
-from cosim.base.state_check import KnownStates, check_state
+from cosim.base.state import KnownStates, check_state
 from cosim.soft.linear import envelope_kernels, fronts, linear_solver
 from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, TileLists, factorise, forward
 from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree, dissect

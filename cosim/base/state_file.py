@@ -1,14 +1,8 @@
-"""Saved states on disk: arrays and JSON in one .npz file, made from the dataclasses themselves.
+"""States on disk: a tree, see `cosim.base.state`, as one .npz file of arrays and a JSON text.
 
-What can be saved and restored while it runs continues from a saved state bit-identically. A state is a frozen
-dataclass of arrays, numbers, texts, tuples, None and further frozen dataclasses. It may share arrays with the
-object it was taken from: whoever writes to an array in place saves a copy of it.
-
-Whatever is made of frozen dataclasses, named tuples, enums, arrays, numbers, texts, tuples, lists,
-dictionaries by text and None is written and read back bit for bit; an array that occurs twice is stored once,
-and is one array again.
-Nothing is executed in reading: a class is looked up among the modules that are loaded already, and only a
-frozen dataclass, a named tuple or an enum is made.
+A tree is written and read back bit for bit; an array that occurs twice is stored once, and is one array
+again. Reading executes nothing: a class is looked up among the modules that are loaded already, and only
+frozen dataclasses, named tuples and enums are made.
 """
 
 import enum
@@ -22,8 +16,6 @@ import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext, suppress
-from dataclasses import fields, is_dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, final
 
@@ -32,10 +24,11 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from cosim.base import caches, files, resources
+from cosim.base.state import entries, field_names, is_record
 from cosim.errors import InputError
 
 Kind = TypeVar("Kind")
-ARCHIVE_SCHEMA = 1
+STATE_SCHEMA = 1
 _STRUCTURE, _SUFFIX = "structure", ".npy"
 _DAMAGE = (
     ArithmeticError, AttributeError, LookupError, MemoryError, NotImplementedError, RuntimeError, SyntaxError,
@@ -44,22 +37,49 @@ _DAMAGE = (
 """What reading a damaged or made-up file may raise."""
 
 
-def write_archive(target: Path | BinaryIO, header: Mapping[str, Any], state: Any) -> None:
+def save(target: Path | BinaryIO, tree: Any, header: Mapping[str, Any] | None = None) -> None:
     """Write a state; a reader of a path sees all of it, or what was there before.
 
     Args:
         target: path of the file, or a stream.
-        header: JSON values that say whose state it is; read back by `read_header`.
-        state: see the module.
+        tree: the state.
+        header: JSON values that `load_header` reads alone.
 
     Raises:
         TypeError: a part of the state is of a kind that cannot be written; the text names it.
     """
-    encoder = _Encoder()
-    structure = {"schema": ARCHIVE_SCHEMA, "header": dict(header), "state": encoder.encode(state, "state")}
+    arrays: dict[int, tuple[str, NDArray[Any]]] = {}
+    structure = {
+        "schema": STATE_SCHEMA,
+        "header": dict(header or {}),
+        "state": _encoded(tree, "state", arrays),
+    }
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
     with files.whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
-        np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **encoder.named)
+        np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **dict(arrays.values()))
+
+
+def load(source: Path | BinaryIO) -> Any:
+    """Return the state in a file or stream. The modules of its classes must have been imported.
+
+    Raises:
+        InputError: it holds no state, one of another schema, or one of classes that are unknown or changed.
+    """
+    structure, arrays = _read(source, whole=True)
+    try:
+        return _decoded(structure["state"], arrays)
+    except (InputError, *_DAMAGE) as error:
+        raise InputError(f"{source}: {_one_line(error)}") from error
+
+
+def load_header(path: Path) -> dict[str, Any]:
+    """Return the header of a state's file; nothing else is read.
+
+    Raises:
+        InputError: it holds no state, or one of another schema.
+    """
+    header: dict[str, Any] = _read(path, whole=False)[0]["header"]
+    return header
 
 
 class WrittenState(ABC):
@@ -81,30 +101,7 @@ class WrittenState(ABC):
             OutputError: it cannot be written.
         """
         with resources.writing(path):
-            write_archive(Path(path), {"tick": self._ticks}, self)
-
-
-def read_header(path: Path) -> dict[str, Any]:
-    """Return the header of an archive; nothing else is read.
-
-    Raises:
-        InputError: no archive, or one of another schema.
-    """
-    header: dict[str, Any] = _read(path, whole=False)[0]["header"]
-    return header
-
-
-def read_archive(source: Path | BinaryIO) -> Any:
-    """Return the state in an archive, of a file or in a stream. What it is made of must have been imported.
-
-    Raises:
-        InputError: no archive, one of another schema, or one whose classes are unknown or have changed.
-    """
-    structure, arrays = _read(source, whole=True)
-    try:
-        return _decode(structure["state"], arrays)
-    except (InputError, *_DAMAGE) as error:
-        raise InputError(f"{source}: {_one_line(error)}") from error
+            save(Path(path), self, {"tick": self._ticks})
 
 
 def kept_or_made(cache: str, name: str, kind: type[Kind], make: Callable[[], Kind]) -> Kind:
@@ -116,19 +113,19 @@ def kept_or_made(cache: str, name: str, kind: type[Kind], make: Callable[[], Kin
         kind: of the state.
         make: makes it; one that is no plain data is not kept.
     """
-    found = caches.kept(cache, f"{name}.kept", partial(_unpacked, kind))
+
+    def unpacked(data: bytes) -> Kind:
+        found = load(io.BytesIO(data))
+        if not isinstance(found, kind):
+            raise TypeError(f"a {type(found).__name__} is no {kind.__name__}")
+        return found
+
+    found = caches.kept(cache, f"{name}.kept", unpacked)
     if found is None:
         found, stream = make(), io.BytesIO()
         with suppress(TypeError):
-            write_archive(stream, {}, found)
+            save(stream, found)
             caches.keep(cache, f"{name}.kept", stream.getvalue())
-    return found
-
-
-def _unpacked(kind: type[Kind], data: bytes) -> Kind:
-    found = read_archive(io.BytesIO(data))
-    if not isinstance(found, kind):
-        raise TypeError(f"a {type(found).__name__} is no {kind.__name__}")
     return found
 
 
@@ -143,8 +140,8 @@ def _read(path: Path | BinaryIO, *, whole: bool) -> tuple[dict[str, Any], dict[s
     except (*_DAMAGE, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: is no saved state that can be read: {_one_line(error)}") from error
     found = structure.get("schema") if isinstance(structure, dict) else None
-    if found != ARCHIVE_SCHEMA or not isinstance(structure.get("header"), dict):
-        raise InputError(f"{path}: has schema {str(found)[:40]}; this cosim reads {ARCHIVE_SCHEMA}")
+    if found != STATE_SCHEMA or not isinstance(structure.get("header"), dict):
+        raise InputError(f"{path}: has schema {str(found)[:40]}; this cosim reads {STATE_SCHEMA}")
     return structure, arrays
 
 
@@ -174,57 +171,28 @@ def _one_line(error: BaseException) -> str:
     return (str(error).splitlines() or [""])[0][:200] or type(error).__name__
 
 
-@final
-class _Encoder:
-    """Turns values into JSON and gathers their arrays; `named` holds them by their names."""
-
-    def __init__(self) -> None:
-        self.named: dict[str, NDArray[Any]] = {}
-        self._names: dict[int, str] = {}
-
-    def encode(self, value: Any, place: str) -> Any:
-        """Return JSON for a value; `place` says where in the state it is."""
-        if value is None or (isinstance(value, bool | int | str) and not isinstance(value, enum.Enum)):
-            return value
-        if isinstance(value, float):
-            return float(value)
-        if isinstance(value, np.generic):
-            return self.encode(value.item(), place)
-        if isinstance(value, np.ndarray):
-            return {"array": self._name(value, place)}
-        if isinstance(value, tuple | list) and not _is_record(type(value)):
-            items = [self.encode(item, f"{place}[{k}]") for k, item in enumerate(value)]
-            return {"tuple" if isinstance(value, tuple) else "list": items}
-        if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
-            return {"dict": {key: self.encode(item, f"{place}.{key}") for key, item in value.items()}}
-        if isinstance(value, enum.Enum):
-            return {"enum": _class_name(type(value), place), "name": value.name}
-        if _is_record(type(value)):
-            held = {name: getattr(value, name) for name in _field_names(type(value))}
-            inner = {name: self.encode(item, f"{place}.{name}") for name, item in held.items()}
-            return {"class": _class_name(type(value), place), "fields": inner}
-        raise TypeError(f"{place} is a {type(value).__name__}, which no saved state can hold")
-
-    def _name(self, array: NDArray[Any], place: str) -> str:
-        if array.dtype.hasobject:
+def _encoded(tree: Any, place: str, arrays: dict[int, tuple[str, NDArray[Any]]]) -> Any:
+    """Return JSON for a part of a state, `place` in it; its arrays join `arrays`, by identity, with names."""
+    if isinstance(tree, np.generic):
+        tree = tree.item()
+    if isinstance(tree, enum.Enum):
+        return {"enum": _class_name(type(tree), place), "name": tree.name}
+    if tree is None or isinstance(tree, bool | int | float | str):
+        return tree
+    if isinstance(tree, np.ndarray):
+        if tree.dtype.hasobject:
             raise TypeError(f"{place} is an array of objects, which no saved state can hold")
-        name = self._names.setdefault(id(array), f"array_{len(self._names)}")
-        self.named[name] = array
-        return name
-
-
-def _is_record(kind: type) -> bool:
-    """Return whether a class is a frozen dataclass or a named tuple."""
-    if issubclass(kind, tuple):
-        return hasattr(kind, "_fields")
-    parameters = getattr(kind, "__dataclass_params__", None)
-    return is_dataclass(kind) and parameters is not None and bool(parameters.frozen)
-
-
-def _field_names(kind: Any) -> tuple[str, ...]:
-    if issubclass(kind, tuple):
-        return tuple(kind._fields)
-    return tuple(field.name for field in fields(kind) if field.init)
+        return {"array": arrays.setdefault(id(tree), (f"array_{len(arrays)}", tree))[0]}
+    parts = entries(tree)
+    if parts is None or (isinstance(tree, Mapping) and not all(isinstance(key, str) for key in tree)):
+        raise TypeError(f"{place} is a {type(tree).__name__}, which no saved state can hold")
+    inner = {name: _encoded(part, place + name, arrays) for name, part in parts}
+    if isinstance(tree, Mapping):
+        return {"dict": dict(zip(tree, inner.values(), strict=True))}
+    if not is_record(type(tree)):
+        return {"tuple" if isinstance(tree, tuple) else "list": list(inner.values())}
+    own = dict(zip(field_names(type(tree)), inner.values(), strict=True))
+    return {"class": _class_name(type(tree), place), "fields": own}
 
 
 def _class_name(kind: type, place: str) -> str:
@@ -238,22 +206,22 @@ def _find_class(name: str) -> type | None:
     """Return a frozen dataclass, a named tuple or an enum of a loaded module; None for anything else."""
     module, _, own = name.partition(":")
     kind = getattr(sys.modules.get(module), own, None)
-    if isinstance(kind, type) and (_is_record(kind) or issubclass(kind, enum.Enum)):
+    if isinstance(kind, type) and (is_record(kind) or issubclass(kind, enum.Enum)):
         return kind
     return None
 
 
-def _decode(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     if not isinstance(value, dict):
         return value
     if "array" in value:
         return arrays[value["array"]]
     if "tuple" in value:
-        return tuple(_decode(item, arrays) for item in value["tuple"])
+        return tuple(_decoded(item, arrays) for item in value["tuple"])
     if "list" in value:
-        return [_decode(item, arrays) for item in value["list"]]
+        return [_decoded(item, arrays) for item in value["list"]]
     if "dict" in value:
-        return {key: _decode(item, arrays) for key, item in value["dict"].items()}
+        return {key: _decoded(item, arrays) for key, item in value["dict"].items()}
     name = value["enum"] if "enum" in value else value["class"]
     kind = _find_class(name)
     if kind is None:
@@ -261,9 +229,9 @@ def _decode(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     try:
         if issubclass(kind, enum.Enum):
             return kind[value["name"]]
-        saved, known = value["fields"], set(_field_names(kind))
+        saved, known = value["fields"], set(field_names(kind))
         if known ^ saved.keys():  # a default would stand for what was not known when it was saved
             raise KeyError(f"other fields: {', '.join(sorted(known ^ saved.keys()))}")
-        return kind(**{key: _decode(item, arrays) for key, item in saved.items()})
+        return kind(**{key: _decoded(item, arrays) for key, item in saved.items()})
     except (KeyError, TypeError) as error:
         raise InputError(f"the saved {name} is of another version: {error}") from error

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.base.state_archive import ARCHIVE_SCHEMA, read_archive, read_header, write_archive
+from cosim.base.state_file import STATE_SCHEMA, load, load_header, save
 from cosim.errors import InputError
 from cosim.reduced.sections.section_energy import PressureSpline
 from cosim.soft.elements.gas import SealedGas
@@ -44,8 +44,8 @@ class Open:
 
 def around(state: Any, tmp_path: Path) -> Any:
     """Return a state that has been written and read."""
-    write_archive(tmp_path / "a.npz", {}, state)
-    return read_archive(tmp_path / "a.npz")
+    save(tmp_path / "a.npz", state)
+    return load(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,8 @@ def test_an_array_that_is_shared_is_written_once(tmp_path: Path) -> None:
 
 
 def test_the_header_can_be_read_alone(tmp_path: Path) -> None:
-    write_archive(tmp_path / "a.npz", {"tick": 3}, None)
-    assert read_header(tmp_path / "a.npz") == {"tick": 3}
+    save(tmp_path / "a.npz", None, {"tick": 3})
+    assert load_header(tmp_path / "a.npz") == {"tick": 3}
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_the_header_can_be_read_alone(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_saved_is_named(value: Any, place: str, tmp_path: Path) -> None:
     with pytest.raises(TypeError, match=place):
-        write_archive(tmp_path / "a.npz", {}, value)
+        save(tmp_path / "a.npz", value)
     assert not list(tmp_path.iterdir())
 
 
@@ -134,10 +134,10 @@ def test_a_class_within_a_function_cannot_be_saved(tmp_path: Path) -> None:
         value: float
 
     with pytest.raises(TypeError, match="top level"):
-        write_archive(tmp_path / "a.npz", {}, Hidden(1.0))
+        save(tmp_path / "a.npz", Hidden(1.0))
 
 
-def forged(state: Any, path: Path, schema: int = ARCHIVE_SCHEMA) -> Path:
+def forged(state: Any, path: Path, schema: int = STATE_SCHEMA) -> Path:
     """Write an archive by hand."""
     text = json.dumps({"schema": schema, "header": {}, "state": state}).encode()
     np.savez(path, structure=np.frombuffer(text, np.uint8))
@@ -150,25 +150,25 @@ def forged(state: Any, path: Path, schema: int = ARCHIVE_SCHEMA) -> Path:
 def test_a_file_makes_frozen_dataclasses_of_loaded_modules_only(name: str, tmp_path: Path) -> None:
     path = forged({"class": name, "fields": {}}, tmp_path / "a.npz")
     with pytest.raises(InputError, match="does not know"):
-        read_archive(path)
+        load(path)
 
 
 def test_a_class_that_has_changed_is_refused(tmp_path: Path) -> None:
     path = forged({"class": f"{__name__}:Device", "fields": {"reading": 1, "lost": 2}}, tmp_path / "a.npz")
     with pytest.raises(InputError, match=r"another version.*lost"):
-        read_archive(path)
+        load(path)
     path = forged({"class": f"{__name__}:Device", "fields": {}}, tmp_path / "b.npz")
     with pytest.raises(InputError, match=r"another version: 'other fields: last, name, reading, valve'"):
-        read_archive(path)
+        load(path)
 
 
 def test_another_schema_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=f"schema 99; this cosim reads {ARCHIVE_SCHEMA}"):
-        read_archive(forged(None, tmp_path / "a.npz", schema=99))
+    with pytest.raises(InputError, match=f"schema 99; this cosim reads {STATE_SCHEMA}"):
+        load(forged(None, tmp_path / "a.npz", schema=99))
 
 
 def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
-    write_archive(tmp_path / "whole.npz", {}, np.arange(1000.0))
+    save(tmp_path / "whole.npz", np.arange(1000.0))
     torn = tmp_path / "torn.npz"
     torn.write_bytes((tmp_path / "whole.npz").read_bytes()[:-300])
     text = tmp_path / "text.npz"
@@ -179,4 +179,4 @@ def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
     np.save(alone, np.zeros(3))
     for path in (torn, text, objects, alone, tmp_path / "missing.npz"):
         with pytest.raises(InputError, match="no saved state"):
-            read_archive(path)
+            load(path)

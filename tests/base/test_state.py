@@ -1,9 +1,11 @@
-"""Saved states are checked in kind, size and numbers before anything takes them."""
+"""States of a run are copied, compared bit for bit, and checked before anything takes them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -12,7 +14,15 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.state_check import check_indices, check_state, resolved
+from cosim.base.state import (
+    check_indices,
+    check_state,
+    copied,
+    difference,
+    resolved,
+    restore_states,
+    states_of,
+)
 from cosim.errors import InputError
 
 
@@ -40,6 +50,66 @@ class Outer:
 PRESENT = Outer(np.zeros((4, 3)), np.ones(2))
 INNER = Inner(np.arange(2), np.zeros((2, 3)))
 GOOD = Outer(np.ones((4, 3)), np.zeros(2), np.ones((4, 3)), INNER, (1, 2), 1, {"cable": 2.0})
+
+
+def test_a_copy_is_the_same_and_shares_no_array() -> None:
+    shared = np.arange(3.0)
+    tree = {"a": (shared, [shared, "b"], None), "b": GOOD, "c": np.asfortranarray(np.ones((2, 3)))}
+    again = copied(tree)
+    assert difference(again, tree) is None
+    assert again["a"][0] is again["a"][1][0]
+    assert again["c"].flags.f_contiguous
+    shared[0] = 5.0
+    GOOD.positions[0] = 2.0
+    assert difference(again, tree) == "state.a[0] differs"
+    assert again["b"].positions[0, 0] == 1.0
+    GOOD.positions[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"stiffness": np.array([0.0, -0.0])}, "state.stiffness differs"),
+        ({"stiffness": np.zeros(3)}, r"state.stiffness holds float64 \(2,\), the other float64 \(3,\)"),
+        ({"inner": None}, "state.inner is a Inner, the other a NoneType"),
+        ({"inner": replace(INNER, key=np.arange(1, 3))}, "state.inner.key differs"),
+        ({"counts": (1, 3)}, r"state.counts\[1\] is 2, the other 3"),
+        ({"counts": (1,)}, r"state.counts has \[0\], \[1\], the other \[0\]"),
+        ({"ratio": -0.0}, "state.ratio is 0.0, the other -0.0"),
+        ({"loads": {"winch": 2.0}}, "state.loads has .cable, the other .winch"),
+    ],
+)
+def test_two_states_differ_where_one_bit_does(changes: dict[str, Any], text: str) -> None:
+    one = replace(GOOD, ratio=0.0)
+    nan = replace(one, ratio=float("nan"))
+    assert difference(one, one) is None
+    assert difference(nan, copied(nan)) is None
+    found = difference(one, replace(one, **changes))
+    assert found is not None
+    assert re.fullmatch(text, found)
+
+
+def test_parts_are_saved_and_restored_by_name() -> None:
+    drives = [SimpleNamespace(state=1), SimpleNamespace(state=2)]
+    parts = {"gas": SimpleNamespace(state="sealed"), "drives": drives}
+    before = states_of(parts)
+    assert before == {"gas": "sealed", "drives": (1, 2)}
+    drives[1].state, parts["gas"] = 7, SimpleNamespace(state="open")
+    restore_states(parts, before)
+    assert states_of(parts) == before
+
+
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        ({"gas": 1.0}, "state has gas, not gas, drives"),
+        ({"gas": 1.0, "drives": (1.0,)}, "state.drives has 1 entries, not 2"),
+        ({"gas": 1.0, "drives": (1.0, 2.0, 3.0)}, "state.drives has 3 entries, not 2"),
+    ],
+)
+def test_states_of_other_parts_are_refused(found: Any, text: str) -> None:
+    with pytest.raises(InputError, match=f"^{text}$"):
+        check_state(found, {"gas": 0.0, "drives": (0.0, 0.0)})
 
 
 def test_a_state_may_hold_more_or_less_than_the_present_one() -> None:
