@@ -15,7 +15,7 @@ import numpy as np
 from cosim.app.driver import log, named_body, prepared
 from cosim.base import kept_parts, state_file
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.state import KnownStates, check_state
+from cosim.base.state import KnownStates, check_state, restore_states, states_of
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
 from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
@@ -413,9 +413,8 @@ class Attached:
 
     def _state(self, run: _Hung) -> AttachedState:
         parts, carrier = run.parts, run.carrier.save_state()
-        saved = AttachedState(
-            run.tick, parts.soft.save_state(), carrier, parts.commands.save_state(), run.loads, self.ledger
-        )
+        commands = states_of(parts.commands.parts())
+        saved = AttachedState(run.tick, parts.soft.save_state(), carrier, commands, run.loads, self.ledger)
         self._known.add(saved)
         return saved
 
@@ -437,7 +436,7 @@ class Attached:
         self._break_off()
         run.parts.soft.restore_state(state.soft)
         run.carrier.restore_state(state.carrier)
-        run.parts.commands.restore_state(state.commands)
+        restore_states(run.parts.commands.parts(), state.commands)
         run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
         run.steps, run.ahead = 0, ()
         self._known.add(state)

@@ -138,7 +138,7 @@ class Origin:
     @property
     def before(self) -> tuple[Snapshot, Snapshot] | None:
         """First snapshot of the run, and the one that the loop continues from; None for a new run."""
-        return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.last)
+        return self.checkpoint and (self.checkpoint.first, self.checkpoint.summary.seen)
 
 
 @final
@@ -208,7 +208,7 @@ class CheckpointKeeper:
         self._write()
 
     def _keep(self) -> None:
-        self._kept = self._simulation.save_state(), self._summary.save_state()
+        self._kept = self._simulation.save_state(), self._summary.state
         self._age_ticks, self._renewed = 0, time.perf_counter()
 
     def _catch_up(self) -> None:
@@ -216,7 +216,7 @@ class CheckpointKeeper:
         if self._kept is None:
             return
         run, figures = self._kept
-        wanted = self._summary.save_state().tick
+        wanted = self._summary.state.tick
         try:
             self._simulation.restore_state(run)
             if figures.tick < wanted:
@@ -309,9 +309,9 @@ def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> 
         raise InputError(f"{path}: holds no checkpoint but a {type(found).__name__}")
     with naming(path):
         check_state(found, None, Checkpoint, place="checkpoint", sizes=sizes_of(stage), finite=False)
-        for snapshot in (found.first, found.summary.last):
+        for snapshot in (found.first, found.summary.seen):
             check_shown(snapshot, stage)
-        SummaryBuilder(stage, 0.0, "", ()).restore_state(found.summary)
+        SummaryBuilder(stage, 0.0, "").state = found.summary
         simulation.restore_state(found.run)
     return found
 

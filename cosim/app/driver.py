@@ -308,7 +308,7 @@ class RunFollower:
         self._origin = origin = origin.after(self._began)
         self._summary = SummaryBuilder(stage, origin.startup_s, __version__, origin.resumed_at_ticks)
         if origin.checkpoint is not None:
-            self._summary.restore_state(origin.checkpoint.summary)
+            self._summary.state = origin.checkpoint.summary
         self._observers: list[Observe] = [recorder.record]
         self._keeper, every_s = None, options.checkpoint_every_s
         if files is not None and every_s is not None:
@@ -357,7 +357,7 @@ def _errors(
     if ending.status != "completed":
         return RunErrors(reason="the run did not complete")
     try:
-        return finder.find(summary.newton_iterations, options.tell, everywhere=options.error is True)
+        return finder.find(summary.state.newton_iterations, options.tell, everywhere=options.error is True)
     except KeyboardInterrupt:
         return RunErrors(reason="it was interrupted")
 

@@ -321,7 +321,7 @@ def _read(saved: SavedState | str | Path) -> SavedState:
     """
     found = state_file.load(Path(saved)) if isinstance(saved, str | Path) else saved
     if isinstance(found, checkpoint.Checkpoint):
-        found = SavedState(found.run, found.summary.last)
+        found = SavedState(found.run, found.summary.seen)
     if not isinstance(found, SavedState) or not isinstance(found._run, RunState):
         raise InputError(f"{saved}: holds no simulation but a {type(found).__name__}")
     if found is not saved:

@@ -152,17 +152,12 @@ class CommandSource(ABC):
         """Return what devices do at present, seen from a flange, world_from_flange; None without any."""
         return None
 
-    @abstractmethod
-    def save_state(self) -> Any:
-        """Return what the next steps depend on, as a frozen dataclass."""
+    def parts(self) -> dict[str, Any]:
+        """Return what the next steps depend on, by name: objects that keep that in one attribute, `state`.
 
-    @abstractmethod
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`; the soft side has been restored before.
-
-        Raises:
-            InputError: the state does not fit.
+        A state is a frozen dataclass, which is replaced when it changes. The soft side is restored before it.
         """
+        return {}
 
 
 class SteeredCommands(CommandSource):
@@ -211,7 +206,7 @@ class SteeredCommands(CommandSource):
 
 
 class ChangedCommands(CommandSource):
-    """Changes what another source asks for; what follows from its own past, a subclass saves besides.
+    """Changes what another source asks for; a subclass with a state adds itself to `parts`.
 
     Args:
         given: the other source.
@@ -242,11 +237,8 @@ class ChangedCommands(CommandSource):
     def report(self, flange: Pose) -> ActuationReport | None:
         return self.given.report(flange)
 
-    def save_state(self) -> Any:
-        return self.given.save_state()
-
-    def restore_state(self, state: Any) -> None:
-        self.given.restore_state(state)
+    def parts(self) -> dict[str, Any]:
+        return self.given.parts()
 
 
 def measured(
@@ -361,7 +353,7 @@ class FlangeOffset:
     """
 
     def __init__(self, joints: int) -> None:
-        self.offset: Array = np.zeros(joints)
+        self.state: Array = np.zeros(joints)
         """By how much it is off, (joints,) [rad]."""
 
     def moved(
@@ -383,12 +375,12 @@ class FlangeOffset:
             InputError: no motion of the joints moves the flange like that.
         """
         if twist is None:
-            if not self.offset.any():
+            if not self.state.any():
                 return planned
-            return JointReference(planned.position + self.offset, planned.velocity, planned.acceleration)
+            return JointReference(planned.position + self.state, planned.velocity, planned.acceleration)
         rate = joint_rate(see().flange_jacobian, np.array(twist))
-        position, velocity = planned.position + self.offset, planned.velocity + rate
-        self.offset = self.offset + step_s * rate
+        position, velocity = planned.position + self.state, planned.velocity + rate
+        self.state = self.state + step_s * rate
         return JointReference(position, velocity, planned.acceleration)
 
 

@@ -13,7 +13,7 @@ The commands of a scenario: its phases, the gas in the chambers, and its devices
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from cosim.devices.controller import (
     FeedbackLaw,
     FeedbackLoop,
     Held,
-    HoldState,
     Measurement,
     ProportionalIntegral,
     TipFollower,
@@ -39,13 +38,11 @@ from cosim.devices.controller import (
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.devices.drives import (
     CableDrive,
-    CableDriveState,
     DelayLine,
     LiveOrders,
     Order,
     Pump,
     PumpDrive,
-    PumpDriveState,
     PumpState,
     drums_of,
     orders_of,
@@ -53,7 +50,6 @@ from cosim.devices.drives import (
 from cosim.errors import InputError, ScenarioError
 from cosim.plan.plan import (
     ChamberGas,
-    ChamberGasState,
     CommandRamp,
     IncrementReferences,
     PhasePlan,
@@ -182,20 +178,14 @@ def _controllers(scenario: Scenario) -> str:
 @final
 @dataclass(frozen=True)
 class ActuationState:
-    """What the next tick depends on.
+    """What the next tick depends on, besides drives, pumps and controllers.
 
     Args:
-        cables: of each cable's drive.
-        pumps: of each pump.
-        holds: of each controller, in the order of the scenario.
         started: names of the controllers that have been asked in the present phase.
         held: whether it drives cables that the scenario does not give it to drive.
     """
 
-    cables: tuple[CableDriveState, ...]
-    pumps: tuple[PumpDriveState, ...]
-    holds: tuple[HoldState, ...]
-    started: tuple[str, ...]
+    started: tuple[str, ...] = ()
     held: bool = False
 
 
@@ -235,11 +225,12 @@ class Actuation:
         self._quantities = {
             entry.name: "" if entry.kind == "python" else entry.measures for entry in scenario.controllers
         }
-        self._started: tuple[str, ...] = ()
+        self.state = ActuationState()
+        """What the next tick depends on, besides drives, pumps and controllers."""
         self._planned: PhasePlan | None = None
         self._orders: list[Order | None] = []
         self._setpoints: dict[str, float | None] = {}
-        self._modelled, self._held = device_names(scenario) is not None, False
+        self._modelled = device_names(scenario) is not None
         self._looks_through = {entry.name: entry.sensors for entry in scenario.controllers}
         self.sensors: sensor.Sensors | None = None
         """What controllers look through; whoever plans the run makes it."""
@@ -249,11 +240,16 @@ class Actuation:
     @property
     def active(self) -> bool:
         """Whether it drives anything: otherwise what is planned passes through untouched."""
-        return self._modelled or self._held
+        return self._modelled or self.state.held
+
+    def parts(self) -> dict[str, Any]:
+        """Return what the next tick depends on, by name, see `CommandSource.parts`."""
+        controllers = list(self._holds.values())
+        return {"cables": self.cables, "pumps": self.pumps, "controllers": controllers, "devices": self}
 
     def hold(self, tension_N: Sequence[float]) -> None:
         """Drive cables from now on that nothing drove before, at these tensions."""
-        self._held = True
+        self.state = replace(self.state, held=True)
         for drive, tension in zip(self.cables, tension_N, strict=True):
             drive.state = drive.at_rest(tension)
 
@@ -269,7 +265,8 @@ class Actuation:
             given = (planned.phase.pump_pressure_Pa or {}).get(pump.name, pump.state.setpoint_Pa)
             sealed = planned.gas[pump.chamber].sealed
             pump.begin(given if sealed else None, pressures[pump.chamber])
-        self._started = tuple(name for name in self._started if name in self._setpoints)
+        started = tuple(name for name in self.state.started if name in self._setpoints)
+        self.state = replace(self.state, started=started)
 
     def act(
         self,
@@ -350,41 +347,6 @@ class Actuation:
             ),
         )
 
-    def save_state(self) -> ActuationState:
-        """Return what the next tick depends on."""
-        return ActuationState(
-            tuple(drive.state for drive in self.cables),
-            tuple(pump.state for pump in self.pumps),
-            tuple(hold.state for hold in self._holds.values()),
-            self._started,
-            self._held,
-        )
-
-    def restore_state(self, state: ActuationState) -> None:
-        """Return to a state of `save_state`.
-
-        Raises:
-            InputError: it is of a run with other devices.
-        """
-        saved, here = (
-            (len(cables), len(pumps), len(holds))
-            for cables, pumps, holds in (
-                (state.cables, state.pumps, state.holds), (self.cables, self.pumps, self._holds)
-            )
-        )  # fmt: skip
-        if saved != here:
-            raise InputError(
-                f"the saved state has {saved[0]} cables, {saved[1]} pumps, {saved[2]} controllers; here are "
-                f"{here[0]}, {here[1]} and {here[2]}"
-            )
-        for drive, cable in zip(self.cables, state.cables, strict=True):
-            drive.state = cable
-        for pump, own in zip(self.pumps, state.pumps, strict=True):
-            pump.state = own
-        for hold, held in zip(self._holds.values(), state.holds, strict=True):
-            hold.state = held
-        self._started, self._held = state.started, state.held
-
     def _take_over(self, planned: PhasePlan) -> None:
         """Read what a phase asks: a run that continues from a saved state may ask something else."""
         if planned is not self._planned:
@@ -393,9 +355,9 @@ class Actuation:
 
     def _ask(self, name: str, see: Callable[[], Measurement]) -> Held:
         hold = self._holds[name]
-        if name not in self._started:
+        if name not in self.state.started:
             hold.start(see())
-            self._started += (name,)
+            self.state = replace(self.state, started=(*self.state.started, name))
         return hold.tick(see)
 
     def _work_pumps(self, gas: ChamberGas, soft: SoftSide, setpoints: list[float | None]) -> None:
@@ -433,24 +395,6 @@ class Actuation:
 def _pump_report(drive: PumpDrive) -> PumpReport:
     setpoint_Pa, pump = drive.state.setpoint_Pa, drive.state.pump or PumpState(DelayLine())
     return PumpReport(setpoint_Pa, pump.on, pump.venting, pump.starts, pump.on_s, pump.delivered_kg)
-
-
-@final
-@dataclass(frozen=True)
-class PlannedCommandsState:
-    """What the next commands depend on.
-
-    Args:
-        gas: in the chambers.
-        devices: of pumps, winches and controllers.
-        offset: (joints,) [rad], by which controllers have moved the joints' reference.
-        sensors: of the sensors.
-    """
-
-    gas: ChamberGasState
-    devices: ActuationState
-    offset: Array
-    sensors: sensor.SensorsState
 
 
 @final
@@ -508,15 +452,8 @@ class PlannedCommands(command_source.CommandSource):
     def report(self, flange: Pose) -> ActuationReport | None:
         return self.actuation.report(self._soft, flange)
 
-    def save_state(self) -> PlannedCommandsState:
-        gas, devices = self.gas.save_state(), self.actuation.save_state()
-        return PlannedCommandsState(gas, devices, self._offset.offset, self.sensors.save_state())
-
-    def restore_state(self, state: PlannedCommandsState) -> None:
-        self.gas.restore_state(state.gas)
-        self.actuation.restore_state(state.devices)
-        self._offset.offset = state.offset
-        self.sensors.restore_state(state.sensors)
+    def parts(self) -> dict[str, Any]:
+        return {"gas": self.gas, **self.actuation.parts(), "offset": self._offset, "sensors": self.sensors}
 
     def _of(self, phase: int) -> TickReferences | IncrementReferences:
         """Return what a phase asks for, step by step."""

@@ -204,8 +204,7 @@ class Sensors:
         pairs = zip(scenario.sensors, places, strict=True)
         self._sensors = [Sensor(entry, tick_s, read or None) for entry, read in pairs]
         self._sizes = [joints if values is None else len(values) for values in _values(scenario)]
-        self.state = SensorsState()
-        """What the next readings depend on."""
+        self._state = SensorsState()
 
     def __bool__(self) -> bool:
         """Return whether there are any."""
@@ -215,7 +214,7 @@ class Sensors:
         """Begin with what is measured now, and return readings and truth; `seed` is of the run."""
         truths = [sensor.truth(seen) for sensor in self._sensors]
         begun = (sensor.begin(truth, seed) for sensor, truth in zip(self._sensors, truths, strict=True))
-        self.state = SensorsState(seed, tuple(begun))
+        self._state = SensorsState(seed, tuple(begun))
         return self._shown(truths)
 
     def tick(self, seen: controller.Measurement) -> tuple[Array, Array]:
@@ -224,21 +223,21 @@ class Sensors:
         Returns:
             Readings of all sensors, one after the other, and the truth at the same instant.
         """
-        seed, states = self.state.seed, self.state.sensors
+        seed, states = self._state.seed, self._state.sensors
         if not states:
             return self.begin(seen, seed)
         truths = [sensor.truth(seen) for sensor in self._sensors]
         rows = zip(self._sensors, states, truths, strict=True)
-        self.state = SensorsState(seed, tuple(sensor.next(state, x, seed) for sensor, state, x in rows))
+        self._state = SensorsState(seed, tuple(sensor.next(state, x, seed) for sensor, state, x in rows))
         return self._shown(truths)
 
     def _shown(self, truths: list[Array]) -> tuple[Array, Array]:
-        return np.concatenate([state.reading for state in self.state.sensors]), np.concatenate(truths)
+        return np.concatenate([state.reading for state in self._state.sensors]), np.concatenate(truths)
 
     @property
     def readings(self) -> dict[str, Array]:
         """What is seen at present, by the names of the sensors; nothing before the first tick."""
-        pairs = zip(self._sensors, self.state.sensors, strict=False)
+        pairs = zip(self._sensors, self._state.sensors, strict=False)
         return {sensor.name: read_only(state.reading) for sensor, state in pairs}
 
     def through(self, seen: controller.Measurement, names: Iterable[str]) -> controller.Measurement:
@@ -258,20 +257,17 @@ class Sensors:
             seen = known[name].through(seen, self.readings[name])
         return seen
 
-    def save_state(self) -> SensorsState:
-        """Return what the next readings depend on."""
-        return self.state
+    @property
+    def state(self) -> SensorsState:
+        """What the next readings depend on; that of sensors with other delays or sizes is refused."""
+        return self._state
 
-    def restore_state(self, state: SensorsState) -> None:
-        """Return to a state of a run with sensors of the same delays and numbers of values.
-
-        Raises:
-            InputError: the state does not fit.
-        """
+    @state.setter
+    def state(self, state: SensorsState) -> None:
         here = [(sensor.delay_ticks, size) for sensor, size in zip(self._sensors, self._sizes, strict=True)]
         saved = [each.waiting.shape for each in state.sensors]
         if saved != here:
             raise InputError(
                 f"the saved state has sensors with (ticks of delay, values) {saved}; here they have {here}"
             )
-        self.state = state
+        self._state = state

@@ -134,10 +134,19 @@ class ChamberGasState:
         orifices: (chamber, chamber, conductance [kg/(s Pa)]).
     """
 
-    sealed: Annotated[tuple[SealedGas | None, ...], ("c",)]
-    pressures_Pa: Annotated[tuple[float, ...], ("c",)]
-    rules: Annotated[tuple[GasRule, ...], ("c",)]
-    orifices: tuple[tuple[int, int, float], ...]
+    sealed: Annotated[tuple[SealedGas | None, ...], ("c",)] = ()
+    pressures_Pa: Annotated[tuple[float, ...], ("c",)] = ()
+    rules: Annotated[tuple[GasRule, ...], ("c",)] = ()
+    orifices: tuple[tuple[int, int, float], ...] = ()
+
+    @property
+    def open_orifices(self) -> list[tuple[int, int, float]]:
+        """Orifices with sealed gas on both sides."""
+        return [
+            (first, second, conductance)
+            for first, second, conductance in self.orifices
+            if self.sealed[first] is not None and self.sealed[second] is not None
+        ]
 
 
 @final
@@ -150,12 +159,20 @@ class ChamberGas:
 
     def __init__(self, settings: GasTable) -> None:
         self._settings = settings
-        self._rules: tuple[GasRule, ...] = ()
-        self._sealed: list[SealedGas | None] = []
-        self._pressures: tuple[float, ...] = ()
-        self._orifices: list[tuple[int, int, float]] = []
+        self._state = ChamberGasState()
         self._ramp: CommandRamp | None = None
         self._as_planned = False  # whether nothing in the chambers is other than the ramp has it
+
+    @property
+    def state(self) -> ChamberGasState:
+        """What is in the chambers."""
+        return self._state
+
+    @state.setter
+    def state(self, state: ChamberGasState) -> None:
+        for orifice in state.orifices:
+            check_indices(np.array(orifice[:2]), len(state.rules), "chambers")
+        self._state, self._ramp = state, None
 
     def begin(self, rules: tuple[GasRule, ...], soft: SoftSide) -> None:
         """Begin a phase: seal what is in the chambers, or open them; nothing changes at this instant.
@@ -167,44 +184,44 @@ class ChamberGas:
         Raises:
             InputError: there is nothing to seal, as a chamber has no volume.
         """
-        self._pressures, self._rules, self._ramp = soft.pressures_Pa, rules, None
+        pressures, before = soft.pressures_Pa, self._state.sealed or (None,) * len(rules)
         places = {chamber.name: k for k, chamber in enumerate(soft.body.gas_chambers)}
-        self._orifices = [
+        orifices = tuple(
             (places[entry.chambers[0]], places[entry.chambers[1]], entry.conductance_kg_s_Pa)
             for entry in self._settings.orifices
-        ]
-        before = self._sealed or [None] * len(rules)
-        if not any(rule.sealed for rule in rules):
-            self._sealed = [None] * len(rules)
-            return
-        settings, volumes = self._settings, soft.volumes_m3
-        self._sealed = [
-            None
-            if not rule.sealed
-            else gas
-            or SealedGas(
-                settings.ambient_Pa + pressure, volume, settings.exponent, settings.ambient_Pa,
-                settings.temperature_K,
-            )
-            for rule, gas, pressure, volume in zip(rules, before, self._pressures, volumes, strict=True)
-        ]  # fmt: skip
+        )
+        sealed: tuple[SealedGas | None, ...] = (None,) * len(rules)
+        if any(rule.sealed for rule in rules):
+            rows = zip(rules, before, pressures, soft.volumes_m3, strict=True)
+            sealed = tuple(gas or self._seal(*space) if rule.sealed else None for rule, gas, *space in rows)
+        self.state = ChamberGasState(sealed, pressures, rules, orifices)
+
+    def _seal(self, pressure_Pa: float, volume_m3: float) -> SealedGas:
+        """Return the gas of a chamber that is sealed at a gauge pressure."""
+        settings = self._settings
+        return SealedGas(
+            settings.ambient_Pa + pressure_Pa, volume_m3, settings.exponent, settings.ambient_Pa,
+            settings.temperature_K,
+        )  # fmt: skip
 
     @property
     def flows(self) -> bool:
         """Whether gas leaks or passes through an orifice in the present phase."""
-        return any(rule.leak_kg_s_Pa for rule in self._rules) or bool(self._open_orifices())
+        return any(rule.leak_kg_s_Pa for rule in self._state.rules) or bool(self._state.open_orifices)
 
     def content(self, chamber: int) -> SealedGas | None:
         """Return the sealed gas in a chamber (by index); None while its pressure is given."""
-        return self._sealed[chamber] if self._sealed else None
+        sealed = self._state.sealed
+        return sealed[chamber] if sealed else None
 
     def set_gas(self, chamber: int, gas: SealedGas) -> None:
         """Replace the sealed gas in a chamber (by index)."""
-        self._sealed[chamber] = gas
+        sealed = self._state.sealed
+        self._state = replace(self._state, sealed=(*sealed[:chamber], gas, *sealed[chamber + 1 :]))
 
     def filled(self, command: SoftCommand) -> SoftCommand:
         """Return a command with what is in the chambers in place of the planned pressure."""
-        return self._with(command, self._pressures)
+        return self._with(command, self._state.pressures_Pa)
 
     def between(self, begin: SoftCommand, end: SoftCommand, load_factor: float) -> SoftCommand:
         """Return what is asked for at a load factor in a phase: only given pressures change as planned.
@@ -214,66 +231,53 @@ class ChamberGas:
             end: planned, at its end.
             load_factor: 0 to 1.
         """
-        ramp = self._ramp
+        ramp, state = self._ramp, self._state
         if ramp is None or ramp.begin is not begin or ramp.end is not end:
             ramp = self._ramp = CommandRamp(begin, end)
-            self._as_planned = begin.pressure_Pa == self._pressures and not self.holds_gas
+            self._as_planned = begin.pressure_Pa == state.pressures_Pa and not self.holds_gas
         planned = ramp.at(load_factor)
         if self._as_planned:
             return planned
         pressures = tuple(
             now if gas is not None else wanted if load_factor >= 1.0 else between(now, wanted, load_factor)
-            for gas, now, wanted in zip(self._sealed, self._pressures, end.pressure_Pa, strict=True)
+            for gas, now, wanted in zip(state.sealed, state.pressures_Pa, end.pressure_Pa, strict=True)
         )
         return self._with(planned, pressures)
 
     def _with(self, command: SoftCommand, pressures: tuple[float, ...]) -> SoftCommand:
         if not self.holds_gas and pressures == command.pressure_Pa:
             return command
-        return replace(command, pressure_Pa=pressures, gas=tuple(self._sealed))
+        return replace(command, pressure_Pa=pressures, gas=self._state.sealed)
 
     @property
     def holds_gas(self) -> bool:
         """Whether any chamber is sealed."""
-        return self._sealed.count(None) < len(self._sealed)
+        sealed = self._state.sealed
+        return sealed.count(None) < len(sealed)
 
     def advance(self, soft: SoftSide, step_s: float) -> None:
         """Let sealed gases leak, and flow through orifices, for a while at the present volumes."""
         if not self.holds_gas:
             return
-        now = soft.pressures_Pa
-        triples = zip(self._sealed, now, self._pressures, strict=True)
-        self._pressures = tuple(kept if gas is None else present for gas, present, kept in triples)
-        if not self.flows:
-            return
-        volumes = soft.volumes_m3
-        for k, (rule, gas) in enumerate(zip(self._rules, self._sealed, strict=True)):
+        state = self._state
+        triples = zip(state.sealed, soft.pressures_Pa, state.pressures_Pa, strict=True)
+        pressures = tuple(kept if gas is None else present for gas, present, kept in triples)
+        sealed = self._flown(soft.volumes_m3, step_s) if self.flows else state.sealed
+        self._state = replace(state, sealed=sealed, pressures_Pa=pressures)
+
+    def _flown(self, volumes_m3: tuple[float, ...], step_s: float) -> tuple[SealedGas | None, ...]:
+        """Return the gas in each chamber after leaks and flows through orifices."""
+        sealed = list(self._state.sealed)
+        for k, rule in enumerate(self._state.rules):
+            gas = sealed[k]
             if gas is not None and rule.leak_kg_s_Pa:
-                self._sealed[k] = leak(gas, volumes[k], rule.leak_kg_s_Pa, step_s)
-        for first, second, conductance in self._open_orifices():
-            one, other = self._sealed[first], self._sealed[second]
+                sealed[k] = leak(gas, volumes_m3[k], rule.leak_kg_s_Pa, step_s)
+        for first, second, conductance in self._state.open_orifices:
+            one, other = sealed[first], sealed[second]
             if one is not None and other is not None:
-                pair, space = (one, other), (volumes[first], volumes[second])
-                self._sealed[first], self._sealed[second] = exchange(pair, space, conductance, step_s)
-
-    def _open_orifices(self) -> list[tuple[int, int, float]]:
-        """Return (chamber, chamber, conductance [kg/(s Pa)]) of orifices with sealed gas on both sides."""
-        return [
-            (first, second, conductance)
-            for first, second, conductance in self._orifices
-            if self._sealed[first] is not None and self._sealed[second] is not None
-        ]
-
-    def save_state(self) -> ChamberGasState:
-        """Return what is in the chambers."""
-        return ChamberGasState(tuple(self._sealed), self._pressures, self._rules, tuple(self._orifices))
-
-    def restore_state(self, state: ChamberGasState) -> None:
-        """Return to a state of `save_state`."""
-        for orifice in state.orifices:
-            check_indices(np.array(orifice[:2]), len(state.rules), "chambers")
-        self._sealed, self._pressures = list(state.sealed), state.pressures_Pa
-        self._rules, self._orifices, self._ramp = state.rules, list(state.orifices), None
+                space = volumes_m3[first], volumes_m3[second]
+                sealed[first], sealed[second] = exchange((one, other), space, conductance, step_s)
+        return tuple(sealed)
 
 
 @final

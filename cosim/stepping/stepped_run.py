@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol, final
 
 from cosim.base.frames import Pose
-from cosim.base.state import KnownStates, check_state
+from cosim.base.state import KnownStates, check_state, restore_states, states_of
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
@@ -291,8 +291,8 @@ class SteppedRun(ABC):
         """Return the present state of all parts, as if at that step."""
         parts = self._parts
         return RunState(
-            cursor, parts.soft.save_state(), parts.carrier.save_state(), parts.commands.save_state(), None,
-            self.choices,
+            cursor, parts.soft.save_state(), parts.carrier.save_state(), states_of(parts.commands.parts()),
+            None, self.choices,
         )  # fmt: skip
 
     def restore_state(self, state: RunState) -> None:
@@ -307,7 +307,7 @@ class SteppedRun(ABC):
         self._restore_own(state.own)
         self._parts.soft.restore_state(state.soft)
         self._parts.carrier.restore_state(state.carrier)
-        self._parts.commands.restore_state(state.commands)
+        restore_states(self._parts.commands.parts(), state.commands)
         self._cursor = state.cursor
         self._known.add(state)
 

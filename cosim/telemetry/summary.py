@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, final
 
@@ -14,6 +13,7 @@ from cosim.base.state import check_state
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry import bounds, figures, holding, tick_batch, touched
+from cosim.telemetry.energy import EnergyFigures
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 
@@ -261,8 +261,6 @@ _GATHERED: Final[dict[str, tuple[str, str, float]]] = {
 }
 """Figure of the run -> how it is gathered, from which column of the ticks, and its value before any."""
 
-_GIVEN = {"_stage", "_startup_s", "_version", "_resumed_at_ticks", "_last"}  # of the builder
-
 
 def _gathered(how: str, before: float, values: Array, time_s: Array) -> float:
     """Return a figure after further ticks; what is not a number is no largest one."""
@@ -280,17 +278,59 @@ class SummaryState:
     """The figures of a run so far.
 
     Args:
-        last: snapshot seen.
-        gathered: from all snapshots up to it, by name.
+        touched: of each body.
+        energy: balance; None where the run has none.
+        last: snapshot seen; None before the first.
+        gathered: figures of the run, by name.
+        arm: of its joints.
+        tip_path: of the present phase.
+        devices: of the present phase.
+        objects: that can move.
+        branchings: rows of the summary.
+        overlaps: rows of the summary.
+        shortest_m: least length of the soft robot at the end of a phase.
+        began: when the present phase began [s], and how high the flange was then [m].
+        missed: objects that were not lifted, in words.
+        phases: rows of the summary.
     """
 
-    last: Snapshot
-    gathered: dict[str, Any]
+    touched: touched.TouchedFigures
+    energy: EnergyFigures | None
+    last: Snapshot | None = None
+    gathered: dict[str, float] = field(
+        default_factory=lambda: {key: initial for key, (_, _, initial) in _GATHERED.items()}
+    )
+    arm: figures.ArmFigures = field(default_factory=figures.ArmFigures)
+    tip_path: figures.TipPathFigures = field(default_factory=figures.TipPathFigures)
+    devices: figures.DeviceFigures = field(default_factory=figures.DeviceFigures)
+    objects: holding.ObjectFigures = field(default_factory=holding.ObjectFigures)
+    branchings: list[dict[str, Any]] = field(default_factory=list)
+    overlaps: list[dict[str, Any]] = field(default_factory=list)
+    shortest_m: float = math.inf
+    began: tuple[float, float] = (0.0, 0.0)
+    missed: list[str] = field(default_factory=list)
+    phases: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def seen(self) -> Snapshot:
+        """The last snapshot.
+
+        Raises:
+            InputError: none was seen.
+        """
+        if self.last is None:
+            raise InputError("the saved figures are of no snapshot")
+        return self.last
 
     @property
     def tick(self) -> int:
         """Tick up to which they count."""
-        return self.last.tick
+        return self.seen.tick
+
+    @property
+    def newton_iterations(self) -> int:
+        """Taken so far."""
+        return int(self.gathered["newton_iterations"])
 
 
 @final
@@ -311,85 +351,65 @@ class SummaryBuilder:
         self._startup_s = startup_s
         self._version = version
         self._resumed_at_ticks = resumed_at_ticks
-        self._phases: list[dict[str, Any]] = []
-        self._last: Snapshot | None = None
-        self._figures = {key: initial for key, (_, _, initial) in _GATHERED.items()}
-        self._arm = figures.ArmFigures()
-        self._touched = touched.TouchedFigures.none(len(stage.body_names))
-        self._energy = None if stage.energy is None else stage.energy.begin()
-        self._tip_path = figures.TipPathFigures()
-        self._branchings: list[dict[str, Any]] = []
-        self._overlaps: list[dict[str, Any]] = []
-        self._devices = figures.DeviceFigures()
-        self._shortest_m = math.inf
-        self._objects = holding.ObjectFigures()
-        self._began = (0.0, 0.0)  # of the phase: when, and how high the flange was
-        self._missed: list[str] = []
+        none = touched.TouchedFigures.none(len(stage.body_names))
+        self._state = SummaryState(none, None if stage.energy is None else stage.energy.begin())
+
+    @property
+    def state(self) -> SummaryState:
+        """The figures so far; those of another run are refused."""
+        last = self._state.last
+        return self._state if last is None else replace(self._state, last=last.kept())
+
+    @state.setter
+    def state(self, state: SummaryState) -> None:
+        sizes = {"cables": len(self._stage.cables), "bodies": len(self._stage.body_names)}
+        check_state(state, self._state, SummaryState, place="figures", sizes=sizes, finite=False)
+        if state.gathered.keys() != self._state.gathered.keys():
+            raise InputError(f"the saved figures are {', '.join(state.gathered)}")
+        for phase in state.phases:
+            phase_cells(json_ready(phase))
+        self._state = state
 
     def observe(self, batch: tick_batch.TickBatch) -> tick_batch.TickBatch:
         """Take in ticks of one phase, in order, tick 0 first; return them with their energy balance."""
-        if self._last is None:
+        state, stage = self._state, self._stage
+        if state.last is None:
             first = batch.snapshot(0)
-            self._shortest_m, self._began = first.film.center_line_m, (first.time_s, self._height(first))
-        elif batch.phase[0] != self._last.phase:
+            state = replace(
+                state, shortest_m=first.film.center_line_m, began=(first.time_s, self._height(first))
+            )
+        elif batch.phase[0] != state.last.phase:
             self._close_phase(complete=True)
-            self._began = self._last.time_s, self._height(self._last)
-        self._last = batch.snapshot(-1)
-        for key, (how, column, _) in _GATHERED.items():
-            self._figures[key] = _gathered(how, self._figures[key], getattr(batch, column), batch.time_s)
-        if self._stage.mode == "dynamic":
-            self._touched = self._touched.after(batch, self._stage.tick_s)
-        if self._stage.devices is not None:
-            self._devices = self._devices.after(batch)
-        if self._stage.objects:
-            self._objects = self._objects.after(batch, self._stage.objects)
-        name, time_s = self._stage.phase_names[self._last.phase], batch.time_s.tolist()
-        for row, passed in batch.branchings.items():
-            self._branchings = figures.joined_branchings(self._branchings, name, time_s[row], passed)
-        for row, overlaps in batch.overlaps.items():
-            self._overlaps = figures.joined_overlaps(self._overlaps, name, time_s[row], overlaps)
-        if self._energy is not None and self._stage.energy is not None:
-            self._energy, each = self._energy.after(batch, self._stage.energy)
+            state = replace(self._state, began=(state.last.time_s, self._height(state.last)))
+        energy = state.energy
+        if energy is not None and stage.energy is not None:
+            energy, each = energy.after(batch, stage.energy)
             batch = replace(batch, energy_J=each)
-        path = self._stage.tip_paths.get(int(batch.phase[0]))
-        if path is not None:
-            self._tip_path = self._tip_path.after(batch, path)
-        if self._stage.arm is not None:
-            dynamic = self._stage.mode == "dynamic"
-            self._arm = self._arm.after(batch, self._stage.arm.limits, dynamic=dynamic)
-        return batch
-
-    def save_state(self) -> SummaryState:
-        """Return the figures so far; there is a snapshot."""
-        assert self._last is not None, "observe() comes before save_state()"
-        gathered = {name: copy(value) for name, value in vars(self).items() if name not in _GIVEN}
-        return SummaryState(self._last.kept(), gathered)
-
-    def restore_state(self, state: SummaryState) -> None:
-        """Go on from figures of `save_state`.
-
-        Raises:
-            InputError: they are not those of this run.
-        """
-        own = {name: value for name, value in vars(self).items() if name not in _GIVEN}
-        if (own.keys(), own["_figures"].keys()) != (state.gathered.keys(), state.gathered["_figures"].keys()):
-            raise InputError(f"the saved figures are {', '.join(state.gathered)}")
-        check_state(
-            state.gathered,
-            own | {"_phases": [], "_branchings": [], "_overlaps": [], "_missed": []},
-            place="figures",
-            sizes={"cables": len(self._stage.cables), "bodies": len(self._stage.body_names)},
-            finite=False,
+        last, path = batch.snapshot(-1), stage.tip_paths.get(int(batch.phase[0]))
+        branchings, overlaps = state.branchings, state.overlaps
+        name, time_s = stage.phase_names[last.phase], batch.time_s.tolist()
+        for row, passed in batch.branchings.items():
+            branchings = figures.joined_branchings(branchings, name, time_s[row], passed)
+        for row, found in batch.overlaps.items():
+            overlaps = figures.joined_overlaps(overlaps, name, time_s[row], found)
+        dynamic, arm = stage.mode == "dynamic", stage.arm
+        self._state = replace(
+            state,
+            last=last,
+            gathered={
+                key: _gathered(how, state.gathered[key], getattr(batch, column), batch.time_s)
+                for key, (how, column, _) in _GATHERED.items()
+            },
+            touched=state.touched.after(batch, stage.tick_s) if dynamic else state.touched,
+            devices=state.devices if stage.devices is None else state.devices.after(batch),
+            objects=state.objects.after(batch, stage.objects) if stage.objects else state.objects,
+            branchings=branchings,
+            overlaps=overlaps,
+            energy=energy,
+            tip_path=state.tip_path if path is None else state.tip_path.after(batch, path),
+            arm=state.arm if arm is None else state.arm.after(batch, arm.limits, dynamic=dynamic),
         )
-        for phase in state.gathered["_phases"]:
-            phase_cells(json_ready(phase))
-        self._last = state.last
-        vars(self).update({name: copy(value) for name, value in state.gathered.items()})
-
-    @property
-    def newton_iterations(self) -> int:
-        """Taken so far."""
-        return int(self._figures["newton_iterations"])
+        return batch
 
     def finish(
         self, status: Status, reason: str | None, wall_s: float, errors: RunErrors | None = None
@@ -402,12 +422,12 @@ class SummaryBuilder:
             wall_s: wall time from the first snapshot to the end, of all parts of the run.
             errors: how far its figures may be off; None: that was not asked for.
         """
-        if self._last is not None:
+        if self._state.last is not None:
             self._close_phase(complete=status == "completed")
         errors = errors or RunErrors(reason="it was not asked for")
-        stage, last = self._stage, self._last
+        stage, state, last = self._stage, self._state, self._state.last
         simulated_s = last.time_s if last is not None else 0.0
-        phases = [row | {"error": errors.phases.get(k)} for k, row in enumerate(self._phases)]
+        phases = [row | {"error": errors.phases.get(k)} for k, row in enumerate(state.phases)]
         summary = {
             "schema": SUMMARY_SCHEMA,
             "cosim_version": self._version,
@@ -424,17 +444,17 @@ class SummaryBuilder:
             "ticks": last.tick if last is not None else 0,
             "planned_ticks": stage.ticks,
             "resumed_at_ticks": self._resumed_at_ticks,
-            **self._figures,
-            "touched": self._touched.figures(stage.body_names, stage.tick_s),
+            **state.gathered,
+            "touched": state.touched.figures(stage.body_names, stage.tick_s),
             "soft_weight_N": stage.soft_weight_N,
             "tip_measured_by": stage.tip_measured_by,
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
             "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},
-            "branchings": self._branchings,
-            "overlaps": self._overlaps,
-            "objects": self._objects.figures(stage.objects),
+            "branchings": state.branchings,
+            "overlaps": state.overlaps,
+            "objects": state.objects.figures(stage.objects),
             "arm": self._arm_section(),
             "warnings": [*self._warnings(), *bounds.bar_warnings(phases)],
             "phases": phases,
@@ -445,20 +465,20 @@ class SummaryBuilder:
         planned = self._stage.arm
         if planned is None:
             return None
-        run = self._arm.figures(planned.limits, self._stage.phase_names)
+        run = self._state.arm.figures(planned.limits, self._stage.phase_names)
         return {"planned": planned.figures(), "run": run}
 
     def _warnings(self) -> list[str]:
-        planned = self._stage.arm
-        beyond = [*bounds.strength_warnings(self._phases), *figures.undecided_warnings(self._branchings)]
-        beyond += [*swing_warnings(self._phases), *bounds.section_warnings(self._stage.section_model)]
-        beyond += bounds.eyelet_warnings(self._phases)
-        beyond += touched.hit_warnings(self._touched.figures(self._stage.body_names, self._stage.tick_s))
-        beyond += [*bounds.shape_warnings(self._phases), *figures.overlap_warnings(self._overlaps)]
-        beyond = [*self._missed, *beyond]
+        planned, state = self._stage.arm, self._state
+        beyond = [*bounds.strength_warnings(state.phases), *figures.undecided_warnings(state.branchings)]
+        beyond += [*swing_warnings(state.phases), *bounds.section_warnings(self._stage.section_model)]
+        beyond += bounds.eyelet_warnings(state.phases)
+        beyond += touched.hit_warnings(state.touched.figures(self._stage.body_names, self._stage.tick_s))
+        beyond += [*bounds.shape_warnings(state.phases), *figures.overlap_warnings(state.overlaps)]
+        beyond = [*state.missed, *beyond]
         if planned is None:
             return beyond
-        return [*planned.warnings(), *self._arm.warnings(planned.limits, self._stage.phase_names), *beyond]
+        return [*planned.warnings(), *state.arm.warnings(planned.limits, self._stage.phase_names), *beyond]
 
     def _height(self, at: Snapshot) -> float:
         """Return how high the flange is, against gravity."""
@@ -466,40 +486,48 @@ class SummaryBuilder:
         return -float(down @ at.world_from_flange.translation)
 
     def _close_phase(self, *, complete: bool) -> None:
-        if self._last is None:
+        """Add the row of a phase that has ended."""
+        state, stage, last = self._state, self._stage, self._state.last
+        if last is None:
             return
-        name = self._stage.phase_names[self._last.phase]
-        if complete and self._stage.grasps and self._stage.objects:
-            lifted_m = self._height(self._last) - self._began[1]
-            self._missed += self._objects.not_lifted(self._stage.objects, name, self._began[0], lifted_m)
-        iterations = self.newton_iterations - sum(phase["newton_iterations"] for phase in self._phases)
-        row = _phase_figures(self._last, name, iterations, complete)
-        row |= _chamber_figures(self._last, self._stage.chamber_names)
-        self._branchings = figures.resting(self._branchings, name, self._last.footing)
-        own = [each for each in self._branchings if each["phase"] == name]
-        row["branchings"] = [*figures.branching_lines(own), *figures.undecided_warnings(own)]
-        row |= figures.footing_figures(self._last.footing, own, self._stage.decay)
-        row |= figures.elastic_figures(self._stage, self._last.node_position)
-        wanted = self._stage.tip_directions.get(self._last.phase)
-        if wanted is not None:
-            across = np.linalg.norm(np.cross(wanted, self._last.tip_direction))
-            row["tip_angle_error_rad"] = float(np.arctan2(across, np.dot(wanted, self._last.tip_direction)))
-        stored_m = self._stage.stored_m
-        length_m = figures.stack_length_m(self._stage, row["length_m"], self._last.node_position)
-        row["extension_ratio"] = None if stored_m is None else length_m / stored_m
-        self._shortest_m = min(self._shortest_m, row["length_m"])
-        row["pack_ratio"] = row["length_m"] / self._shortest_m if self._shortest_m > 0.0 else None
-        parts, energy = self._stage.energy, self._energy
+        name, missed = stage.phase_names[last.phase], state.missed
+        if complete and stage.grasps and stage.objects:
+            lifted_m = self._height(last) - state.began[1]
+            missed = [*missed, *state.objects.not_lifted(stage.objects, name, state.began[0], lifted_m)]
+        branchings = figures.resting(state.branchings, name, last.footing)
+        row = self._row(last, name, [each for each in branchings if each["phase"] == name], complete)
+        parts, energy = stage.energy, state.energy
         row["energy"] = None if parts is None or energy is None else energy.figures(parts)
-        path = self._stage.tip_paths.get(self._last.phase)
+        path, tip_path, devices = stage.tip_paths.get(last.phase), state.tip_path, state.devices
         if path is not None:
-            row["tip_path"], self._tip_path = self._tip_path.figures(path), figures.TipPathFigures()
-        if self._stage.devices is not None:
-            row["devices"], self._devices = (
-                self._devices.figures(self._stage.devices),
-                figures.DeviceFigures(),
-            )
-        self._phases.append(row)
+            row["tip_path"], tip_path = tip_path.figures(path), figures.TipPathFigures()
+        if stage.devices is not None:
+            row["devices"], devices = devices.figures(stage.devices), figures.DeviceFigures()
+        self._state = replace(
+            state, missed=missed, branchings=branchings, shortest_m=min(state.shortest_m, row["length_m"]),
+            tip_path=tip_path, devices=devices, phases=[*state.phases, row],
+        )  # fmt: skip
+
+    def _row(
+        self, last: Snapshot, name: str, branchings: list[dict[str, Any]], complete: bool
+    ) -> dict[str, Any]:
+        """Return what a phase's last snapshot shows, with the branchings of that phase."""
+        state, stage = self._state, self._stage
+        iterations = state.newton_iterations - sum(phase["newton_iterations"] for phase in state.phases)
+        row = _phase_figures(last, name, iterations, complete)
+        row |= _chamber_figures(last, stage.chamber_names)
+        row["branchings"] = [*figures.branching_lines(branchings), *figures.undecided_warnings(branchings)]
+        row |= figures.footing_figures(last.footing, branchings, stage.decay)
+        row |= figures.elastic_figures(stage, last.node_position)
+        wanted = stage.tip_directions.get(last.phase)
+        if wanted is not None:
+            across = np.linalg.norm(np.cross(wanted, last.tip_direction))
+            row["tip_angle_error_rad"] = float(np.arctan2(across, np.dot(wanted, last.tip_direction)))
+        length_m = figures.stack_length_m(stage, row["length_m"], last.node_position)
+        row["extension_ratio"] = None if stage.stored_m is None else length_m / stage.stored_m
+        shortest_m = min(state.shortest_m, row["length_m"])
+        row["pack_ratio"] = row["length_m"] / shortest_m if shortest_m > 0.0 else None
+        return row
 
 
 def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: bool) -> dict[str, Any]:

@@ -173,10 +173,10 @@ def test_the_gas_is_part_of_the_state() -> None:
     assert [snapshot.phase for snapshot in islice(steps, 14)][-1] == 1
     state = run.save_state()
     expected = list(islice(steps, 3))
-    planned = state.commands.given
-    (gas,) = planned.gas.sealed
-    spoiled = replace(planned.gas, sealed=(gas.with_mass(0.99 * gas.mass_kg),))
-    run.restore_state(replace(state, commands=replace(state.commands, given=replace(planned, gas=spoiled))))
+    before = state.commands["gas"]
+    (gas,) = before.sealed
+    spoiled = replace(before, sealed=(gas.with_mass(0.99 * gas.mass_kg),))
+    run.restore_state(replace(state, commands={**state.commands, "gas": spoiled}))
     assert not same(list(islice(run.steps(), 3)), expected)
 
 

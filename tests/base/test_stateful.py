@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from cosim.app.driver import build_simulation
+from tests.devices import device_parts
 
 PACKAGE = Path(__file__).resolve().parents[2] / "cosim"
 FOLDERS = (
     "soft", "reduced", "rigid", "kinematics", "coupling", "plan", "devices", "stepping", "telemetry", "build",
 )  # fmt: skip
-SAVES = {"save_state", "_save_own", "_lend_factor"}
-"""Any of these methods saves: its own, what a run adds to its base class, what a linear solver adds."""
+ROOMS = "cosim.devices", "cosim.plan"
+"""Whose objects are among the parts of the commands."""
+SAVES = {"state", "save_state", "_save_own", "_lend_factor"}
+"""Any of these saves: a property, a method, what a run adds to its base class, what a linear solver adds."""
 
 SAVED_OTHERWISE = {
     "AddedInertia": "by RigidScene",
@@ -40,6 +46,7 @@ SAVED_OTHERWISE = {
     "MountedFrame": "pose and twist are read anew after every step",
     "Parts": "loads of the last command, from which they follow",
     "PatternWidening": "places of the last pairs of films, which follow from them and the last factorisation",
+    "PlannedCommands": "references of the present phase, worked out anew; its parts have what it depends on",
     "QuickStepper": "a step that a row of ticks has begun: nothing is saved while a tick is half done",
     "RelaxedWrench": "lives for one increment of statics",
     "RobotFiles": "counts the files that are read for one scenario",
@@ -98,11 +105,12 @@ def of_others(source: str, method: str, context: type[ast.expr_context]) -> Coun
 
 
 def unsaved(source: str) -> Iterator[tuple[str, set[str]]]:
-    """Yield the classes that change and do not save, with the attributes that change."""
+    """Yield the classes that change and have no `state` or way to save, with the attributes that change."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ClassDef):
             methods = {entry.name for entry in node.body if isinstance(entry, ast.FunctionDef)}
-            if (changed := changed_attributes(node)) and not methods & SAVES:
+            has_state = any(ast.unparse(part) == "self.state" for part in ast.walk(node))
+            if (changed := changed_attributes(node)) and not has_state and not methods & SAVES:
                 yield node.name, changed
 
 
@@ -124,8 +132,7 @@ def unsaved_in(sources: Iterable[str]) -> set[str]:
 def test_what_changes_is_saved(folder: str) -> None:
     paths = sorted((PACKAGE / folder).rglob("*.py"))
     found = unsaved_in(path.read_text(encoding="utf-8") for path in paths)
-    # give the class save_state() and restore_state(), or one public attribute with all that changes, and let
-    # the one that owns it call them, or read and set that
+    # let the class keep what changes in one attribute, `state`, and name it among the parts of a run
     assert found <= set(SAVED_OTHERWISE)
 
 
@@ -137,10 +144,49 @@ def test_what_changes_is_saved(folder: str) -> None:
         ("b, self.a = 1, 2", True),
         ("a[self.b] = 1", False),
         ("b = self.a", False),
+        ("self.state = 1", False),
     ],
 )
 def test_the_rule_finds_changes(body: str, changes: bool) -> None:
     assert unsaved_in([f"class A:\n    def act(self):\n        {body}\n"]) == ({"A"} if changes else set())
+
+
+def within(owner: Any) -> dict[int, Any]:
+    """Return the objects of cosim within one, by identity."""
+    found: dict[int, Any] = {}
+    waiting = [owner]
+    while waiting:
+        here = waiting.pop()
+        if isinstance(here, Mapping):
+            waiting += here.values()
+        elif isinstance(here, list | tuple):
+            waiting += here
+        elif type(here).__module__.startswith("cosim.") and id(here) not in found:
+            found[id(here)] = here
+            waiting += vars(here).values() if hasattr(here, "__dict__") else ()
+    return found
+
+
+def leaves(parts: Any) -> list[Any]:
+    """Return the parts in a dictionary or sequence of them."""
+    if isinstance(parts, Mapping):
+        parts = [*parts.values()]
+    return [leaf for part in parts for leaf in leaves(part)] if isinstance(parts, list) else [parts]
+
+
+def test_every_state_of_the_commands_is_among_their_parts(tmp_path: Path) -> None:
+    sensor = '[[sensor]]\nname = "angle"\nkind = "bending_angle"\n'
+    devices = device_parts.PUMP, device_parts.WINCH, device_parts.CONTROLLER, sensor
+    run = build_simulation(device_parts.scenario(tmp_path, *devices, device_parts.INFLATE))
+    commands, parts = run._parts.commands, leaves(run._parts.commands.parts())
+    named, kinds = {id(part) for part in parts}, {type(part).__name__ for part in parts}
+    having = [each for each in within(commands).values() if type(each).__module__.startswith(ROOMS)]
+    missing = [type(each).__name__ for each in having if hasattr(each, "state") and id(each) not in named]
+    assert not missing
+    assert kinds == {
+        "ChamberGas", "CableDrive", "PumpDrive", "ZeroOrderHold", "Actuation", "FlangeOffset", "Sensors",
+        "LiveCommands",
+    }  # fmt: skip
 
 
 CHANGING = "class {}:\n    def act(self):\n        self.{} = 1\n"
@@ -156,17 +202,17 @@ OWNER = """class Owner:
 @pytest.mark.parametrize(
     ("sources", "found"),
     [
-        ([CHANGING.format("A", "state"), OWNER.format("self.a.state", "self.a.state")], set()),
-        ([CHANGING.format("A", "_state"), OWNER.format("self.a._state", "self.a._state")], {"A"}),
-        ([CHANGING.format("A", "state"), OWNER.format("self.a.other", "self.a.state")], {"A"}),
-        ([CHANGING.format("A", "state"), OWNER.format("self.a.state", "self.a.other")], {"A"}),
-        ([CHANGING.format("A", "state = self.b"), OWNER.format("self.a.state", "self.a.state")], {"A"}),
-        ([CHANGING.format("A", "state"), OWNER.format("self.state", "self.state")], {"A"}),
+        ([CHANGING.format("A", "held"), OWNER.format("self.a.held", "self.a.held")], set()),
+        ([CHANGING.format("A", "_held"), OWNER.format("self.a._held", "self.a._held")], {"A"}),
+        ([CHANGING.format("A", "held"), OWNER.format("self.a.other", "self.a.held")], {"A"}),
+        ([CHANGING.format("A", "held"), OWNER.format("self.a.held", "self.a.other")], {"A"}),
+        ([CHANGING.format("A", "held = self.b"), OWNER.format("self.a.held", "self.a.held")], {"A"}),
+        ([CHANGING.format("A", "held"), OWNER.format("self.held", "self.held")], {"A"}),
         (
             [
-                CHANGING.format("A", "state"),
-                CHANGING.format("B", "state"),
-                OWNER.format("self.a.state", "self.a.state"),
+                CHANGING.format("A", "held"),
+                CHANGING.format("B", "held"),
+                OWNER.format("self.a.held", "self.a.held"),
             ],
             {"A", "B"},
         ),

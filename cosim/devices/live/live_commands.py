@@ -227,14 +227,12 @@ class LiveState:
 @final
 @dataclass(frozen=True)
 class LiveCommandsState:
-    """What the next commands depend on.
+    """What the next commands depend on, besides the source that is changed.
 
     Args:
-        given: of the source that is changed.
         live: what has been commanded so far; None: nothing.
     """
 
-    given: Any
     live: LiveState | None
 
 
@@ -338,13 +336,18 @@ class LiveCommands(command_source.SteeredCommands):
         truth = self.measured(see(), tension_N)
         return self._sensors.tick(truth) if seed is None else self._sensors.begin(truth, seed)
 
-    def save_state(self) -> LiveCommandsState:
-        return LiveCommandsState(self._given.save_state(), self._state)
+    @property
+    def state(self) -> LiveCommandsState:
+        """What the next commands depend on, besides the source that is changed."""
+        return LiveCommandsState(self._state)
 
-    def restore_state(self, state: LiveCommandsState) -> None:
-        self._given.restore_state(state.given)
+    @state.setter
+    def state(self, state: LiveCommandsState) -> None:
         self._state, self._new, self._motion = state.live, None, None
         self._actuation.live = None
+
+    def parts(self) -> dict[str, Any]:
+        return {**self._given.parts(), "live": self}
 
     def _begin_values(self, phase: int, done: int) -> None:
         """Take up what a command asks for, at the first tick that it is for."""
