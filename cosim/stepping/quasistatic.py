@@ -119,58 +119,59 @@ class QuasistaticSimulation(SteppedRun):
         phases = [planned.phase for planned in parts.plan.phases]
         super().__init__(parts, stage, [phase.increments for phase in phases])
         self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
-        self._here: Equilibrium | None = None
+        self._state: QuasistaticState | None = None
         parts.soft.stand_against(parts.carrier.obstacles())
-        self._shapes, self._deflections = self._nothing_before
+
+    def _without_history(self, here: Equilibrium) -> QuasistaticState:
+        """Return the state at the start of a phase."""
+        nodes, joints = here.state.positions, self._parts.carrier.deflection
+        return QuasistaticState(here, np.empty((0, *nodes.shape)), np.empty((0, *joints.shape)))
 
     @property
-    def _nothing_before(self) -> tuple[Array, Array]:
-        """Shapes and deflections before increments of a phase that has had none."""
-        nodes, joints = self._parts.soft.state.positions, self._parts.carrier.deflection
-        return np.empty((0, *nodes.shape)), np.empty((0, *joints.shape))
+    def state(self) -> QuasistaticState:
+        """The present one."""
+        assert self._state is not None, "the run has begun"
+        return self._state
 
     @property
     def equilibrium(self) -> Equilibrium:
         """The present one."""
-        assert self._here is not None, "the run has begun"
-        return self._here
+        return self.state.here
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
         here = start_equilibrium(parts.soft, carrier.flange_pose, parts.loads(plan.command))
-        self._here, spent = self._with_droop(here, plan.joints, here.iterations)
+        here, spent = self._with_droop(here, plan.joints, here.iterations)
+        self._state = self._without_history(here)
         still = np.zeros_like(plan.joints)
         return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
 
     def _take(self, to: Cursor, most: int) -> TickBatch:
         began = time.perf_counter()
-        parts, before = self._parts, self._here
+        parts, state = self._parts, self.state
         phase = parts.plan.phases[to.phase].phase
-        assert before is not None, "the run has begun"
         began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
         if to.done == 1:
-            self._begin_phase(to.phase, before.world_from_flange)
-            self._shapes, self._deflections = self._nothing_before
+            self._begin_phase(to.phase, state.here.world_from_flange)
+            state = self._without_history(state.here)
         span = (phase.duration_s + phase.settle_s) / phase.increments
         joints = parts.carrier.joint_position
         command = parts.command(StepToTake(to.phase, to.done, began_s + (to.done - 1) * span, span))
         reference = command.joints.position
-        here, spent = self._advance(before, reference, parts.loads(command.soft))
-        self._here = here
-        motion = _mean_motion(parts, before, here, joints, span)
+        self._state, spent = self._advance(state, reference, parts.loads(command.soft))
+        motion = _mean_motion(parts, state.here, self._state.here, joints, span)
         return TickBatch.of([self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)])
 
     def _step_of(self, to: Cursor) -> str:
         return f"increment {to.done} of {self._parts.plan.phases[to.phase].phase.increments}"
 
     def _save_own(self) -> QuasistaticState:
-        assert self._here is not None, "the run has begun"
-        # which films touch is found anew in every increment
-        loads = replace(self._here.loads, self_contact=None)
-        here = replace(self._here, loads=loads, branchings=())
-        return QuasistaticState(here, self._shapes, self._deflections)
+        state = self.state
+        # which films touch is found again in every increment
+        loads = replace(state.here.loads, self_contact=None)
+        return replace(state, here=replace(state.here, loads=loads, branchings=()))
 
     def _restore_own(self, state: object) -> None:
         if not isinstance(state, QuasistaticState):
@@ -178,17 +179,16 @@ class QuasistaticSimulation(SteppedRun):
         soft = self._parts.soft.state
         check_state(state.here.state, soft, SoftState, place="state.own.here.state")
         sizes = {"nodes": len(soft.positions), "joints": len(self._parts.carrier.deflection)}
-        check_state(state, self._here and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
+        check_state(state, self._state and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
         if state.here.loads.contact is not None:
             self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
-        self._here, self._shapes, self._deflections = state.here, state.shapes, state.deflections
+        self._state = state
 
     def _snapshot(
         self, to: Cursor, time_s: float, reference: Array, motion: "_Motion", spent: int, began: float
     ) -> Snapshot:
         """Return what the present equilibrium shows, with the Newton iterations spent on it."""
-        parts, here, touched = self._parts, self._here, NOTHING_TOUCHED
-        assert here is not None, "the run has begun"
+        parts, here, touched = self._parts, self.state.here, NOTHING_TOUCHED
         if here.loads.contact is not None:
             touched = ContactReport.of(here.loads.contact, here.loads.contact.at(here.state.positions))
         joints = parts.carrier.joint_position
@@ -213,14 +213,16 @@ class QuasistaticSimulation(SteppedRun):
         before, count = to.done - 1, self._counts[to.phase]
         return tuple(replace(each, load_factor=(before + each.load_factor) / count) for each in passed)
 
-    def _advance(self, here: Equilibrium, reference: Array, loads: Loads) -> tuple[Equilibrium, int]:
-        """Return the next equilibrium of carrier and soft body, and the Newton iterations spent."""
-        carrier, soft = self._parts.carrier, self._parts.soft
+    def _advance(
+        self, state: QuasistaticState, reference: Array, loads: Loads
+    ) -> tuple[QuasistaticState, int]:
+        """Return the state at the next equilibrium of both, and the Newton iterations spent."""
+        carrier, soft, here = self._parts.carrier, self._parts.soft, state.here
         # shape, seen from the flange, and deflection go on as they changed in the increments before
         local = here.world_from_flange.inverse().apply(here.state.positions)
-        shapes = np.concatenate((self._shapes, local[None]))
-        deflections = np.concatenate((self._deflections, carrier.deflection[None]))
-        self._shapes, self._deflections = shapes[-_REMEMBERED:], deflections[-_REMEMBERED:]
+        shapes = np.concatenate((state.shapes, local[None]))
+        deflections = np.concatenate((state.deflections, carrier.deflection[None]))
+        state = replace(state, shapes=shapes[-_REMEMBERED:], deflections=deflections[-_REMEMBERED:])
         if soft.obstacles is not None:  # what it touches holds it where the guess has put it: guess less
             shapes, deflections = shapes[-2:], deflections[-1:]
         carrier.track(reference, next_of(deflections))
@@ -232,7 +234,8 @@ class QuasistaticSimulation(SteppedRun):
             carrier.track(reference, deflections[-1])
             found = soft.follow(here, carrier.flange_pose, loads)
             spent = error.iterations + found.iterations
-        return self._with_droop(found, reference, spent)
+        found, spent = self._with_droop(found, reference, spent)
+        return replace(state, here=found), spent
 
     def _with_droop(self, found: Equilibrium, reference: Array, spent: int) -> tuple[Equilibrium, int]:
         """Let the carrier give way to the wrench until it and the soft body agree.

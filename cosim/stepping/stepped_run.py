@@ -283,11 +283,11 @@ class SteppedRun(ABC):
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
         if not self.saves_now:
             raise InputError(f"a later tick than {self._cursor.tick} has been begun: save before or after it")
-        saved = replace(self._state(self._cursor), own=self._save_own())
+        saved = replace(self._composed(self._cursor), own=self._save_own())
         self._known.add(saved)
         return saved
 
-    def _state(self, cursor: Cursor) -> RunState:
+    def _composed(self, cursor: Cursor) -> RunState:
         """Return the present state of all parts, as if at that step."""
         parts = self._parts
         return RunState(
@@ -314,7 +314,7 @@ class SteppedRun(ABC):
     def _check(self, state: RunState) -> None:
         state.choices.check(self.choices)
         cursor, counts = state.cursor, self._counts
-        check_state(state, self._state(cursor), RunState)
+        check_state(state, self._composed(cursor), RunState)
         if not (0 <= cursor.phase < len(counts) and 0 <= cursor.done <= counts[cursor.phase]):
             raise InputError(
                 f"the saved state is at step {cursor.done} of phase {cursor.phase + 1}; here the phases have "

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cosim.app.driver import build_simulation
+from cosim.base.state import difference
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
@@ -134,7 +135,8 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
 @pytest.mark.parametrize("name", RUNS)
 def test_every_kind_of_run_goes_on_bit_for_bit(name: str, tmp_path: Path) -> None:
     scenario, overrides = RUNS[name]
-    plain = list(simulation(scenario, **overrides).steps())
+    whole = simulation(scenario, **overrides)
+    plain, end = list(whole.steps()), whole.save_state()
     saved = simulation(scenario, **overrides)
     states, found = [], []
     for snapshot in saved.steps():
@@ -150,7 +152,9 @@ def test_every_kind_of_run_goes_on_bit_for_bit(name: str, tmp_path: Path) -> Non
         other = simulation(scenario, **overrides)
         other.restore_state(through_a_file(states[tick], tmp_path))
         assert same(list(other.steps()), plain[tick + 1 :])
+        assert difference(other.save_state(), end) is None
     saved.restore_state(states[-1])
+    assert difference(saved.save_state(), end) is None
     assert list(saved.steps()) == []
 
 
