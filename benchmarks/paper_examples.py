@@ -35,7 +35,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 
@@ -224,11 +224,11 @@ class Follower:
         Raises:
             RuntimeError: an increment was not solved.
         """
-        solver = NewtonSolver(SoftSystem(self.body), clamped)
+        solver = NewtonSolver(FilmPotential(self.body), clamped)
         options = NewtonOptions(tolerance_N=1e-7, start_tolerance_N=1e-7, iterations_max=200)
         spent, self.residual_N = 0, 0.0
         for increment in increments:
-            loads = self._with_lag(solver.system, increment.loads) if self.lagged else increment.loads
+            loads = self._with_lag(solver.film, increment.loads) if self.lagged else increment.loads
             centre = self.positions[self.body.base].mean(axis=0)
             start = (self.positions - centre) @ rotation_from_vector(increment.turn).T + centre
             found = solver.solve(start, self.memory, loads, options)
@@ -239,10 +239,10 @@ class Follower:
             self.residual_N = max(self.residual_N, found.residual_N)
         return spent
 
-    def _with_lag(self, system: SoftSystem, loads: Loads) -> Loads:
+    def _with_lag(self, system: FilmPotential, loads: Loads) -> Loads:
         """Return the loads with the gas replaced by dead forces, those of the present shape."""
         without = replace(loads, pressure_Pa=())
-        tension = system.segment_share(self.positions, loads)
+        tension = system.losses_at(self.positions, loads)
         gradients = []
         for case in (without, loads):
             system.evaluate(self.positions, case, tension, self.memory, hessian=False)

@@ -68,7 +68,7 @@ def find_lower_state(
     options = options or PerturbationOptions()
     rng = np.random.default_rng(options.random_seed)
     best = begin
-    drawn = SoftState.drawn(solver.solver.system.body, begin.world_from_flange)
+    drawn = SoftState.drawn(solver.solver.film.body, begin.world_from_flange)
     for trial in range(options.trials + 1):
         state, start = best.state, drawn.positions
         if trial == 0:

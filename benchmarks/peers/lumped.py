@@ -25,7 +25,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import Hinges
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -54,7 +54,7 @@ def make_case(course: Course) -> tuple[SoftBody, Case]:
     """Return the body and the case with its start, the equilibrium at the course's low pressure."""
     body = film_only()
     clamp = Clamp.of_base(body)
-    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(tolerance_N=1e-8, start_tolerance_N=1e-8))
     state = SoftState.drawn(body, Pose())
     for pressure_Pa in np.arange(_INFLATION_Pa, course.low_Pa + 1.0, _INFLATION_Pa).tolist():

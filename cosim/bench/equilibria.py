@@ -24,7 +24,8 @@ from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
-from cosim.soft.solve import assembly, newton
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve import newton
 from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.stepping.parts import film_law
@@ -49,11 +50,11 @@ class OutputShape(NamedTuple):
 
 
 def _tip(shape: OutputShape) -> Array:
-    return shape.side.system.body.tip_position(shape.positions)
+    return shape.side.film.body.tip_position(shape.positions)
 
 
 def _direction(shape: OutputShape) -> Array:
-    return shape.side.system.body.tip_direction(shape.positions)
+    return shape.side.film.body.tip_direction(shape.positions)
 
 
 def _bending(shape: OutputShape) -> Array:
@@ -62,12 +63,12 @@ def _bending(shape: OutputShape) -> Array:
 
 
 def _length(shape: OutputShape) -> Array:
-    body = shape.side.system.body
+    body = shape.side.film.body
     return np.array([center_line_length(center_rings(body), shape.positions)])
 
 
 def _volumes(shape: OutputShape) -> Array:
-    return np.asarray(shape.side.system.gas.enclosed_volumes(shape.positions[None])[0])
+    return np.asarray(shape.side.film.gas.enclosed_volumes(shape.positions[None])[0])
 
 
 def _pressures(shape: OutputShape) -> Array:
@@ -75,11 +76,11 @@ def _pressures(shape: OutputShape) -> Array:
 
 
 def _routes(shape: OutputShape) -> Array:
-    return np.array([cable.length(shape.positions) for cable in shape.side.system.body.cables])
+    return np.array([cable.length(shape.positions) for cable in shape.side.film.body.cables])
 
 
 def _tensions(shape: OutputShape) -> Array:
-    cables, loads = shape.side.system.body.cables, shape.side.loads
+    cables, loads = shape.side.film.body.cables, shape.side.loads
     lengths = loads.cable_length_m or (None,) * len(cables)
     given = zip(cables, lengths, loads.cable_tension_N, strict=True)
     return np.array([
@@ -94,7 +95,7 @@ def _wrench(shape: OutputShape) -> Array:
 
 
 def _frame_strain(shape: OutputShape) -> Array:
-    found = stiffener_strain(shape.side.system.body, shape.positions)
+    found = stiffener_strain(shape.side.film.body, shape.positions)
     if found is None:
         raise InputError("frame_strain: the soft robot has no printed frames")
     return np.array([found.peak])
@@ -112,7 +113,7 @@ _READ: Final[dict[str, tuple[str, Read]]] = {
     "cable_length_m": ("cable", _routes),
     "cable_tension_N": ("cable", _tensions),
     "frame_strain": ("", _frame_strain),
-    "mass_kg": ("", lambda shape: np.array([shape.side.system.body.node_mass.sum()])),
+    "mass_kg": ("", lambda shape: np.array([shape.side.film.body.node_mass.sum()])),
     "flange_force_N": ("xyz", lambda shape: _wrench(shape)[:3]),
     "flange_torque_Nm": ("xyz", lambda shape: _wrench(shape)[3:]),
 }
@@ -160,12 +161,12 @@ def read(outputs: Sequence[Output], shape: OutputShape) -> Array:
     return np.array([arrays[output.read][output.place] for output in outputs])
 
 
-def read_at(outputs: Sequence[Output], system: assembly.SoftSystem, clamp: Clamp, here: Equilibrium) -> Array:
+def read_at(outputs: Sequence[Output], film: FilmPotential, clamp: Clamp, here: Equilibrium) -> Array:
     """Return the values (outputs,) at an equilibrium."""
-    x, memory = np.array(here.state.positions, order="C"), system.fresh(here.state.memory)
-    system.evaluate(x, here.loads, system.segment_share(x, here.loads, memory), memory, hessian=False)
-    side = Side(0.0, 0.0, 0.0, system, clamp, here.loads)
-    return read(outputs, OutputShape(side, x, system.gradient.copy(), here.world_from_flange))
+    x, memory = np.array(here.state.positions, order="C"), film.fresh(here.state.memory)
+    film.evaluate(x, here.loads, film.losses_at(x, here.loads, memory), memory, hessian=False)
+    side = Side(0.0, 0.0, 0.0, film, clamp, here.loads)
+    return read(outputs, OutputShape(side, x, film.gradient.copy(), here.world_from_flange))
 
 
 def _found(name: str, model: StaticModel) -> Iterator[Output]:
@@ -188,7 +189,7 @@ def _found(name: str, model: StaticModel) -> Iterator[Output]:
 
 
 def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
-    body, axis = model.system.body, of[-1:] if of[-2:-1] == "." and of[-1:] in _XYZ else ""
+    body, axis = model.film.body, of[-1:] if of[-2:-1] == "." and of[-1:] in _XYZ else ""
     place = of[:-2] if axis else of
     if kind == "ring_position_m":
         if place not in body.rings:
@@ -366,9 +367,9 @@ class Equilibria:
 
     def read(self, names: Sequence[str]) -> Array:
         """Return outputs (rows, outputs) where `solve` has been called last."""
-        outputs, system = outputs_of(names, self.model), self._arm.equilibrium_solver.solver.system
+        outputs, film = outputs_of(names, self.model), self._arm.equilibrium_solver.solver.film
         states = [self._states[number] for number in range(len(self.rows))]
-        return np.array([read_at(outputs, system, self._arm.clamp, here) for here in states])
+        return np.array([read_at(outputs, film, self._arm.clamp, here) for here in states])
 
     def jacobian(self, names: Sequence[str], *, kinks: bool = False) -> Array:
         """Return the derivatives (rows, outputs, parameters) of outputs there.
@@ -408,7 +409,7 @@ class Equilibria:
         statics = replace(static_options(scenario), tolerance_N=_TOLERANCE_N, start_tolerance_N=_TOLERANCE_N)
         flange = pose_of(scenario.start.flange)
         arm = SoftArm(fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario))
-        return arm, parameters.StaticModel.of(scenario, arm.equilibrium_solver.solver.system)
+        return arm, parameters.StaticModel.of(scenario, arm.equilibrium_solver.solver.film)
 
     def _equilibrium(self, number: int) -> Equilibrium:
         """Find the equilibrium of a row: from its last one, that of the row before, or the start."""
@@ -452,7 +453,7 @@ class Equilibria:
             ScenarioError: there is no such load.
         """
         model = self.model
-        chambers, cables, body = len(model.chambers), len(model.cables), model.system.body
+        chambers, cables, body = len(model.chambers), len(model.cables), model.film.body
         loads = Loads((0.0,) * chambers, (0.0,) * cables, self.scenario.gravity_m_s2)
         given = {keys[0]: float(value) for keys, value in zip(self.keys, self._values, strict=True)}
         for name, what in row.loads.items():

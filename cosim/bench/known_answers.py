@@ -28,13 +28,13 @@ from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.fabric import Fabric
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.material import Film
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, Equilibrium, Integrator, SoftState, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 
 UNLOADED: Final = Loads(gravity=(0.0, 0.0, 0.0))
 """No pressure, no weight, no forces."""
@@ -87,8 +87,8 @@ class Specimen:
     """
 
     def __init__(self, body: SoftBody, clamped: Mask, options: NewtonOptions) -> None:
-        self.body, self.system = body, SoftSystem(body)
-        self.newton = NewtonSolver(self.system, clamped)
+        self.body, self.film = body, FilmPotential(body)
+        self.newton = NewtonSolver(self.film, clamped)
         self.equilibria = EquilibriumSolver(self.newton, NO_CLAMP, options)
 
     def drawn(self, positions: Array | None = None) -> SoftState:
@@ -110,8 +110,8 @@ class Specimen:
     def gradient(self, here: Equilibrium, *, hessian: bool = False) -> Array:
         """Return the gradient of the potential (n, 3) [N]: what the supports supply."""
         x, loads, memory = here.state.positions, here.loads, here.state.memory
-        self.system.evaluate(x, loads, self.system.segment_share(x, loads, memory), memory, hessian=hessian)
-        return self.system.gradient.copy()
+        self.film.evaluate(x, loads, self.film.losses_at(x, loads, memory), memory, hessian=hessian)
+        return self.film.gradient.copy()
 
     def critical(self, expected: float, loads: Callable[[float], Loads]) -> float:
         """Return the factor at which the drawn shape ceases to be stable, by bisection to 1e-7.
@@ -124,7 +124,7 @@ class Specimen:
         while high - low > 1e-7 * high:
             middle = 0.5 * (low + high)
             self.gradient(self.solve(self.drawn(), loads(middle)), hessian=True)
-            stable = self.newton.linear.factor(self.system.blocks, low_rank=self.system.low_rank)
+            stable = self.newton.linear.factor(self.film.blocks, low_rank=self.film.tangent.low_rank)
             low, high = (middle, high) if stable else (low, middle)
         return 0.5 * (low + high)
 
@@ -320,7 +320,7 @@ def pendulum() -> list[Figure]:
     exact = 4.0 * math.sqrt(strip.length_m / gravity) * float(ellipk(math.sin(0.5 * amplitude) ** 2))
     specimen, start, step = strip.specimen(), strip.body().positions, exact / 400.0
     start[strip.tip, 0], start[strip.tip, 2] = math.cos(amplitude), math.sin(amplitude)
-    stepper = ImplicitStepper(specimen.newton, NO_CLAMP, exact_steps("bdf2", 1e-9))
+    stepper = Stepper(specimen.newton, NO_CLAMP, exact_steps("bdf2", 1e-9))
     state, heights = specimen.drawn(start), [1.0]
     for _ in range(360):
         state, _ = stepper.step(state, Pose(), replace(UNLOADED, gravity=(gravity, 0.0, 0.0)), step)
@@ -345,9 +345,9 @@ def capstan() -> list[Figure]:
     path[1:-1, :2] = radius / math.cos(0.5 * math.pi / count) * np.stack([np.cos(angle), np.sin(angle)], 1)
     cable = Cable(np.arange(len(path)), friction_coefficient=friction)
     body = SoftBody.from_arrays(path, np.array([[0, 1, 2]]), Film(1e6, 0.3, 1e-3), cables=(cable,))
-    system, loads = SoftSystem(body), replace(UNLOADED, cable_tension_N=(pull,))
-    system.evaluate(path, loads, system.segment_share(path, loads), system.memory, hessian=False)
-    force, exact = -system.gradient, pull * math.exp(-friction * math.pi)
+    film, loads = FilmPotential(body), replace(UNLOADED, cable_tension_N=(pull,))
+    film.evaluate(path, loads, film.losses_at(path, loads), film.memory, hessian=False)
+    force, exact = -film.gradient, pull * math.exp(-friction * math.pi)
     moment = abs(float(np.cross(path[1:-1], force[1:-1])[:, 2].sum()))
     return [
         Figure("T_2 [N]", float(np.linalg.norm(force[-1])), exact, 1e-9),

@@ -18,7 +18,7 @@ from cosim.devices.command_source import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.telemetry.snapshot import RunInfo, Snapshot, UnreadFilmShape
@@ -330,7 +330,7 @@ def _write_mode_shapes(
 
 def _swings(here: Snapshot, body: SoftBody, shapes: list[Array]) -> Iterator[TickBatch]:
     """Yield the frames of each mode."""
-    reader, rest = MeshReader(body, SoftSystem(body).gas.enclosed_volumes), np.array(here.node_position)
+    reader, rest = MeshReader(body, FilmPotential(body).gas.enclosed_volumes), np.array(here.node_position)
     swing = _SWING * float(np.ptp(rest, axis=0).max())
     turns = np.exp(4j * np.pi * np.arange(_FRAMES) / _FRAMES)
     for k, shape in enumerate(shapes):

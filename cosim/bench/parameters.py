@@ -20,7 +20,7 @@ from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.sensitivity import Moved, Side
 from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
@@ -67,26 +67,26 @@ class StaticModel:
 
     Args:
         scenario: that describes it.
-        system: of its body.
+        film: of its body.
         chambers: names.
         cables: names.
     """
 
     scenario: Scenario
-    system: SoftSystem
+    film: FilmPotential
     chambers: tuple[str, ...]
     cables: tuple[str, ...]
 
     @classmethod
-    def of(cls, scenario: Scenario, system: SoftSystem) -> "StaticModel":
+    def of(cls, scenario: Scenario, film: FilmPotential) -> "StaticModel":
         """Return the model of a scenario.
 
         Args:
             scenario: checked.
-            system: of its body.
+            film: of its body.
         """
-        chambers = tuple(chamber.name for chamber in system.body.gas_chambers)
-        return cls(scenario, system, chambers, tuple(scenario.soft_robot.cable_names()))
+        chambers = tuple(chamber.name for chamber in film.body.gas_chambers)
+        return cls(scenario, film, chambers, tuple(scenario.soft_robot.cable_names()))
 
 
 @final
@@ -126,30 +126,30 @@ class ModelParameter:
         if _LOSSES.issuperset(self.keys):
             step = _LOSS_STEP * (abs(self.value) or 1.0)
 
-        def built(offset: float) -> SoftSystem:
+        def built(offset: float) -> FilmPotential:
             if not offset or self.keys[0] in _SOLVER:
-                return model.system
+                return model.film
             changed = with_values(model.scenario, shared(self.keys, self.value + offset))
             body = fidelity_body(changed)
-            _check_alike(model.system.body, body, self.name)
-            return SoftSystem(body)
+            _check_alike(model.film.body, body, self.name)
+            return FilmPotential(body)
 
-        drawn = model.system.body
+        drawn = model.film.body
         made, in_time = _sided(built, step, self.name), model.scenario.mode == "dynamic"
         if len(made) == len(_CENTRAL) and not np.array_equal(made[0][3].body.positions, drawn.positions):
             step *= _DRAWN_STEP[in_time] / _STEP
             with suppress(InputError):  # twice the step may not be allowed
                 made = _scheme(built, _FOURTH if in_time else _CENTRAL, step)
         law, straight = film_law(model.scenario), all(_last(key) in _STRAIGHT for key in self.keys)
-        alike = [content_name(system.body.cables) == content_name(drawn.cables) for *_, system in made]
+        alike = [content_name(film.body.cables) == content_name(drawn.cables) for *_, film in made]
         held = list[Clamp]()  # those of the sides, and last the one they are made of, often the same
 
         def moves(here: Equilibrium, clamp: Clamp) -> Moved:
             if not held or held[-1] is not clamp:
-                held[:] = [*(_redrawn_clamp(clamp, drawn, system.body) for *_, system in made), clamp]
+                held[:] = [*(_redrawn_clamp(clamp, drawn, film.body) for *_, film in made), clamp]
             sides = tuple(
-                Side(offset, weight, bend, system, own, _redrawn_loads(own is clamp, here, system, law), same)
-                for (offset, weight, bend, system), own, same in zip(made, held[:-1], alike, strict=True)
+                Side(offset, weight, bend, film, own, _redrawn_loads(own is clamp, here, film, law), same)
+                for (offset, weight, bend, film), own, same in zip(made, held[:-1], alike, strict=True)
             )
             return Moved(self.name, sides, straight)
 
@@ -198,7 +198,7 @@ class LoadParameter:
             step = _STEPS.get(self.kind, _STEP) * max(abs(value), _SCALE[self.kind])
             made = _sided(lambda offset: self.changed(loads, value + offset, model), step, self.name)
             sides = tuple(
-                Side(offset, weight, bend, model.system, clamp, own) for offset, weight, bend, own in made
+                Side(offset, weight, bend, model.film, clamp, own) for offset, weight, bend, own in made
             )
             return Moved(self.name, sides, straight=self.kind != "cable_length_m")
 
@@ -408,7 +408,9 @@ def _redrawn_clamp(clamp: Clamp, drawn: SoftBody, changed: SoftBody) -> Clamp:
     return Clamp(clamp.nodes, offsets, clamp.components)
 
 
-def _redrawn_loads(same: bool, here: Equilibrium, changed: SoftSystem, law: FilmContactLaw | None) -> Loads:
+def _redrawn_loads(
+    same: bool, here: Equilibrium, changed: FilmPotential, law: FilmContactLaw | None
+) -> Loads:
     """Return loads with the areas that a changed body presses on itself with, unless it is drawn the same."""
     loads = here.loads
     if same or loads.self_contact is None or law is None:

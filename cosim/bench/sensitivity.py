@@ -24,9 +24,10 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.errors import InputError, SensitivityError
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve import assembly, newton, step_begin
+from cosim.soft.solve import newton, step_begin
 from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side
 from cosim.soft.solve.state import (
     Clamp,
@@ -46,7 +47,7 @@ class RunSlopes:
 
     Args:
         parameters: of the columns.
-        model: of a system that no run uses.
+        model: of a film that no run uses.
         start: where the run begins, at rest.
 
     Raises:
@@ -57,7 +58,7 @@ class RunSlopes:
     def __init__(self, parameters: Sequence[AnyParameter], model: StaticModel, start: SoftArmState) -> None:
         self._parameters, self._model, self._here = parameters, model, start
         self._options = dynamic_options(model.scenario)
-        if any(cable.friction_coefficient or cable.remembers for cable in model.system.body.cables):
+        if any(cable.friction_coefficient or cable.remembers for cable in model.film.body.cables):
             raise InputError(
                 "sensitivities in time know no losses that follow the shape or the way of a cable; set "
                 "friction_coefficient = 0 and losses = 'one_way' of all cables"
@@ -72,7 +73,7 @@ class RunSlopes:
         self._states = [(slope.motion, still, still, still) for _, slope in self._found]
 
     def _newton(self, clamp: Clamp) -> newton.NewtonSolver:
-        return newton.NewtonSolver(self._model.system, clamp.mask(self._model.system.body.nodes))
+        return newton.NewtonSolver(self._model.film, clamp.mask(self._model.film.body.nodes))
 
     def _moved(self, here: SoftArmState) -> list[Moved]:
         return [moves(_at(here), here.clamp) for moves in self._moves]
@@ -125,7 +126,7 @@ class RunSlopes:
         return values, np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
 
     def _own_side(self, here: SoftArmState) -> Side:
-        return Side(0.0, 0.0, 0.0, self._model.system, here.clamp, here.loads)
+        return Side(0.0, 0.0, 0.0, self._model.film, here.clamp, here.loads)
 
     def _inertia(
         self, place: tuple[int, int], side: Side, before: SoftState, after: SoftArmState, step_s: float
@@ -139,7 +140,7 @@ class RunSlopes:
             after: where it ends.
             step_s: h [s].
         """
-        options, system = self._options_of(place[0], side.offset), side.system
+        options, film = self._options_of(place[0], side.offset), side.film
         bed = options.bed(step_s, first=before.earlier is None)
         x, v = before.positions, before.velocities
         earlier_x, earlier_v = before.earlier or (x, v)
@@ -148,14 +149,14 @@ class RunSlopes:
             follow_flange(side.clamp.held, flange_axes(after.flange), x, earlier_x, bed, along)
         step_begin.fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
         if place not in self._rates:
-            self._rates[place] = StrainRates.of(system.body, system.film)
+            self._rates[place] = StrainRates.of(film.body)
         rates = self._rates[place]
         if rates is not None:
-            share = system.segment_share(x, side.loads, before.memory)
-            system.evaluate(x, side.loads, share, before.memory, hessian=False)
-            rates.fill(x, earlier_x if bed.two_steps else None, system.memory.copy(), bed.span)
-        coefficient = system.body.node_mass * inertia_weight(bed.span, options.losses_per_s)
-        return Inertia(coefficient, target, step_s, options.closely, 0 if rates is None else rates.address)
+            share = film.losses_at(x, side.loads, before.memory)
+            film.evaluate(x, side.loads, share, before.memory, hessian=False)
+            rates.fill(x, earlier_x if bed.two_steps else None, film.memory.copy(), bed.span)
+        coefficient = film.body.node_mass * inertia_weight(bed.span, options.losses_per_s)
+        return Inertia(coefficient, target, step_s, options.closely, rates)
 
     def _options_of(self, number: int, offset: float) -> StepOptions:
         if number < 0:
@@ -306,12 +307,12 @@ Asked: TypeAlias = tuple[Sequence[ParameterName], Sequence[str]]
 
 def _at_rest(scenario: Scenario, soft: SoftArm, here: Equilibrium, asked: Asked) -> Jacobian:
     solver = soft.equilibrium_solver.solver
-    if solver.system.slides:
+    if solver.film.slides:
         raise InputError(
             "a cable with losses = 'directed' remembers which way it has slid, so its equilibria depend on "
             "the way to them; take losses = 'one_way'"
         )
-    model = StaticModel.of(scenario, solver.system)
+    model = StaticModel.of(scenario, solver.film)
     wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
     for each in wanted:
         if each.name.startswith("solver."):
@@ -327,8 +328,8 @@ def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
             f"the simulation is at tick {simulation.snapshot.tick}; derivatives in time begin with the state "
             "at rest: pass a new simulation, or a scenario"
         )
-    # apart from the run, whose next tick depends on what its system has assembled last
-    model = StaticModel.of(simulation.scenario, assembly.SoftSystem(soft.body))
+    # apart from the run, whose next tick depends on what its film has assembled last
+    model = StaticModel.of(simulation.scenario, FilmPotential(soft.body))
     wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
     for row in rows:
         if row.name.startswith("flange_"):

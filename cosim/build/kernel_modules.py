@@ -38,14 +38,13 @@ def common_modules() -> tuple[ModuleType, ...]:
     from cosim.soft.body import places
     from cosim.soft.contact import contact_law
     from cosim.soft.elements import element, eyelets, frame_ring, mass_terms, pressure
-    from cosim.soft.film import film_terms
-    from cosim.soft.linear import envelope_kernels, pattern, secant_pairs
-    from cosim.soft.solve import film_step, state, step_begin
+    from cosim.soft.linear import envelope_kernels, pattern, secant_pairs, vectors
+    from cosim.soft.solve import state, step_begin
 
     elements = dict.fromkeys(sys.modules[kind.__module__] for kind in element.kinds_known())
     return (
-        places, contact_law, envelope_kernels, film_step, film_terms, state, mass_terms,
-        pattern, pressure, secant_pairs, step_begin,
+        places, contact_law, envelope_kernels, state, mass_terms,
+        pattern, pressure, secant_pairs, step_begin, vectors,
         *(module for module in elements if module not in (eyelets, frame_ring)),
     )  # fmt: skip
 

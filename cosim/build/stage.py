@@ -33,7 +33,8 @@ from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.body.places import parents
 from cosim.soft.elements.frame_stops import FrameStops
-from cosim.soft.solve import assembly, state
+from cosim.soft.film.film_energies import FilmEnergies
+from cosim.soft.solve import state
 from cosim.stepping.parts import Parts, film_report, meetings
 from cosim.telemetry.energy import EnergyParts
 from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, ObjectInfo, RunInfo
@@ -458,7 +459,7 @@ def _energy(scenario: Scenario, body: SoftBody) -> EnergyParts | None:
         return None
     gravity = np.array(scenario.gravity_m_s2)
     tick_s = scenario.clock.tick_s
-    film = assembly.FilmEnergies(body, tick_s)
+    film = FilmEnergies(body, tick_s)
     resisted = film.resisted if any(each.film.loss_factor for each in body.membranes) else None
     return EnergyParts.of(body, film.elastic, resisted, options, tick_s, gravity)
 

@@ -17,7 +17,8 @@ from cosim.reduced.solve.clamp import place_in_range
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body import loads, places
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve import assembly, equilibrium, newton_options, self_contact, state
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve import equilibrium, newton_options, self_contact, state
 from cosim.soft.solve.newton import NewtonSolver
 
 _RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
@@ -359,10 +360,10 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
     The film leans by gravity to the side and is pulled by its first cable. Loads at which the film has no
     equilibrium, or bends out of the model's range, are left out.
     """
-    system = assembly.SoftSystem(body)
+    film = FilmPotential(body)
     clamp = state.Clamp.of_base(body)
     options = newton_options.NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
-    newton = NewtonSolver(system, clamp.mask(body.nodes))
+    newton = NewtonSolver(film, clamp.mask(body.nodes))
     contact = None if films is None else self_contact.SelfContact(body, films)
     solver = equilibrium.EquilibriumSolver(newton, clamp, options, contact, slides_max=0)
     chain = ChainSolver(SectionBody(body, model))

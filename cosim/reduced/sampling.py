@@ -22,8 +22,9 @@ from cosim.reduced.section_model import RingFrames, frames_from_strains, strains
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements import element, frame_ring
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.solve import assembly, equilibrium, newton_options, state
+from cosim.soft.solve import equilibrium, newton_options, state
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 
@@ -315,7 +316,7 @@ class Sampler:
             rings = np.array(frames.rings[:-1])
             body = body.with_elements(frame_ring.FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
         self._frames = frames
-        self._system = assembly.SoftSystem(body)
+        self._system = FilmPotential(body)
         clamp = state.Clamp.of_base(body)
         # square units are followed to where they fold; others stop where their film crumples
         iterations, shift_N_m = (60, 1e9) if frames.rims.size else (25, 1e6)

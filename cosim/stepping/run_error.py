@@ -108,7 +108,7 @@ class Modes:
         values, parts = np.linalg.eigh((flexibility + flexibility.T) / 2.0)
         shapes = (parts.T @ basis).reshape(-1, body.nodes, 3)
         shapes = shapes[values > 0.0]
-        losses = np.array(stability.material_losses(solver.system, state.positions, shapes))
+        losses = np.array(stability.material_losses(solver.film, state.positions, shapes))
         return cls(state.positions, 1.0 / np.sqrt(values[values > 0.0]), shapes, losses)
 
 

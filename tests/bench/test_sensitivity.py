@@ -74,12 +74,12 @@ def solved(simulation: cosim.Simulation, name: str, loads: Loads) -> Callable[[f
         if name.startswith("soft_robot."):
             scenario = with_values(scenario, {name: value})
         else:
-            model = StaticModel.of(scenario, present(simulation)[0].equilibrium_solver.solver.system)
+            model = StaticModel.of(scenario, present(simulation)[0].equilibrium_solver.solver.film)
             parameter = parameters_of([name], model)[0]
             assert isinstance(parameter, LoadParameter)
             given = parameter.changed(given, value, model)
         there = solution(simulation, given, scenario)
-        system = there.solver.system
+        system = there.solver.film
         side = Side(0.0, 0.0, 0.0, system, there.clamp, there.here.loads)
         shape = OutputShape(side, there.here.state.positions, system.gradient, there.here.world_from_flange)
         return read(outputs_of(OUTPUTS, StaticModel.of(scenario, system)), shape)
@@ -151,7 +151,7 @@ def test_lengths_and_sealed_gas(name: str, step: float) -> None:
     gas = SealedGas(101325.0 + 8e3, volume)
     loads = replace(here.loads, gas=(gas,), cable_length_m=(0.98 * length, None))
     there = solution(simulation, loads, simulation.scenario)
-    model = StaticModel.of(simulation.scenario, there.solver.system)
+    model = StaticModel.of(simulation.scenario, there.solver.film)
     parameter = parameters_of([name], model)[0]
     assert isinstance(parameter, LoadParameter)
     slopes = Slopes([parameter], outputs_of(OUTPUTS, model), model)
@@ -164,7 +164,7 @@ def test_forces_are_linear_in_what_needs_one_assembly() -> None:
     simulation = pulled()
     arm, here = present(simulation)
     solver = arm.equilibrium_solver.solver
-    model = StaticModel.of(simulation.scenario, solver.system)
+    model = StaticModel.of(simulation.scenario, solver.film)
     names = [
         "film.young_modulus_Pa", "stiffener.young_modulus_Pa", "hinge.stiffness_factor", "mass.node_mass_kg",
     ]  # fmt: skip
@@ -191,7 +191,7 @@ def test_a_kink_is_refused() -> None:
     solver = arm.equilibrium_solver.solver
     sides = tuple(
         Side(
-            offset, 0.5 * offset, 1.0, solver.system, arm.clamp, replace(here.loads, pressure_Pa=(pressure,))
+            offset, 0.5 * offset, 1.0, solver.film, arm.clamp, replace(here.loads, pressure_Pa=(pressure,))
         )
         for offset, pressure in ((-1.0, 7990.0), (1.0, 8000.0))  # nothing happens above 8 kPa
     )
@@ -207,7 +207,7 @@ def test_a_cable_that_is_about_to_pull_is_refused() -> None:
     # it gets taut over 20 um
     loads = replace(slack.here.loads, cable_length_m=(length + 1e-5, None))
     there = solution(simulation, loads, simulation.scenario)
-    model = StaticModel.of(simulation.scenario, there.solver.system)
+    model = StaticModel.of(simulation.scenario, there.solver.film)
     slopes = Slopes(parameters_of(["soft_robot.film.thickness_m"], model), outputs_of(OUTPUTS, model), model)
     with pytest.raises(cosim.SensitivityError, match=r"no derivative by soft_robot.film.thickness_m"):
         slopes.at(there.solver, there.clamp, there.here)

@@ -18,8 +18,8 @@ from cosim.errors import MeshError, ScenarioError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.own_tube import LENGTH_M, RADIUS_M, ROWS, SIDES, tube
 
 ROBOT = """\
@@ -146,7 +146,7 @@ def test_the_film_is_that_of_the_file_with_its_sets_and_caps(tmp_path: Path) -> 
     )
     np.testing.assert_allclose(here.tip_direction(here.positions), [0.0, 0.0, 1.0], atol=1e-12)
     assert len(here.rings["cuff"]) == 4 * SIDES
-    volume = [SoftSystem(body).gas.enclosed_volumes(body.positions[None])[0, 0] for body in (here, given)]
+    volume = [FilmPotential(body).gas.enclosed_volumes(body.positions[None])[0, 0] for body in (here, given)]
     assert volume[0] == pytest.approx(volume[1], rel=1e-12)
     assert len(here.hinges.nodes) == len(interior_hinges(given.triangles))
 

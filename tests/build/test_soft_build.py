@@ -18,8 +18,8 @@ from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody, stored_energy
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.hinge import bending_measure
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import triangle_area
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 
@@ -163,7 +163,7 @@ def test_a_refined_unit_inflates(robot: SoftRobotTable, levels: int, rule: str) 
     body = refined(robot, levels, rule)
     held = np.zeros(body.nodes, dtype=bool)
     held[body.base] = True
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     solver = NewtonSolver(system, held)
     x, angles = body.positions, system.memory.copy()
     options = NewtonOptions(iterations_max=300)

@@ -22,11 +22,11 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState, StepAim, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.coupling.one_tick import one_tick
 
 URDF = """<robot name="slider"><link name="rail"/>
@@ -117,7 +117,7 @@ class OneBody:
         body = strip(young_modulus_Pa, slider.carriage_kg)
         held = along_the_slide(body)
         clamp = Clamp(np.arange(body.nodes), body.positions, held)
-        self._stepper = ImplicitStepper(NewtonSolver(SoftSystem(body), held), clamp, TIGHT)
+        self._stepper = Stepper(NewtonSolver(FilmPotential(body), held), clamp, TIGHT)
         self._loads = loads(body, PULL_N + PUSH_N)
         self.state: SoftState = slider.start
 

@@ -15,7 +15,7 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from tests.coupling.nearest_film import nearest_film
 from tests.soft.bodies import icosphere
 
@@ -35,7 +35,7 @@ def film() -> SoftBody:
 @pytest.mark.parametrize("step_m", [2e-4, 1.5e-3])
 def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
     body = film()
-    surface = ContactSurface.of(body, SoftSystem(body).pattern)
+    surface = ContactSurface.of(body, FilmPotential(body).pattern)
     scene = RigidScene(SceneDescription(find_arm("ur5e"), objects=OBJECTS))
     query = scene.contact_query()
     exchange = ContactExchange(query, scene.bodies, surface)

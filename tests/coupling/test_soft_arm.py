@@ -15,7 +15,7 @@ from cosim.coupling.soft_sides.soft_side import exchange_gain
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
 STEP_S = 0.002
@@ -156,10 +156,10 @@ def test_held_nodes_follow_the_flange_exactly() -> None:
 
 def test_a_step_that_fails_is_taken_in_halves(monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[float] = []
-    step = ImplicitStepper.step
+    step = Stepper.step
 
     def short_ones_only(
-        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
+        self: Stepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
     ) -> Any:
         if step_s > 0.3 * STEP_S:
             raise ConvergenceError("too long", 1.0, 10)
@@ -171,7 +171,7 @@ def test_a_step_that_fails_is_taken_in_halves(monkeypatch: pytest.MonkeyPatch) -
     loads = no_load(arm.body, pressure_Pa=(0.9 * PRESSURE_Pa,))
     arm.advance(first, begin, STEP_S)
     with monkeypatch.context() as patch:
-        patch.setattr(ImplicitStepper, "step", short_ones_only)
+        patch.setattr(Stepper, "step", short_ones_only)
         reply = arm.advance(flange, loads, STEP_S)
     assert taken == [0.25 * STEP_S] * 4
     assert reply.iterations >= 30 + 4  # the iterations of the three failures count as well
@@ -190,10 +190,10 @@ def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     had_earlier: list[bool] = []
-    step = ImplicitStepper.step
+    step = Stepper.step
 
     def halves_only(
-        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
+        self: Stepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
     ) -> Any:
         if step_s > 0.6 * STEP_S:
             raise ConvergenceError("too long", 1.0, 1)
@@ -206,7 +206,7 @@ def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
         arm.advance(moving(k * STEP_S), loads, STEP_S)
     assert arm.state.earlier is not None
     with monkeypatch.context() as patch:
-        patch.setattr(ImplicitStepper, "step", halves_only)
+        patch.setattr(Stepper, "step", halves_only)
         arm.advance(moving(3 * STEP_S), loads, STEP_S)
     assert had_earlier == [False, True]  # both halves are of one length
     assert arm.state.earlier is None  # the next step is a whole one again
@@ -215,17 +215,17 @@ def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
 def test_after_a_failure_the_state_is_that_before(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = hanging_arm()
     before, lengths = arm.state, []
-    step = ImplicitStepper.step
+    step = Stepper.step
 
     def first_half_only(
-        self: ImplicitStepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
+        self: Stepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
     ) -> Any:
         lengths.append(step_s)
         if len(lengths) == 2:
             return step(self, state, flange, loads, step_s, *rest)
         raise ConvergenceError("no", 1.0, 1)
 
-    monkeypatch.setattr(ImplicitStepper, "step", first_half_only)
+    monkeypatch.setattr(Stepper, "step", first_half_only)
     with pytest.raises(ConvergenceError):
         arm.advance(moving(0.01), no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)), STEP_S)
     assert min(lengths) == STEP_S / 32  # five halvings

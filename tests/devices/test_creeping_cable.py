@@ -15,7 +15,7 @@ from cosim.devices.drives import CableDrive, Order
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, base_tension, step_spring
 from cosim.soft.solve.state import StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.devices.device_parts import INFLATE, PULL, SHORTER, WINCH, TICK_s, scenario
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung
 
@@ -86,7 +86,7 @@ def test_the_film_feels_the_tension_of_a_creeping_cable() -> None:
 
     def end(loads: Loads) -> Array:
         return (
-            ImplicitStepper(specimen.newton, specimen.clamp, options)
+            Stepper(specimen.newton, specimen.clamp, options)
             .step(state, HANGING, loads, step_s)[0]
             .positions
         )

@@ -59,7 +59,7 @@ class OpenSpecimen:
     def __init__(self, body: SoftBody) -> None:
         self.body = body
         clamp = guided(body)
-        self.newton = newton.NewtonSolver(assembly.SoftSystem(body), clamp.mask(body.nodes))
+        self.newton = newton.NewtonSolver(assembly.FilmPotential(body), clamp.mask(body.nodes))
         options = newton_options.NewtonOptions(tolerance_N=1e-5, iterations_max=600, step_max_m=0.01)
         self.solver = equilibrium.EquilibriumSolver(self.newton, clamp, options)
         self.here: Equilibrium | None = None
@@ -109,7 +109,7 @@ class OpenSpecimen:
     @property
     def volume_m3(self) -> float:
         """Volume that film and open ends enclose."""
-        return float(self.newton.system.volume)
+        return float(self.newton.film.volume)
 
 
 def guided(body: SoftBody) -> Clamp:
@@ -156,7 +156,7 @@ def tilt_stiffness(sample: OpenSpecimen) -> float:
     x = here.state.positions
     clamp = Clamp.of_base(body).extended(body.tip, x, Pose())
     solver = equilibrium.EquilibriumSolver(
-        newton.NewtonSolver(assembly.SoftSystem(body), clamp.mask(body.nodes)), clamp, sample.solver.options
+        newton.NewtonSolver(assembly.FilmPotential(body), clamp.mask(body.nodes)), clamp, sample.solver.options
     )
     centre, state = x[body.tip].mean(axis=0), here.state
     loads = sample.loads(here.loads.pressures(1)[0], x)
@@ -167,11 +167,11 @@ def tilt_stiffness(sample: OpenSpecimen) -> float:
         turned[body.tip] = centre + (x[body.tip] - centre) @ turn.T
         solver.clamp = Clamp.of_base(body).extended(body.tip, turned, Pose())
         state = solver.solve(state, Pose(), loads).state
-        moments.append(_moment(solver.solver.system, body, state.positions, centre))
+        moments.append(_moment(solver.solver.film, body, state.positions, centre))
     return float(moments[-1] - moments[0]) / ANGLE_RAD
 
 
-def _moment(system: assembly.SoftSystem, body: SoftBody, positions: Array, centre: Array) -> float:
+def _moment(system: assembly.FilmPotential, body: SoftBody, positions: Array, centre: Array) -> float:
     """Return the moment [N m] about x that holds the upper ring, the caps' pressure taken off."""
     arm = positions[body.tip] - centre
     return float(cross(arm, system.gradient[body.tip])[:, 0].sum())

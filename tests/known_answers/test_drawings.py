@@ -87,7 +87,7 @@ def test_a_pouch_motor_from_a_dxf_pulls_as_its_arcs_do(motor: NamedMesh, degrees
     found = specimen.solve(specimen.drawn(start), replace(UNLOADED, pressure_Pa=(POUCH_PRESSURE_PA,)))
     pull = float(specimen.gradient(found)[seam & (flat[:, 0] > 0.0), 0].sum())
     assert pull / (POUCH_PRESSURE_PA * LENGTH_M * DEPTH_M) == pytest.approx(math.cos(angle) / angle, rel=5e-3)
-    volume = float(specimen.system.gas.enclosed_volumes(found.state.positions[None])[0, 0])
+    volume = float(specimen.film.gas.enclosed_volumes(found.state.positions[None])[0, 0])
     exact = 0.5 * (angle - math.sin(angle) * math.cos(angle)) / angle**2
     assert volume / (DEPTH_M * LENGTH_M**2) == pytest.approx(exact, rel=5e-3)
 
@@ -121,7 +121,7 @@ def inflated(mesh: NamedMesh, film: Film, pressure_Pa: float, rise_m: float) -> 
         body = SoftBody.from_arrays(flat, mesh.triangles, law)
         specimen = Specimen(body, held, options)
         x = specimen.solve(specimen.drawn(x), replace(UNLOADED, pressure_Pa=(pressure_Pa,))).state.positions
-    return Inflated(flat, x, float(specimen.system.gas.enclosed_volumes(x[None])[0, 0]))
+    return Inflated(flat, x, float(specimen.film.gas.enclosed_volumes(x[None])[0, 0]))
 
 
 SVG = """<svg xmlns="http://www.w3.org/2000/svg" width="2000mm" height="2000mm" viewBox="0 0 200 200">
@@ -189,7 +189,7 @@ def test_a_pouch_sealed_all_round_pulls_less_than_the_plane_motor(
         found = specimen.solve(specimen.drawn(start), replace(UNLOADED, pressure_Pa=(p,)))
         start = found.state.positions
     force = float(specimen.gradient(found)[seam & (flat[:, 0] > 0.0), 0].sum())
-    enclosed = float(specimen.system.gas.enclosed_volumes(start[None])[0, 0])
+    enclosed = float(specimen.film.gas.enclosed_volumes(start[None])[0, 0])
     plane = 0.5 * (angle - math.sin(angle) * math.cos(angle)) / angle**2
     assert force / (p * length * 2.0 * y * math.cos(angle) / angle) == pytest.approx(pull, abs=0.02)
     assert enclosed / (2.0 * y * length**2 * plane) == pytest.approx(volume, abs=0.02)

@@ -20,7 +20,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, Equilibrium
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 
 GRAVITY = 9.81
 MESH = 5e-3
@@ -40,8 +40,8 @@ def sideways(strip: Strip, specimen: Specimen, here: Equilibrium) -> Array:
     Bending decouples: both nodes of a section move along z together.
     """
     specimen.gradient(here, hessian=True)
-    pattern, z = specimen.system.pattern, np.zeros((strip.nodes, strip.nodes))
-    z[pattern.row, pattern.column] = z[pattern.column, pattern.row] = specimen.system.blocks[:, 2, 2]
+    pattern, z = specimen.film.pattern, np.zeros((strip.nodes, strip.nodes))
+    z[pattern.row, pattern.column] = z[pattern.column, pattern.row] = specimen.film.blocks[:, 2, 2]
     z = z.reshape(strip.panels + 2, 2, strip.panels + 2, 2).sum(axis=(1, 3))[2:, 2:]
     mass = specimen.body.node_mass.reshape(-1, 2).sum(axis=1)[2:]
     return np.asarray(np.sqrt(eigh(z, np.diag(mass), subset_by_index=[0, 2], eigvals_only=True)))
@@ -237,13 +237,13 @@ def test_a_whirling_strip_pulls_and_flaps() -> None:
     x[:, 2] = 0.5e-3 * (5.0 * u**3 - 3.0 * u)
     world = flange_at(0.0).apply(x)
     state = replace(specimen.drawn(world), velocities=np.cross([0.0, 0.0, speed], world))
-    stepper, pulls, heights = ImplicitStepper(specimen.newton, clamp, exact_steps("bdf2", 1e-7)), [], []
+    stepper, pulls, heights = Stepper(specimen.newton, clamp, exact_steps("bdf2", 1e-7)), [], []
     step = 2.0 * math.pi / (speed * steps)
     for k in range(1, steps + 1):
         flange = flange_at(speed * k * step)
         heights.append(float(state.positions[strip.tip, 2].mean()))
         state, _ = stepper.step(state, flange, UNLOADED, step)
-        acting = clamp.wrench(specimen.system.gradient, state.positions, flange).force
+        acting = clamp.wrench(specimen.film.gradient, state.positions, flange).force
         pulls.append(float(acting @ flange.rotation[:, 0]))
     h = np.array(heights)
     before = np.flatnonzero(h[:-1] * h[1:] < 0.0)

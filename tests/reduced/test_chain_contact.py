@@ -14,7 +14,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from tests.derivatives import RELATIVE, derivative_errors
 from tests.small_section import body, section
 from tests.soft.contacts import half_space
@@ -39,7 +39,7 @@ def frames() -> Array:
 
 def planes(x: Array, share: float) -> ContactPlanes:
     """Return a half-space in which points of the film at nodes (n, 3) sink in, each with friction."""
-    surface = ContactSurface.of(body(), SoftSystem(body()).pattern)
+    surface = ContactSurface.of(body(), FilmPotential(body()).pattern)
     rng = np.random.default_rng(0)
     normal = rng.normal(size=3)
     normal /= np.linalg.norm(normal)

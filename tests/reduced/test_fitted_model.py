@@ -15,7 +15,7 @@ from cosim.reduced.fitting import Effort, build_model
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -32,9 +32,9 @@ def free() -> Mask:
     return np.arange(len(section().frames)) > 0
 
 
-def film(pressures_Pa: tuple[float, ...]) -> tuple[SoftSystem, list[Equilibrium]]:
+def film(pressures_Pa: tuple[float, ...]) -> tuple[FilmPotential, list[Equilibrium]]:
     """Return the film's system and its equilibria at pressures, leaning and pulled by a cable."""
-    system, clamp = SoftSystem(body()), Clamp.of_base(body())
+    system, clamp = FilmPotential(body()), Clamp.of_base(body())
     solver = EquilibriumSolver(NewtonSolver(system, clamp.mask(body().nodes)), clamp, NewtonOptions())
     begin = solver.solve(SoftState.drawn(body(), Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
     return system, [
@@ -88,7 +88,7 @@ def test_units_that_press_on_one_another_carry_in_the_chain_as_in_the_film() -> 
 
     def film_tip(films: FilmContactLaw | None) -> Array:
         clamp, contact = Clamp.of_base(film), None if films is None else SelfContact(film, films)
-        newton = NewtonSolver(SoftSystem(film), clamp.mask(film.nodes))
+        newton = NewtonSolver(FilmPotential(film), clamp.mask(film.nodes))
         solver = EquilibriumSolver(newton, clamp, NewtonOptions(), contact)
         begin = solver.solve(SoftState.drawn(film, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
         return film.tip_position(solver.follow(begin, Pose(), loads).state.positions)
@@ -119,7 +119,7 @@ def test_a_model_of_a_refined_mesh_is_nearer_to_its_film_than_that_of_the_coarse
     assert models[1].failures == 0
     assert models[1].tip_error < 0.03
     loads, clamp = Loads((25e3,), (0.0, 0.0), (1.0, 0.0, 9.0)), Clamp.of_base(fine)
-    solver = EquilibriumSolver(NewtonSolver(SoftSystem(fine), clamp.mask(fine.nodes)), clamp, NewtonOptions())
+    solver = EquilibriumSolver(NewtonSolver(FilmPotential(fine), clamp.mask(fine.nodes)), clamp, NewtonOptions())
     begin = solver.solve(SoftState.drawn(fine, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
     film = fine.tip_position(solver.follow(begin, Pose(), loads).state.positions)
     off = []

@@ -18,7 +18,7 @@ from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -52,7 +52,7 @@ def finger() -> tuple[SectionModel, SoftBody, FilmContactLaw]:
 def film_of_finger() -> EquilibriumSolver:
     _, body, smooth = finger()
     clamp = Clamp.of_base(body)
-    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
     options = NewtonOptions(tolerance_N=1e-5, start_tolerance_N=1e-5, iterations_max=60)
     return EquilibriumSolver(newton, clamp, options, SelfContact(body, smooth))
 
@@ -60,7 +60,7 @@ def film_of_finger() -> EquilibriumSolver:
 def test_square_units_fold_as_their_film_does() -> None:
     model, body, _ = finger()
     assert model.failures == 0
-    section, system, film = SectionBody(body, model), SoftSystem(body), film_of_finger()
+    section, system, film = SectionBody(body, model), FilmPotential(body), film_of_finger()
     chain, frames = ChainSolver(section), section.straight(PRESSURE_Pa)
     here = film.solve(SoftState.drawn(body, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
     here = film.follow(here, Pose(), Loads((PRESSURE_Pa,), (0.0, 0.0)))

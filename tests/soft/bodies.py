@@ -13,9 +13,9 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -51,7 +51,7 @@ class Held:
     """A body with its solvers, held by its base."""
 
     body: SoftBody
-    system: SoftSystem
+    system: FilmPotential
     clamp: Clamp
     newton: NewtonSolver
     equilibrium: EquilibriumSolver
@@ -59,7 +59,7 @@ class Held:
 
 def held(body: SoftBody, options: NewtonOptions | None = None) -> Held:
     """Return the solvers of a body held by its base."""
-    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    system, clamp = FilmPotential(body), Clamp.of_base(body)
     newton = NewtonSolver(system, clamp.mask(body.nodes))
     return Held(body, system, clamp, newton, EquilibriumSolver(newton, clamp, options or NewtonOptions()))
 

@@ -13,8 +13,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.frame_ring import FrameRings
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.state import SoftState
 from tests.derivatives import RELATIVE, assembled, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, no_load, random_rotation
@@ -30,8 +30,8 @@ def arm_and_fingers(plate: Plate = PLATE) -> SoftBody:
 
 
 def gradient_of(body: SoftBody, x: Array, loads: Loads) -> Array:
-    system = SoftSystem(body)
-    tension = system.segment_share(x, loads)
+    system = FilmPotential(body)
+    tension = system.losses_at(x, loads)
     system.evaluate(x, loads, tension, dihedral_angle(x, body.hinges.nodes))
     return system.gradient.copy()
 

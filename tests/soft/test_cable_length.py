@@ -14,11 +14,11 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, TRANSITION_m, base_tension, onset, stretch_at
 from cosim.soft.elements.eyelets import SHARE
 from cosim.soft.elements.material import Film
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.sensitivity import Sensitivity
 from cosim.soft.solve.state import StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, shapes
 
@@ -43,14 +43,14 @@ def bare_cable(points: Array, **cable: float) -> SoftBody:
 
 def evaluation(body: SoftBody, x: Array, loads: Loads) -> Evaluate:
     """Return the evaluation with losses frozen at x, dense terms included."""
-    system = SoftSystem(body)
-    given, angles = system.segment_share(x, loads), dihedral_angle(x, body.hinges.nodes)
+    system = FilmPotential(body)
+    given, angles = system.losses_at(x, loads), dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, given, angles)
         hessian = dense(system.pattern, system.blocks)
-        if system.low_rank is not None:
-            hessian += system.low_rank.matrix()
+        if system.tangent.low_rank is not None:
+            hessian += system.tangent.low_rank.matrix()
         return energy, system.gradient.copy(), hessian
 
     return evaluate
@@ -144,7 +144,7 @@ def test_dynamics_come_to_rest_where_statics_are() -> None:
     begin = hung(specimen, pressure_Pa=(30e3,))
     lengths = tuple(cable.length(begin.state.positions) - SHORTER_m for cable in specimen.body.cables)
     loads = replace(begin.loads, cable_length_m=lengths)
-    stepper = ImplicitStepper(specimen.newton, specimen.clamp, StepOptions(damping_per_s=60.0))
+    stepper = Stepper(specimen.newton, specimen.clamp, StepOptions(damping_per_s=60.0))
     state = begin.state
     for _ in range(400):
         state, _ = stepper.step(state, HANGING, loads, 0.005)
@@ -154,18 +154,18 @@ def test_dynamics_come_to_rest_where_statics_are() -> None:
 
 def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     # losses are frozen while a step is solved; left there, the tension is off by k x (change of L_w - L)
-    frozen, true = list[Array](), SoftSystem.segment_share
+    frozen, true = list[Array](), FilmPotential.losses_at
 
-    def recorded(system: SoftSystem, x: Array, loads: Loads, memory: Array) -> Array:
+    def recorded(system: FilmPotential, x: Array, loads: Loads, memory: Array) -> Array:
         frozen.append(true(system, x, loads, memory))
         return frozen[-1]
 
-    monkeypatch.setattr(SoftSystem, "segment_share", recorded)
+    monkeypatch.setattr(FilmPotential, "losses_at", recorded)
     specimen = held(arm(stiffness_N_m=1e5))
     state = hung(specimen, pressure_Pa=(30e3,)).state
     first = specimen.body.cables[0]
     loads = Loads((30e3,), (0.0, 0.0), cable_length_m=(first.length(state.positions) - SHORTER_m, None))
-    stepper = ImplicitStepper(specimen.newton, specimen.clamp, StepOptions(integrator="bdf2"))
+    stepper = Stepper(specimen.newton, specimen.clamp, StepOptions(integrator="bdf2"))
     for _ in range(5):
         state, _ = stepper.step(state, HANGING, loads, 0.02)
         tension = base_tension(first, state.positions, loads.cable_length_m[0] or 0.0)

@@ -9,9 +9,9 @@ from cosim.base.frames import Array, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU, LinearSolver, by_component
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 
@@ -46,7 +46,7 @@ def some_clamps(body: SoftBody) -> Mask:
 @pytest.mark.parametrize("kind", [EnvelopeCholesky, DissectedCholesky, GeneralLU])
 def test_the_solution_is_that_of_the_dense_matrix(kind: type[LinearSolver]) -> None:
     body = sheet(3, 3)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     stretched = body.positions * np.array([1.05, 1.02, 1.0])
     system.evaluate(stretched, Loads(), np.zeros(0), system.memory)
     dense = np.zeros((body.nodes, 3, body.nodes, 3))
@@ -68,7 +68,7 @@ def hanging(body: SoftBody, clamped: Mask) -> Array:
     """Return the equilibrium under gravity, from a start that is not flat."""
     start = body.positions - np.array([0.0, 0.0, 0.05]) * ~by_component(clamped)
     loads = Loads(gravity=(0.0, 0.0, -9.81))
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     result = NewtonSolver(system, clamped).solve(start, system.memory, loads, NewtonOptions(tolerance_N=1e-9))
     assert result.converged
     return result.positions

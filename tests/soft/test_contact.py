@@ -16,11 +16,11 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import triangle_area
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Clamp, SoftState, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import hexagon_arm, icosphere, shapes
 from tests.soft.contacts import half_space
@@ -29,7 +29,7 @@ LAW = ContactLaw(stiffness_N_m3=3e8, smoothing_m=2e-3, stick_m=1e-3)
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def evaluate(planes: ContactPlanes, system: SoftSystem, x: Array) -> tuple[float, Array, Array]:
+def evaluate(planes: ContactPlanes, system: FilmPotential, x: Array) -> tuple[float, Array, Array]:
     force, blocks = np.zeros_like(x), np.zeros((system.pattern.blocks, 3, 3))
     energy = planes.add(x, Sums(force, blocks), hessian=True)
     return energy, force, dense(system.pattern, blocks)
@@ -38,7 +38,7 @@ def evaluate(planes: ContactPlanes, system: SoftSystem, x: Array) -> tuple[float
 @pytest.mark.parametrize("share", [0.02, 0.5, 3.0])
 def test_derivatives_are_exact_within_the_transition_and_beyond(share: float) -> None:
     body = hexagon_arm(1)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     surface = ContactSurface.of(body, system.pattern)
     x = shapes(1)["random"]
     rng = np.random.default_rng(0)
@@ -59,7 +59,7 @@ def test_derivatives_are_exact_within_the_transition_and_beyond(share: float) ->
 def test_glued_points_are_held_by_springs_in_every_direction() -> None:
     """Derivatives are exact; stiffnesses that others read are those of the tangent."""
     body = hexagon_arm(1)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     surface = ContactSurface.of(body, system.pattern)
     x = shapes(1)["random"]
     anchor = surface.points(x) + 1e-4 * np.random.default_rng(0).normal(size=(len(surface), 3))
@@ -73,7 +73,7 @@ def test_glued_points_are_held_by_springs_in_every_direction() -> None:
 
 def test_contact_points_stand_for_the_whole_area_and_its_moments() -> None:
     body = hexagon_arm(2)
-    surface = ContactSurface.of(body, SoftSystem(body).pattern)
+    surface = ContactSurface.of(body, FilmPotential(body).pattern)
     x = body.positions
     area = triangle_area(x, body.triangles)
     points = surface.points(x)
@@ -86,7 +86,7 @@ def test_contact_points_stand_for_the_whole_area_and_its_moments() -> None:
 
 def test_deep_in_contact_pressure_is_stiffness_times_depth_and_nothing_pulls() -> None:
     body = hexagon_arm(1)
-    surface = ContactSurface.of(body, SoftSystem(body).pattern)
+    surface = ContactSurface.of(body, FilmPotential(body).pattern)
     planes = half_space(surface, UP, 0.0, LAW)
     flat = np.array(body.positions)
     for z, pressure in ((-3e-3, 3e8 * 3e-3), (-1e-3, 3e8 * 1e-3), (1e-3, 0.0), (2e-3, 0.0)):
@@ -120,12 +120,10 @@ def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> 
         tick_s: step [s].
     """
     body = block()
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     surface = ContactSurface.of(body, system.pattern)
     clamp = Clamp.of_base(body)
-    stepper = ImplicitStepper(
-        NewtonSolver(system, clamp.mask(body.nodes)), clamp, StepOptions(tolerance_N=1e-9)
-    )
+    stepper = Stepper(NewtonSolver(system, clamp.mask(body.nodes)), clamp, StepOptions(tolerance_N=1e-9))
     law = ContactLaw()
     state = SoftState.drawn(body, Pose(np.eye(3), np.array([0.0, 0.0, 0.02])))
     anchor, normal_force, speed = surface.points(state.positions), np.zeros(len(surface)), []
@@ -179,14 +177,14 @@ def test_a_squeezed_tube_pushes_back_with_its_pressure_times_its_flat_part() -> 
     ends = (np.arange(around)[::-1].copy(), around * along + np.arange(around))
     body = SoftBody.from_arrays(x, triangles, Film(1e9, 0.0, 1e-4), caps=ends, node_mass=1e-4)
     assert triangles.shape == (2 * around * along, 3)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     surface = ContactSurface.of(body, system.pattern)
     held = np.zeros((body.nodes, 3), dtype=bool)
     held[:, 0] = True  # plane strain
     state = SoftState.drawn(body, Pose())
     law = ContactLaw()
     clamp = Clamp(np.arange(body.nodes), x, held)
-    stepper = ImplicitStepper(
+    stepper = Stepper(
         NewtonSolver(system, clamp.mask(body.nodes)), clamp, StepOptions(tolerance_N=1e-5, damping_per_s=20.0)
     )
     for tick in range(400):
@@ -214,7 +212,7 @@ def _joined(first: ContactPlanes, second: ContactPlanes) -> ContactPlanes:
 def test_a_body_pressed_on_a_wall_gives_back_what_it_gets() -> None:
     x, triangles = icosphere(2, 0.02)
     body = SoftBody.from_arrays(x, triangles, Film(1e8, 0.3, 1e-4), node_mass=1e-4)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     surface = ContactSurface.of(body, system.pattern)
     rng = np.random.default_rng(1)
     anchor = surface.points(x) + 1e-4 * rng.normal(size=(len(surface), 3))

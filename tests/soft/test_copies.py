@@ -11,7 +11,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from tests.soft.bodies import hexagon_arm, shapes
 
 POSES = around_axis(3, 0.1, 0.4, 0.3, 0.02)
@@ -19,8 +19,8 @@ POSES = around_axis(3, 0.1, 0.4, 0.3, 0.02)
 
 def evaluated(body: SoftBody, x: Array, loads: Loads) -> tuple[float, Array, float]:
     """Return potential [J], gradient (n, 3) [N] and volume [m^3]."""
-    system = SoftSystem(body)
-    energy = system.evaluate(x, loads, system.segment_share(x, loads), system.memory)
+    system = FilmPotential(body)
+    energy = system.evaluate(x, loads, system.losses_at(x, loads), system.memory)
     return energy, system.gradient.copy(), system.volume
 
 

@@ -29,10 +29,10 @@ from cosim.soft.contact.self_contact_faces import FilmFaces
 from cosim.soft.elements.hinge import bending_measure
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import GasChambers
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton_options import NewtonOptions
 
 ezdxf = pytest.importorskip("ezdxf", reason="needs the extra pattern")
@@ -447,7 +447,7 @@ def test_a_crease_of_a_welded_tab_rests_at_its_angle_with_its_ridge_outside(
         beyond = flat[:, 2] > height + 1e-9
         x[beyond, 1] = side * math.sin(angle) * (flat[beyond, 2] - height)
         x[beyond, 2] = height + math.cos(angle) * (flat[beyond, 2] - height)
-        system = SoftSystem(body)
+        system = FilmPotential(body)
         system.evaluate(x, Loads(gravity=(0.0, 0.0, 0.0)), np.zeros(0), system.memory, hessian=False)
         resting[angle] = np.abs(system.gradient).max()
     assert resting[0.6] < 1e-9

@@ -12,7 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
@@ -21,7 +22,6 @@ from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky, chol
 from cosim.soft.linear.fronts import FrontTree, dissect, least_cuts, length_left
 from cosim.soft.linear.linear_solver import LinearSolver
 from cosim.soft.linear.pattern import CoupledPattern
-from cosim.soft.solve.assembly import SoftSystem
 from tests.soft.bodies import FILM, hexagon_arm
 
 SIDE = 60
@@ -48,15 +48,15 @@ def refined_arm(units: int = 3) -> SoftBody:
     )  # fmt: skip
 
 
-def assembled() -> tuple[SoftSystem, Mask]:
+def assembled() -> tuple[FilmPotential, Mask]:
     """Return the system of the refined arm with a definite tangent, base held."""
     body = refined_arm()
-    system, free = SoftSystem(body), np.ones((body.nodes, 3), dtype=bool)
+    system, free = FilmPotential(body), np.ones((body.nodes, 3), dtype=bool)
     free[body.base] = False
     free[body.tip[0], 2] = False  # and one component alone
     x, loads = body.positions, Loads((), (1.0, 1.0))
     bed = Inertia(np.full(body.nodes, 500.0), x)
-    system.evaluate(x, loads, system.segment_share(x, loads), system.memory, inertia=bed)
+    system.evaluate(x, loads, system.losses_at(x, loads), system.memory, inertia=bed)
     return system, free
 
 
@@ -224,7 +224,7 @@ def test_a_saved_factor_is_not_written_to() -> None:
 def test_a_wide_envelope_is_dissected_a_narrow_one_kept(
     monkeypatch: pytest.MonkeyPatch, bound: int, kind: type[LinearSolver]
 ) -> None:
-    system = SoftSystem(refined_arm(8))  # 137 entries in a row
+    system = FilmPotential(refined_arm(8))  # 137 entries in a row
     free = np.ones((system.body.nodes, 3), dtype=bool)
     monkeypatch.setattr(dissected_cholesky, "_WIDEST_ENVELOPE", bound)
     assert isinstance(cholesky(system.pattern, free, system.eyelets), kind)

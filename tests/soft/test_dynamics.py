@@ -16,7 +16,7 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.stability import footing
 from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions, mode_decay
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import differences
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 
@@ -25,10 +25,10 @@ X = np.array([1.0, 0.0, 0.0])
 TIGHT = NewtonOptions(tolerance_N=1e-10, start_tolerance_N=1e-12)
 
 
-def stepper(arm: Held, integrator: Integrator = "implicit_euler", **changes: Any) -> ImplicitStepper:
+def stepper(arm: Held, integrator: Integrator = "implicit_euler", **changes: Any) -> Stepper:
     """Return a stepper that solves every step nearly to rounding, unless told otherwise."""
     given = {"tolerance_N": 1e-8, "iterations": 50, "residual_bound_N": 0.0, "newton": TIGHT, **changes}
-    return ImplicitStepper(arm.newton, arm.clamp, StepOptions(integrator, **given))
+    return Stepper(arm.newton, arm.clamp, StepOptions(integrator, **given))
 
 
 def afloat(units: int = 1) -> Held:
@@ -39,7 +39,7 @@ def afloat(units: int = 1) -> Held:
 def flying(arm: Held, velocity: Array) -> SoftState:
     """Return the drawn shape, all nodes at one velocity (3,) [m/s]."""
     drawn = arm.body.positions
-    return SoftState(drawn.copy(), np.tile(velocity, (len(drawn), 1)), arm.system.memory.copy())
+    return SoftState(drawn.copy(), np.tile(velocity, (len(drawn), 1)), arm.film.memory.copy())
 
 
 def shifted(time_s: float) -> Pose:
@@ -75,7 +75,7 @@ def test_free_fall(integrator: Integrator) -> None:
     arm, h, steps = afloat(), 0.002, 50
     gravity = np.array([1.0, -2.0, -9.81])
     state = SoftState(
-        arm.body.positions.copy(), np.full_like(arm.body.positions, 0.3), arm.system.memory.copy()
+        arm.body.positions.copy(), np.full_like(arm.body.positions, 0.3), arm.film.memory.copy()
     )
     move = stepper(arm, integrator)
     for k in range(1, steps + 1):
@@ -125,7 +125,7 @@ def test_momentum_of_a_floating_chamber_stays(integrator: Integrator) -> None:
 @pytest.mark.parametrize(("integrator", "alpha"), [("implicit_euler", 30.0), ("bdf2", 30.0)])
 def test_damping_slows_free_flight_by_its_formula(integrator: Integrator, alpha: float) -> None:
     arm, h = afloat(), 0.004
-    state = SoftState(arm.body.positions.copy(), np.tile([1.0, 0.0, -0.5], (48, 1)), arm.system.memory.copy())
+    state = SoftState(arm.body.positions.copy(), np.tile([1.0, 0.0, -0.5], (48, 1)), arm.film.memory.copy())
     move = stepper(arm, integrator, damping_per_s=alpha)
     speeds = [1.0]
     for _ in range(10):
@@ -166,7 +166,7 @@ def test_motion_dies_out_in_the_static_equilibrium(integrator: Integrator) -> No
     assert state.positions == pytest.approx(rest.state.positions, abs=1e-7)
     assert np.abs(state.velocities).max() < 1e-6
     # the flange feels the static wrench
-    wrench = arm.clamp.wrench(arm.system.gradient, state.positions, HANGING)
+    wrench = arm.clamp.wrench(arm.film.gradient, state.positions, HANGING)
     assert wrench.force == pytest.approx(rest.wrench.force, abs=1e-5)
     assert wrench.torque == pytest.approx(rest.wrench.torque, abs=1e-6)
 
@@ -178,7 +178,7 @@ def test_the_flange_feels_the_inertia_it_accelerates() -> None:
     pose = Pose(HANGING.rotation, HANGING.translation + 0.001 * X)
     state, _ = stepper(arm).step(begin.state, pose, begin.loads, h)
     gained = arm.body.node_mass @ state.velocities / h
-    wrench = arm.clamp.wrench(arm.system.gradient, state.positions, pose)
+    wrench = arm.clamp.wrench(arm.film.gradient, state.positions, pose)
     weight = np.array([0.0, 0.0, -9.81 * arm.body.mass_kg])
     assert wrench.force == pytest.approx(weight - gained, abs=1e-7)
     turning = np.cross(
@@ -248,16 +248,16 @@ def test_modes_ring_and_decay_as_their_complex_eigenvalues_say(integrator: Integ
     arm, h, damping, drag = held(hexagon_arm(2)), 0.001, 20.0, 10.0
     begin, mass = hung(arm, pressure_Pa=(PRESSURE_Pa,)), np.repeat(arm.body.node_mass, 3)
     x, free = begin.state.positions, arm.newton.free
-    share = arm.system.segment_share(x, begin.loads)
+    share = arm.film.losses_at(x, begin.loads)
 
     def gradient(at: Array) -> Array:
-        arm.system.evaluate(at, begin.loads, share, begin.state.memory, hessian=False)
-        return arm.system.gradient[free]
+        arm.film.evaluate(at, begin.loads, share, begin.state.memory, hessian=False)
+        return arm.film.gradient[free]
 
     tangent, root = differences(gradient, x, 1e-7)[free.ravel()], np.sqrt(mass[free.ravel()])
     squares, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T) / np.outer(root, root))
     exact = np.sqrt(squares[:MODES]) / (2.0 * np.pi)
-    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    tested = NewtonSolver(arm.film, arm.newton.clamped, symmetric=True)
     found = footing(tested, begin.state, begin.loads, HANGING.rotation).frequencies_Hz
     assert found == pytest.approx(exact, rel=1e-3)
     for frequency, vector in zip(exact, vectors.T, strict=False):

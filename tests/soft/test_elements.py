@@ -18,14 +18,14 @@ from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, Instant
 from cosim.soft.elements.hinge import Hinges
-from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft import dashpot
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, no_load, random_rotation, shapes
@@ -40,15 +40,15 @@ def damped(body: SoftBody, damping_Ns_m: float = 0.5) -> SoftBody:
 
 
 def gradient_of(body: SoftBody, x: Array, memory: Array, loads: Loads, step_s: float = STEP_S) -> Array:
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     bed = Inertia(np.zeros(body.nodes), np.zeros_like(x), step_s)
-    system.evaluate(x, loads, system.segment_share(x, loads), memory, inertia=bed)
+    system.evaluate(x, loads, system.losses_at(x, loads), memory, inertia=bed)
     return system.gradient.copy()
 
 
 def test_its_derivatives_are_summed_with_the_others() -> None:
     body = damped(hexagon_arm(1), 50.0)
-    system, loads = SoftSystem(body), no_load(body, gravity=(0.0, 0.0, 0.0))
+    system, loads = FilmPotential(body), no_load(body, gravity=(0.0, 0.0, 0.0))
     memory, bed = body.first_memory(), Inertia(np.zeros(body.nodes), np.zeros((body.nodes, 3)), STEP_S)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
@@ -70,7 +70,7 @@ def test_two_masses_lose_the_speed_that_a_dashpot_takes(integrator: Any) -> None
     body = body.with_elements(Dashpots(np.array([[0, 1]]), np.array([damping])))
     nobody = Clamp(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype=bool))
     options = StepOptions(integrator, tolerance_N=1e-9, newton=NewtonOptions(tolerance_N=1e-9, reuse_max=6))
-    stepper = ImplicitStepper(NewtonSolver(SoftSystem(body), nobody.mask(3)), nobody, options)
+    stepper = Stepper(NewtonSolver(FilmPotential(body), nobody.mask(3)), nobody, options)
     speed = np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.0, 0.0]])
     state = SoftState(x, speed, body.first_memory())
     for _ in range(steps):

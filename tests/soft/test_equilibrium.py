@@ -187,13 +187,13 @@ def test_a_cable_with_friction_settles() -> None:
     arm = held(hexagon_arm(4, cables=cables))
     found = hung(arm, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(6.0, 2.0))
     x = found.state.positions
-    share = arm.system.segment_share(x, found.loads)
+    share = arm.film.losses_at(x, found.loads)
     assert share[0, SHARE] == 1.0
     assert share[2, SHARE] < 0.999
     assert found.iterations > 5  # all rounds, not the last one alone, which takes none
-    arm.system.evaluate(x, found.loads, share, found.state.memory)
+    arm.film.evaluate(x, found.loads, share, found.state.memory)
     # with the tensions of the shape that was found, not those of the one before
-    assert np.abs(arm.system.gradient[arm.newton.free]).max() < 1e-6
+    assert np.abs(arm.film.gradient[arm.newton.free]).max() < 1e-6
 
 
 def test_energy_does_not_depend_on_the_way() -> None:
@@ -211,7 +211,7 @@ def test_rounds_with_a_curved_obstacle_are_extrapolated() -> None:
     # the tip is pressed on a ball, whose tangent planes are found anew in every round
     arm = held(hexagon_arm(2))
     begin = hung(arm, pressure_Pa=(PRESSURE_Pa,))
-    surface, radius, rounds = ContactSurface.of(arm.body, arm.system.pattern), 0.02, []
+    surface, radius, rounds = ContactSurface.of(arm.body, arm.film.pattern), 0.02, []
     center = arm.body.tip_position(begin.state.positions) + np.array([0.01, 0.0, 0.01 - radius])
     plane = half_space(surface, np.zeros(3), 0.0, ContactLaw())
 

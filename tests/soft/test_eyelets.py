@@ -14,11 +14,11 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, base_tension
 from cosim.soft.elements.eyelets import tensions
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.sensitivity import Sensitivity
 from cosim.soft.solve.state import Clamp, SoftState, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung
 
@@ -38,7 +38,7 @@ class Route:
 
     def __init__(self, points: Array, **cable: float) -> None:
         self.body = through(points, **cable)
-        self.system, self.cable = SoftSystem(self.body), self.body.cables[0]
+        self.film, self.cable = FilmPotential(self.body), self.body.cables[0]
         self.x, self.memory = self.body.positions.copy(), self.body.first_memory()
         self.lost = 0.0
 
@@ -46,10 +46,10 @@ class Route:
         """Accept a shape and return the tensions there."""
         x = self.x.copy()
         x[: len(points)] = points
-        rows = self.system.segment_share(x, loads, self.memory)
-        self.system.evaluate(x, loads, rows, self.memory, hessian=False)
-        before, after = self.memory, self.system.memory.copy()
-        self.lost = self.system.lost_at_eyelets(x, before, after)
+        rows = self.film.losses_at(x, loads, self.memory)
+        self.film.evaluate(x, loads, rows, self.memory, hessian=False)
+        before, after = self.memory, self.film.memory.copy()
+        self.lost = self.film.lost_at_eyelets(x, before, after)
         self.x, self.memory = x, after
         return self.tension(loads.cable_tension_N[0])
 
@@ -83,7 +83,7 @@ def test_three_eyelets_lose_as_the_closed_form_says_in_both_directions(
     for share, expected in ((0.05, to_base), (0.1, to_base), (0.02, to_tip), (0.0, to_tip), (0.1, to_base)):
         found = route.take(along(CORNERS, share), pulled(10.0))
         assert found == pytest.approx(expected[1:], rel=1e-9)
-        assert -route.system.gradient[3] == pytest.approx(-expected[3] * step[2], rel=1e-9, abs=1e-12)
+        assert -route.film.gradient[3] == pytest.approx(-expected[3] * step[2], rel=1e-9, abs=1e-12)
 
 
 def test_a_cable_without_losses_is_the_same_with_and_without_direction() -> None:
@@ -117,13 +117,13 @@ def test_derivatives_where_some_eyelets_stick_and_some_slip(length: bool) -> Non
     x[:4] = back
     commanded = (route.cable.length(x) - 10.0 / 6e3,) if length else ()
     loads = Loads((), (10.0,), NO_WEIGHT, cable_length_m=commanded)
-    system, rows = route.system, route.system.segment_share(x, loads, route.memory)
+    system, rows = route.film, route.film.losses_at(x, loads, route.memory)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, rows, route.memory)
         hessian = dense(system.pattern, system.blocks)
-        if system.low_rank is not None:
-            hessian += system.low_rank.matrix()
+        if system.tangent.low_rank is not None:
+            hessian += system.tangent.low_rank.matrix()
         return energy, system.gradient.copy(), hessian
 
     evaluate(x)
@@ -159,7 +159,7 @@ def bent(body: SoftBody, tensions_N: list[float]) -> tuple[Array, Array, float]:
         before = here.state.memory
         here = specimen.equilibrium.follow(here, HANGING, replace(here.loads, cable_tension_N=(tension, 0.0)))
         state = here.state
-        lost += specimen.system.lost_at_eyelets(state.positions, before, state.memory)
+        lost += specimen.film.lost_at_eyelets(state.positions, before, state.memory)
         rows.append((tension, body.cables[0].length(state.positions), lost))
     tension, length, total = np.array(rows).T
     return tension, length, total
@@ -196,7 +196,7 @@ def test_a_cable_let_out_by_its_length_loses_on_the_way_back() -> None:
         x = here.state.positions
         found[shorter] = (
             base_tension(body.cables[0], x, lengths[0]),
-            specimen.system.lost_at_eyelets(x, before, here.state.memory),
+            specimen.film.lost_at_eyelets(x, before, here.state.memory),
         )
     assert min(lost for _, lost in found.values()) > 0.0
     # two eyelets at 0.8: what is felt at the base end is far less as the cable is let out
@@ -224,10 +224,10 @@ def swing(loss_N: float) -> tuple[Array, float]:
     fixed = np.array([0, 1, 2, 3])
     components = np.ones((4, 3), dtype=bool)
     components[2, 1] = False
-    clamp, system = Clamp(fixed, nodes, components), SoftSystem(body)
+    clamp, system = Clamp(fixed, nodes, components), FilmPotential(body)
     newton = NewtonSolver(system, clamp.mask(4))
     loads = Loads((), (4.0,), NO_WEIGHT)
-    stepper = ImplicitStepper(newton, clamp, StepOptions("bdf2", tolerance_N=1e-8, iterations=20))
+    stepper = Stepper(newton, clamp, StepOptions("bdf2", tolerance_N=1e-8, iterations=20))
     state = SoftState.drawn(body, Pose())
     velocity = state.velocities.copy()
     velocity[2, 1] = 0.5
@@ -236,7 +236,7 @@ def swing(loss_N: float) -> tuple[Array, float]:
     for _ in range(800):
         state, _ = stepper.step(state, Pose(), loads, 1e-3)
         height.append(state.positions[2, 1])
-    rows = system.segment_share(nodes, loads, state.memory)
+    rows = system.losses_at(nodes, loads, state.memory)
     system.evaluate(nodes, loads, rows, state.memory)
     stiffness = dense(system.pattern, system.blocks)[7, 7]
     return np.array(height), float(stiffness)

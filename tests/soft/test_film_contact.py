@@ -9,8 +9,7 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.soft.contact.contact_law import ContactLaw, feet
-from cosim.soft.contact.self_contact_pairs import FilmPairs
-from cosim.soft.elements.element import Sums
+from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pair_blocks, add_pairs
 from cosim.soft.linear.pattern import BlockPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation
@@ -47,8 +46,9 @@ def scattered_pairs(seed: int = 0) -> tuple[FilmPairs, Array]:
 def evaluate(pairs: FilmPairs, x: Array) -> tuple[float, Array, Array]:
     pattern = BlockPattern.from_elements(len(x), [pairs.rows.nodes])
     force, blocks = np.zeros_like(x), np.zeros((pattern.blocks, 3, 3))
-    sums = Sums(force, widened=lambda nodes: (blocks, pattern))
-    energy = pairs.add(np.ascontiguousarray(x), sums, hessian=True)
+    at = np.ascontiguousarray(x)
+    energy = add_pairs(at, pairs.rows, force)
+    assert not add_pair_blocks(at, pairs.rows, pattern.rows, np.zeros(pattern.blocks, np.int64), blocks)
     return energy, force, dense(pattern, blocks)
 
 

@@ -14,10 +14,10 @@ from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import triangle_area
-from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, shapes
 
@@ -45,7 +45,7 @@ def body_of(neck: Film, wall: Film = FILM, units: int = 1) -> SoftBody:
 
 
 def evaluated(body: SoftBody, x: Array) -> tuple[float, Array, Array]:
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     loads = Loads((10e3,))
     energy = system.evaluate(x, loads, np.zeros(0), system.memory.copy())
     return energy, system.gradient.copy(), dense(system.pattern, system.blocks)

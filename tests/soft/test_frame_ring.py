@@ -9,7 +9,7 @@ from cosim.base.frames import Array
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
@@ -88,7 +88,7 @@ def inflated_ring(stiffness_N_m: float | None) -> tuple[float, SoftBody, Array]:
     if stiffness_N_m is not None:
         frames = FrameRings.from_shape(body.positions, ring[None], stiffness_N_m)
         body = body.with_elements(frames)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     held = np.zeros(body.nodes, dtype=bool)
     held[body.base] = True
     solver, x, angles = NewtonSolver(system, held), body.positions, system.memory.copy()
@@ -118,9 +118,9 @@ def test_a_body_without_frames_pays_nothing() -> None:
     body = hexagon_arm(2)
     rings = np.array([body.rings["unit_1.outer"], body.rings["unit_2.outer"]])
     framed = body.with_elements(FrameRings.from_shape(body.positions, rings, STIFFNESS_N_m))
-    plain = SoftSystem(body).pattern.blocks
+    plain = FilmPotential(body).pattern.blocks
     # 12 nodes a ring: 66 pairs, of which 12 along the rim and 6 across its corners are there already
-    assert SoftSystem(framed).pattern.blocks == plain + 2 * (66 - 18)
+    assert FilmPotential(framed).pattern.blocks == plain + 2 * (66 - 18)
 
 
 @pytest.mark.parametrize(

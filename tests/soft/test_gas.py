@@ -13,10 +13,10 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, exchange, leak
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.linear_solver import GeneralLU, LowRank
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from tests.derivatives import RELATIVE, dense, derivative_errors
@@ -57,15 +57,15 @@ def test_the_isothermal_potential_is_the_limit() -> None:
 @pytest.mark.parametrize("shape", ["random", "inflated"])
 def test_derivatives_with_a_sealed_gas(shape: str) -> None:
     body, x = hexagon_arm(1), shapes(1)[shape]
-    system, gas = SoftSystem(body), air(volume_of(hexagon_arm(1), x), 2e4)
+    system, gas = FilmPotential(body), air(volume_of(hexagon_arm(1), x), 2e4)
     loads = no_load(body, gas=(gas,))
     reference = dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
-        energy = system.evaluate(y, loads, system.segment_share(x, loads), reference)
+        energy = system.evaluate(y, loads, system.losses_at(x, loads), reference)
         matrix = dense(system.pattern, system.blocks)
-        assert system.low_rank is not None
-        matrix += system.low_rank.matrix()
+        assert system.tangent.low_rank is not None
+        matrix += system.tangent.low_rank.matrix()
         return energy, system.gradient.copy(), matrix
 
     assert max(derivative_errors(evaluate, x, 5e-7)) < 20.0 * RELATIVE  # stiff film: rounding of 1e-9 J
@@ -73,16 +73,16 @@ def test_derivatives_with_a_sealed_gas(shape: str) -> None:
 
 def test_a_sealed_gas_pushes_like_the_pressure_it_has() -> None:
     body, x = hexagon_arm(2), inflated_positions(2)
-    system, gas = SoftSystem(body), air(0.95 * volume_of(body, x))
+    system, gas = FilmPotential(body), air(0.95 * volume_of(body, x))
     reference = dihedral_angle(x, body.hinges.nodes)
-    none = system.segment_share(x, no_load(body))
+    none = system.losses_at(x, no_load(body))
     system.evaluate(x, no_load(body, gas=(gas,)), none, reference)
     gradient, pressure = system.gradient.copy(), system.pressure_Pa
     assert pressure == pytest.approx(gas.gauge_pressure(volume_of(body, x)), rel=1e-12)
     assert 0.0 < pressure < 3e4
     system.evaluate(x, no_load(body, pressure_Pa=(pressure,)), none, reference)
     assert gradient == pytest.approx(system.gradient, abs=1e-12 * np.abs(gradient).max())
-    assert system.low_rank is None
+    assert system.tangent.low_rank is None
 
 
 @pytest.mark.parametrize("kind", [EnvelopeCholesky, GeneralLU])
@@ -91,10 +91,10 @@ def test_the_dense_term_is_solved_without_a_dense_matrix(
     kind: type[EnvelopeCholesky] | type[GeneralLU], coefficient: float
 ) -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
-    system, random = SoftSystem(body), np.random.default_rng(3)
+    system, random = FilmPotential(body), np.random.default_rng(3)
     system.evaluate(x, no_load(body, gas=(air(volume_of(body, x)),)), np.zeros(0), system.memory)
-    assert system.low_rank is not None
-    slope = system.low_rank.vectors[0]
+    assert system.tangent.low_rank is not None
+    slope = system.tangent.low_rank.vectors[0]
     free = random.random((body.nodes, 3)) < 0.8
     load = random.normal(size=x.shape)
     matrix = dense(system.pattern, system.blocks) + coefficient * np.outer(slope, slope)
@@ -116,7 +116,7 @@ def test_the_dense_term_is_solved_without_a_dense_matrix(
 
 def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     system.evaluate(x, no_load(body), np.zeros(0), system.memory)
     solver = EnvelopeCholesky(system.pattern, np.ones(body.nodes, dtype=bool))
     shift = 1e4
@@ -130,7 +130,7 @@ def test_a_negative_dense_term_that_spoils_definiteness_is_refused() -> None:
 @pytest.mark.parametrize("kind", [EnvelopeCholesky, GeneralLU])
 def test_several_dense_terms_of_either_sign(kind: type[EnvelopeCholesky] | type[GeneralLU]) -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
-    system, random = SoftSystem(body), np.random.default_rng(5)
+    system, random = FilmPotential(body), np.random.default_rng(5)
     system.evaluate(x, no_load(body), np.zeros(0), system.memory)
     free = random.random((body.nodes, 3)) < 0.8
     keep, shift = free.ravel(), 1e4
@@ -158,9 +158,9 @@ def balloon() -> tuple[SoftBody, Array]:
     return SoftBody.from_arrays(positions, triangles, FILM, node_mass=1e-3), positions
 
 
-def settled(body: SoftBody, x: Array, **loads: Any) -> tuple[NewtonResult, SoftSystem]:
+def settled(body: SoftBody, x: Array, **loads: Any) -> tuple[NewtonResult, FilmPotential]:
     """Return the equilibrium with six components held, which is no constraint on a balloon's shape."""
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     held = np.zeros((body.nodes, 3), dtype=bool)
     a, b, c = 0, int(np.argmin(x @ x[0])), int(np.argmin(np.abs(x @ x[0])))
     held[a] = True
@@ -200,7 +200,7 @@ def test_sealed_gas_resists_when_the_arm_is_loaded() -> None:
     body, x = hexagon_arm(2), inflated_positions(2)
     held = np.zeros(body.nodes, dtype=bool)
     held[body.base] = True
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     solver = NewtonSolver(system, held)
     angles = dihedral_angle(x, body.hinges.nodes)
     calm = {"gravity": (0.0, 0.0, 0.0)}
@@ -220,14 +220,14 @@ def test_sealed_gas_resists_when_the_arm_is_loaded() -> None:
 
 def test_an_open_body_cannot_be_sealed() -> None:
     body = replace(hexagon_arm(1), closed=False)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     with pytest.raises(InputError, match="closed body"):
         system.evaluate(inflated_positions(1), no_load(body, gas=(air(1e-5),)), np.zeros(0), system.memory)
 
 
 def test_a_volume_that_is_gone_costs_infinitely_much() -> None:
     body, x = hexagon_arm(1), inflated_positions(1)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     inside_out = np.ascontiguousarray(x * (1.0, 1.0, -1.0))
     loads = no_load(body, gas=(air(1e-5),))
     assert system.evaluate(inside_out, loads, np.zeros(0), system.memory, hessian=False) == np.inf

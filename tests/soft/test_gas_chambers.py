@@ -13,8 +13,8 @@ from cosim.soft.body.body import GasChamber, SoftBody
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import hexagon_arm, no_load, shapes
 
@@ -29,7 +29,7 @@ def apart(shape: str) -> Array:
 
 
 def gradient_of(body: SoftBody, x: Array, loads: Loads) -> Array:
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     system.evaluate(x, loads, np.zeros(0), dihedral_angle(x, body.hinges.nodes))
     return system.gradient.copy()
 
@@ -44,7 +44,7 @@ def test_each_chamber_feels_its_own_pressure() -> None:
 
 
 def test_volume_and_pressure_of_each_are_kept() -> None:
-    x, system = apart("inflated"), SoftSystem(PAIR)
+    x, system = apart("inflated"), FilmPotential(PAIR)
     system.evaluate(x, Loads((10e3, 30e3)), np.zeros(0), system.memory.copy())
     first, second = system.gas.enclosed_volumes(x[None])[0].tolist()
     assert second == pytest.approx(1.05**3 * first, rel=1e-12)
@@ -54,7 +54,7 @@ def test_volume_and_pressure_of_each_are_kept() -> None:
 
 @pytest.mark.parametrize("sealed", [(True, True), (False, True)])
 def test_derivatives_with_sealed_chambers(sealed: tuple[bool, bool]) -> None:
-    x, system = apart("inflated"), SoftSystem(PAIR)
+    x, system = apart("inflated"), FilmPotential(PAIR)
     gases = tuple(
         SealedGas(STANDARD_ATMOSPHERE_Pa + 2e4, volume) if closed else None
         for closed, volume in zip(sealed, system.gas.enclosed_volumes(x[None])[0].tolist(), strict=True)
@@ -64,13 +64,13 @@ def test_derivatives_with_sealed_chambers(sealed: tuple[bool, bool]) -> None:
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(y, loads, np.zeros(0), reference)
-        assert system.low_rank is not None
-        matrix = dense(system.pattern, system.blocks) + system.low_rank.matrix()
+        assert system.tangent.low_rank is not None
+        matrix = dense(system.pattern, system.blocks) + system.tangent.low_rank.matrix()
         return energy, system.gradient.copy(), matrix
 
     assert max(derivative_errors(evaluate, x, 5e-7)) < 20.0 * RELATIVE  # stiff film: rounding of 1e-9 J
-    assert system.low_rank is not None
-    assert len(system.low_rank.coefficients) == sum(sealed)
+    assert system.tangent.low_rank is not None
+    assert len(system.tangent.low_rank.coefficients) == sum(sealed)
 
 
 def test_loads_have_a_value_for_each_chamber_or_none() -> None:

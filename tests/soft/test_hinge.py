@@ -9,9 +9,9 @@ from cosim.base.frames import Array
 from cosim.soft.elements import hinge
 from cosim.soft.elements.element import Remembered
 from cosim.soft.elements.hinge import CLOSED_FRACTION, HingeRows, Hinges, add_hinges
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry import surface
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from tests.compiled import compiled
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
@@ -220,7 +220,7 @@ def test_springs_are_in_balance_and_turn_with_the_body() -> None:
 def test_without_slots_the_gradient_is_the_same() -> None:
     # 114 hinges: a whole group of lanes and part of another; shapes on the linear range and in the barrier
     body = hexagon_arm(1)
-    hinges, slots = body.hinges, SoftSystem(body).pattern.slots(body.hinges.nodes)
+    hinges, slots = body.hinges, FilmPotential(body).pattern.slots(body.hinges.nodes)
     assert len(hinges.nodes) > 64
     for name, x in shapes(1).items():
         reference = dihedral_angle(x, hinges.nodes)

@@ -11,7 +11,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, random_rotation, shapes
 
@@ -23,7 +23,7 @@ STEP_M = 5e-6
 
 def evaluation(drawn: Array, triangles: IntArray) -> Evaluate:
     """Return the evaluation of a body that is nothing but film."""
-    system = SoftSystem(SoftBody.from_arrays(drawn, triangles, FILM))
+    system = FilmPotential(SoftBody.from_arrays(drawn, triangles, FILM))
     nothing = Loads((), (), (0.0, 0.0, 0.0))
 
     def evaluate(x: Array) -> tuple[float, Array, Array]:

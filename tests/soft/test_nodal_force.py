@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from tests.soft.bodies import hexagon_arm, shapes
 
 GRAVITY = (1.0, -2.0, -9.81)
@@ -16,8 +16,8 @@ TENSION = (6.0, 9.0)
 def evaluated(loads: Loads) -> tuple[float, Array]:
     """Return potential and gradient of an inflated arm of two units."""
     body, x = hexagon_arm(2), shapes(2)["inflated"]
-    system = SoftSystem(body)
-    energy = system.evaluate(x, loads, system.segment_share(x, loads), system.memory, hessian=False)
+    system = FilmPotential(body)
+    energy = system.evaluate(x, loads, system.losses_at(x, loads), system.memory, hessian=False)
     return energy, system.gradient.copy()
 
 

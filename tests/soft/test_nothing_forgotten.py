@@ -23,7 +23,7 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmPairs
 from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, Instant, Sums
 from cosim.soft.elements.gas import SealedGas
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load, shapes
@@ -124,7 +124,7 @@ def touching() -> FilmPairs:
 
 def beside() -> ContactPlanes:
     """Return a plane that a body is behind."""
-    surface = ContactSurface.of(hexagon_arm(2), SoftSystem(hexagon_arm(2)).pattern)
+    surface = ContactSurface.of(hexagon_arm(2), FilmPotential(hexagon_arm(2)).pattern)
     return half_space(surface, np.array([0.0, 0.0, -1.0]), 0.0, ContactLaw())
 
 
@@ -149,8 +149,8 @@ def test_whatever_loads_hold_acts(name: str) -> None:
     body, x = hexagon_arm(2), shapes(2)["random"]
 
     def gradient(loads: Loads) -> Array:
-        system = SoftSystem(body)
-        system.evaluate(x, loads, system.segment_share(x, loads), body.first_memory(), hessian=False)
+        system = FilmPotential(body)
+        system.evaluate(x, loads, system.losses_at(x, loads), body.first_memory(), hessian=False)
         return system.gradient.copy()
 
     still = replace(no_load(body, gravity=(0.0, 0.0, 0.0)), **BESIDE.get(name, {}))

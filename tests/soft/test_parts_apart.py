@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cosim.base.frames import Array, IntArray, Pose
+from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
@@ -17,17 +16,11 @@ from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.elements.frame_ring import FrameRings
-from cosim.soft.film.step_arrays import CHAMBERS, HINGES, NODES, SEGMENTS
-from cosim.soft.linear.cholesky import EnvelopeCholesky
-from cosim.soft.linear.kept_factor import KeptEnvelope
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.linear.pattern import BlockPattern, ranges_apart
-from cosim.soft.solve import assembly
-from cosim.soft.solve.assembly import SoftSystem, film_arrays
-from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
-from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import SoftState, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import FILM, HANGING, Held, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space
 from tests.soft.test_attachment import arm_and_fingers
@@ -62,7 +55,7 @@ def gripper() -> SoftBody:
 
 def bounds_of(body: SoftBody) -> list[int]:
     """Return where ranges of a body's nodes begin that nothing couples, and their number."""
-    return list(ranges_apart(SoftSystem(body).pattern))
+    return list(ranges_apart(FilmPotential(body).pattern))
 
 
 def test_fingers_are_apart_and_what_an_arm_joins_is_not() -> None:
@@ -82,26 +75,12 @@ def test_lone_nodes_belong_to_a_neighbour_and_interleaved_bodies_are_one() -> No
     assert found([(0, 2), (1, 3), (2, 4), (3, 5)]) == [0, 8]
 
 
-def test_all_that_is_listed_of_a_film_is_of_one_finger() -> None:
-    body = gripper()
-    film = film_arrays(body, ranges_apart(SoftSystem(body).pattern))
-    assert film.parts.shape == (FINGERS + 1, 7)
-    np.testing.assert_array_equal(np.diff(film.parts, axis=0), np.tile(film.parts[1], (FINGERS, 1)))
-    assert film.parts[1].tolist() == [finger().nodes, 2, len(finger().hinges.coupled), 2, 1, 0, 1]
-    finger_of = np.arange(body.nodes) // finger().nodes
-    for column, nodes in ((HINGES, film.hinges), (SEGMENTS, film.segments)):
-        for k in range(FINGERS):
-            listed = nodes[film.parts[k, column] : film.parts[k + 1, column]]
-            assert (finger_of[listed] == k).all()
-    assert film.parts[-1, CHAMBERS] == len(body.gas_chambers)
-
-
-def test_plates_and_frames_are_summed_in_the_kernel_as_by_themselves() -> None:
+def test_plates_and_frames_are_summed_as_by_themselves() -> None:
     body = arm_and_fingers()
     frames = tuple(element for element in body.elements if isinstance(element, FrameRings))
     assert any(frame.leads_on for frame in frames)
     x = body.positions + 1e-4 * np.random.default_rng(3).standard_normal(body.positions.shape)
-    whole, system = np.zeros_like(x), SoftSystem(body)
+    whole, system = np.zeros_like(x), FilmPotential(body)
     assert system.complete
     blocks, loads = np.zeros_like(system.blocks), no_load(body)
     energy = sum(frame.add(x, system.pattern.slots(frame.coupled), whole, blocks) for frame in frames)
@@ -112,8 +91,8 @@ def test_plates_and_frames_are_summed_in_the_kernel_as_by_themselves() -> None:
             for each in body.elements
         ),
     )
-    twice = SoftSystem(stiffer)
-    share, memory = system.segment_share(x, loads), body.first_memory()
+    twice = FilmPotential(stiffer)
+    share, memory = system.losses_at(x, loads), body.first_memory()
     more = twice.evaluate(x, loads, share, memory) - system.evaluate(x, loads, share, memory)
     assert more == pytest.approx(energy, rel=1e-9)
     size = np.abs(whole).max(), np.abs(blocks).max()
@@ -121,41 +100,9 @@ def test_plates_and_frames_are_summed_in_the_kernel_as_by_themselves() -> None:
     np.testing.assert_allclose(twice.blocks - system.blocks, blocks, atol=1e-12 * size[1])
 
 
-def test_a_part_of_a_factorisation_is_made_by_itself() -> None:
-    arm = held(gripper())
-    state, system = hung(arm, pressure_Pa=(1e4,) * FINGERS).state, arm.system
-    acting = no_load(arm.body, pressure_Pa=(1e4, 2e4, 3e4))
-    system.evaluate(state.positions, acting, system.segment_share(state.positions, acting), state.memory)
-    solver, loads = arm.newton.linear, np.random.default_rng(1).normal(size=(arm.body.nodes, 3))
-    assert isinstance(solver, EnvelopeCholesky)
-    assert solver.factor(system.blocks, 200.0)
-    before, saved, free = solver.solve(loads), solver.save_state(), arm.newton.free
-    begin, end = solver.apart[1:3]
-    assert solver.factor_part(1, system.blocks, 1000.0)
-    after = solver.solve(loads)
-    others = np.r_[:begin, end : arm.body.nodes]
-    np.testing.assert_array_equal(after[others], before[others])
-    answer = _product(system, after) + 1000.0 * after
-    # residual of a factorisation: rounding times its condition
-    assert np.abs(np.where(free, answer - loads, 0.0)[begin:end]).max() < 1e-8
-    solver.restore_state(saved)
-    np.testing.assert_array_equal(solver.solve(loads), before)
-
-
-def _product(system: SoftSystem, x: Array) -> Array:
-    """Return the tangent times x (n, 3)."""
-    pattern, found = system.pattern, np.zeros_like(x)
-    row, column = pattern.row, pattern.column
-    np.add.at(found, row, np.einsum("brc,bc->br", system.blocks, x[column]))
-    below = row != column
-    back = np.einsum("brc,br->bc", system.blocks[below], x[row[below]])
-    np.add.at(found, column[below], back)
-    return found
-
-
-def stepper(arm: Held, newton: NewtonOptions = TIGHT) -> ImplicitStepper:
+def stepper(arm: Held, newton: NewtonOptions = TIGHT) -> Stepper:
     """Return what takes steps of it, solved far beyond what a run asks for."""
-    return ImplicitStepper(arm.newton, arm.clamp, StepOptions("bdf2", TOLERANCE_N, newton=newton))
+    return Stepper(arm.newton, arm.clamp, StepOptions("bdf2", TOLERANCE_N, newton=newton))
 
 
 @cache
@@ -173,9 +120,9 @@ class Pressed:
     wrench: Array
 
 
-def pressed(arm: Held, move: ImplicitStepper, state: SoftState, ticks: range) -> Pressed:
+def pressed(arm: Held, move: Stepper, state: SoftState, ticks: range) -> Pressed:
     """Return how a gripper fares in some steps: a plane pushes the first finger, gas swells the second."""
-    surface = ContactSurface.of(arm.body, arm.system.pattern)
+    surface = ContactSurface.of(arm.body, arm.film.pattern)
     points, across = surface.points(at_rest().positions), np.array([-1.0, 0.0, 0.0])
     nearest, results, wrench = float((points @ across).min()), [], np.zeros(6)
     for k in ticks:
@@ -185,62 +132,9 @@ def pressed(arm: Held, move: ImplicitStepper, state: SoftState, ticks: range) ->
         acting = no_load(arm.body, pressure_Pa=(5e3, 5e3 + 10.0 * k, 5e3), contact=plane)
         state, result = move.step(state, flange, acting, STEP_S, flange)
         results.append(result)
-        found = arm.clamp.wrench(arm.system.gradient, state.positions, flange)
+        found = arm.clamp.wrench(arm.film.gradient, state.positions, flange)
         wrench = np.concatenate([found.force, found.torque])
     return Pressed(state, results, wrench)
-
-
-def test_a_step_finger_by_finger_is_the_step_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = held(gripper())
-    apart = pressed(arm, stepper(arm), at_rest(), range(TICKS))
-    assert max(result.residual_N for result in apart.results) < TOLERANCE_N
-
-    def together(pattern: BlockPattern) -> IntArray:
-        return np.array([0, pattern.nodes])
-
-    monkeypatch.setattr(assembly, "ranges_apart", together)
-    arm = held(gripper())
-    whole = pressed(arm, stepper(arm), at_rest(), range(TICKS))
-    assert np.abs(whole.state.positions - at_rest().positions).max() > 1e-4
-    # both leave 2e-6 N on m (3 / (2 h))^2 = 1100 N/m of each node: 2e-9 m a step, carried on by its velocity
-    assert np.abs(apart.state.positions - whole.state.positions).max() < 1e-7
-    assert np.abs(apart.wrench - whole.wrench).max() < 1e-3 * np.abs(whole.wrench).max()
-
-
-HASTY = replace(TIGHT, reuse_max=1)
-"""Most steps need new tangents."""
-
-
-def test_what_one_finger_asks_for_is_not_done_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    true, made = NewtonSolver.take_over, np.zeros(FINGERS, np.int64)
-
-    def counted(solver: NewtonSolver, kept: KeptEnvelope, kind: float) -> None:
-        made[:] += kept.made
-        true(solver, kept, kind)
-
-    arm, _ = held(gripper()), at_rest()
-    monkeypatch.setattr(NewtonSolver, "take_over", counted)
-    pressed(arm, stepper(arm, HASTY), at_rest(), range(TICKS))
-    assert made.max() > 1.5 * made.min() > 0.0
-
-
-def test_new_tangents_of_the_kernel_are_those_of_newtons_method(monkeypatch: pytest.MonkeyPatch) -> None:
-    true, asked = NewtonSolver._with_tangent, list[int]()
-
-    def counted(solver: NewtonSolver, *given: Any) -> Any:
-        asked.append(given[2])
-        return true(solver, *given)
-
-    arm, other, state = held(gripper()), held(gripper()), at_rest()
-    monkeypatch.setattr(NewtonSolver, "_with_tangent", counted)
-    in_kernel = pressed(arm, stepper(arm, HASTY), state, range(TICKS))
-    assert not asked
-    monkeypatch.setattr(NewtonSolver, "_tangents", lambda solver, _film: solver._no_tangents)
-    state = pressed(other, stepper(other, HASTY), state, range(TICKS)).state
-    assert {0, 1, 2} == set(asked)
-    np.testing.assert_array_equal(state.positions, in_kernel.state.positions)
-    np.testing.assert_array_equal(state.memory, in_kernel.state.memory)
-    assert [kept is None for kept in arm.newton.kept] == [kept is None for kept in other.newton.kept]
 
 
 def test_factors_of_different_steps_are_part_of_the_state() -> None:
@@ -248,34 +142,21 @@ def test_factors_of_different_steps_are_part_of_the_state() -> None:
     move = stepper(arm)
     state = pressed(arm, move, at_rest(), range(TICKS // 2)).state
     saved = arm.newton.save_state()
-    assert len(saved.kept) == FINGERS
-    assert any(saved.kept)
+    assert saved.kept is not None
     expected = pressed(arm, move, state, range(TICKS // 2, TICKS)).state
     other = held(gripper())
     other.newton.restore_state(saved)
     found = pressed(other, stepper(other), state, range(TICKS // 2, TICKS)).state
     np.testing.assert_array_equal(found.positions, expected.positions)
-    with pytest.raises(InputError, match="has 3 parts, not 1"):
+    with pytest.raises(InputError):
         held(finger()).newton.restore_state(saved)
-
-
-def test_fingers_that_may_touch_are_one_part() -> None:
-    arm = held(gripper())
-    state = hung(arm).state
-    films = SelfContact(arm.body, FilmContactLaw(ContactLaw()))
-    apart, coupled = (
-        move.quick.sides.of(move.scheme_of(state, STEP_S), STEP_S, pressed=False)
-        for move in (ImplicitStepper(arm.newton, arm.clamp, StepOptions(), each) for each in (None, films))
-    )
-    assert apart.film.parts[:, NODES].tolist() == bounds_of(arm.body)
-    assert coupled.film.parts[:, NODES].tolist() == [0, arm.body.nodes]
 
 
 @pytest.mark.parametrize("bad", [0, 1, 2])
 def test_a_finger_that_fails_is_named(bad: int) -> None:
     arm = held(gripper())
     strict = replace(TIGHT, iterations_max=2)
-    move = ImplicitStepper(arm.newton, arm.clamp, StepOptions("bdf2", newton=strict))
+    move = Stepper(arm.newton, arm.clamp, StepOptions("bdf2", newton=strict))
     state = hung(arm).state
     gas = tuple(1e6 if k == bad else 0.0 for k in range(FINGERS))
     with pytest.raises(ConvergenceError, match=f"copy_{bad + 1}/" if bad else "of (?!copy_2|copy_3)"):

@@ -10,7 +10,7 @@ import pytest
 from cosim.base.frames import Array, IntArray
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.pressure import add_cap, add_cap_force, add_pressure, cap_stiffness
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from tests.derivatives import RELATIVE, Evaluate, assembled, derivative_errors, differences, relative_error
 from tests.soft.bodies import hexagon_arm, icosphere, random_rotation, shapes
 from tests.soft.enclosed_volume import enclosed_volume
@@ -114,7 +114,7 @@ def test_closed_gas_is_conservative_and_the_open_one_is_not(shape: str) -> None:
 
 def test_open_chamber_puts_a_third_of_each_triangles_load_on_its_nodes() -> None:
     x, body = shapes(UNITS)["random"], hexagon_arm(UNITS, closed=False)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     gradients = []
     for pressure in (0.0, P):
         system.evaluate(x, Loads((pressure,), ()), np.zeros(0), system.memory.copy())
@@ -160,7 +160,7 @@ def test_energy_is_minus_pressure_times_the_enclosed_volume() -> None:
     volume = enclosed_volume(x, body.triangles, body.caps)
     assert volume > 0.0
     assert closed_gas(x)[0] == pytest.approx(-P * volume, rel=1e-12)
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     system.evaluate(x, Loads((P,), ()), np.zeros(0), system.memory.copy())
     assert system.volume == pytest.approx(volume, rel=1e-12)
 

@@ -16,8 +16,8 @@ from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film, FilmLaw
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 
@@ -67,7 +67,7 @@ def residual(name: str, stage: str, law: FilmLaw) -> float:
     """Return the largest out-of-balance force [N] on what is free at the reference's equilibrium."""
     data, body = example(name, law)
     x = np.ascontiguousarray(data[f"X_end_{stage}_true_equilibrium_correctCST_m"])
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     loads = Loads((float(data["target_pressure_Pa"]),), (), (0.0, 0.0, 0.0))
     system.evaluate(x, loads, np.zeros(0), dihedral_angle(x, body.hinges.nodes))
     force = system.gradient - data[f"dead_load_{stage}_N"]
@@ -86,7 +86,7 @@ def test_reference_equilibria_are_equilibria(name: str, stage: str) -> None:
 @pytest.mark.parametrize(("law", "share"), [("edge_strain", 1e-6), ("plain", 0.005)])
 def test_three_units_inflate_to_the_reference(law: FilmLaw, share: float) -> None:
     data, body = example("Three_Unit_Compare", law)
-    solver = NewtonSolver(SoftSystem(body), data["fixed_dof_inflate"])
+    solver = NewtonSolver(FilmPotential(body), data["fixed_dof_inflate"])
     x, angles = body.positions, dihedral_angle(body.positions, body.hinges.nodes)
     for step in np.linspace(0.0, 1.0, 41)[1:]:
         loads = Loads((step * float(data["target_pressure_Pa"]),), (), (0.0, 0.0, 0.0))

@@ -9,7 +9,7 @@ from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 
@@ -24,7 +24,7 @@ def residual_under(force: Array) -> float:
     first = 2 * np.arange(COUNT - 1)[:, None]
     triangles = np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
     body = SoftBody.from_arrays(positions, triangles, Film(1e6, 0.3, 1e-4))
-    solver = NewtonSolver(SoftSystem(body), np.zeros(body.nodes, dtype=bool))
+    solver = NewtonSolver(FilmPotential(body), np.zeros(body.nodes, dtype=bool))
     loads = Loads((), (), (0.0, 0.0, 0.0), force)
     return solver.solve(positions, body.first_memory(), loads, NewtonOptions(iterations_max=0)).residual_N
 

@@ -8,8 +8,8 @@ import pytest
 from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Instant
-from cosim.soft.elements.mass_terms import Inertia
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from tests.soft.bodies import hexagon_arm
@@ -49,7 +49,7 @@ def test_without_that_factor_a_ring_on_a_saddle_leaves_it() -> None:
     assert without < 0.6 * straight
 
 
-class _Asked(SoftSystem):
+class _Asked(FilmPotential):
     """Tells whether what its elements find is asked to be looked at anew."""
 
     asked = 0

@@ -19,14 +19,14 @@ from cosim.soft.contact.film_look import FilmLook
 from cosim.soft.contact.self_contact_candidates import FilmLists
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.elements.material import Film
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import triangle_area
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import AHEAD_STEPS, FilmContactLaw, SelfContact, find_pairs
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
 from tests.soft.contacts import half_space
 from tests.soft.interpenetration import deepest_m
@@ -97,7 +97,7 @@ def squeezed(body: SoftBody, gaps: list[float], turned: bool) -> list[tuple[Equi
         gaps: heights of the plane, or half the distance of the two ends, one after the other [m].
         turned: whether the body is two cushions.
     """
-    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    system, clamp = FilmPotential(body), Clamp.of_base(body)
     newton = NewtonSolver(system, clamp.mask(body.nodes))
     films = SelfContact(body, FilmContactLaw(LAW)) if turned else None
     surface, state, found = ContactSurface.of(body, system.pattern), SoftState.drawn(body, Pose()), []
@@ -184,13 +184,13 @@ def test_where_nothing_touches_the_equilibrium_is_the_same() -> None:
 
 def test_pairs_that_are_near_but_do_not_press_leave_the_tangent_narrow() -> None:
     body = hexagon_arm(3)  # drawn flat, unit on unit
-    system, x = SoftSystem(body), body.positions
+    system, x = FilmPotential(body), body.positions
     pairs = SelfContact(body, FilmContactLaw(LAW)).static_pairs(x)
     assert pairs is not None
     assert pairs.memory(x) is None
     loads = no_load(body, self_contact=pairs)
-    system.evaluate(x, loads, system.segment_share(x, loads), system.memory.copy())
-    assert system.tangent_pattern is system.pattern
+    system.evaluate(x, loads, system.losses_at(x, loads), system.memory.copy())
+    assert system.tangent.pattern is system.pattern
 
 
 def brick(edge_m: float, mass_kg: float) -> SoftBody:
@@ -296,10 +296,10 @@ def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> 
     """Return where a small brick on a large one is (ticks,) [m]; the slope is tilted within 200 ticks."""
     large, small = brick(0.08, 0.4), brick(0.04, 0.05)
     body = stacked(large, small, (3e-3, 2e-3, 0.03), base=np.arange(8))
-    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    system, clamp = FilmPotential(body), Clamp.of_base(body)
     films = SelfContact(body, FilmContactLaw(LAW, friction))
     newton = NewtonSolver(system, clamp.mask(body.nodes))
-    stepper = ImplicitStepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
+    stepper = Stepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
     state, place = SoftState.drawn(body, Pose()), []
     for tick in range(ticks):
         angle = np.arctan(tangent * min(1.0, tick / 200))
@@ -322,10 +322,10 @@ def test_a_brick_on_a_brick_slips_at_its_friction_angle_within_one_percent() -> 
 def test_two_cushions_that_collide_keep_their_momentum() -> None:
     one = hexagon_arm(1, cables=(), base=np.zeros(0, np.int64))
     body = copies(one, [Pose(), Pose(np.diag([1.0, -1.0, -1.0]), np.array([4e-3, 0.0, 0.035]))])
-    system, clamp = SoftSystem(body), Clamp.of_base(body)
+    system, clamp = FilmPotential(body), Clamp.of_base(body)
     films = SelfContact(body, FilmContactLaw(LAW, 0.5))
     newton = NewtonSolver(system, clamp.mask(body.nodes))
-    stepper = ImplicitStepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
+    stepper = Stepper(newton, clamp, StepOptions(tolerance_N=1e-9), films)
     state = SoftState.drawn(body, Pose())
     speed = np.where(np.arange(body.nodes) < one.nodes, 0.5, -0.5)
     state = replace(state, velocities=speed[:, None] * [0.2, 0.0, 1.0])

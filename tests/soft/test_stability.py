@@ -134,14 +134,14 @@ def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
 def test_of_open_ends_the_symmetric_part_of_the_tangent_counts() -> None:
     arm = held(hexagon_arm(2, closed=False))
     here = hung(arm, pressure_Pa=(PRESSURE_Pa,))
-    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    tested = NewtonSolver(arm.film, arm.newton.clamped, symmetric=True)
     found = footing(tested, here.state, here.loads, HANGING.rotation)
     assert found.losses_held
-    free, share = arm.newton.free, arm.system.segment_share(here.state.positions, here.loads)
+    free, share = arm.newton.free, arm.film.losses_at(here.state.positions, here.loads)
 
     def gradient(x: Array) -> Array:
-        arm.system.evaluate(x, here.loads, share, here.state.memory, hessian=False)
-        return arm.system.gradient[free]
+        arm.film.evaluate(x, here.loads, share, here.state.memory, hessian=False)
+        return arm.film.gradient[free]
 
     tangent = differences(gradient, here.state.positions, 1e-6)[free.ravel()]
     asymmetry = np.abs(tangent - tangent.T).max()

@@ -12,17 +12,17 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.mass_terms import Inertia
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates, hinge_times
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from cosim.soft.solve.branching import MODES
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.stability import footing, material_losses
 from cosim.soft.solve.state import Integrator, SoftState, StepOptions, mode_decay
-from cosim.soft.solve.time_step import ImplicitStepper
+from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors, differences
 from tests.soft.bodies import FILM, HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load, shapes
 from tests.soft.test_dynamics import INTEGRATORS, TIGHT, X, swung
@@ -48,33 +48,32 @@ class Resisting:
     """What a body resists rates with in a step from a shape, as the sum of all its terms has it."""
 
     def __init__(self, body: SoftBody, x: Array, earlier: Array | None, span: float = STEP_S) -> None:
-        self.system, found = SoftSystem(body), StrainRates.of(body, SoftSystem(body).film)
+        self.film, found = FilmPotential(body), StrainRates.of(body)
         assert found is not None
         self.rates = found
         self.rates.begin(np.ascontiguousarray(x), earlier, span)
         self._loads, self._memory = no_load(body, gravity=(0.0, 0.0, 0.0)), body.first_memory()
-        first, end = self.system.film.angles.tolist()
-        self._memory[first:end] = dihedral_angle(x, self.system.film.hinges)
-        self._share = self.system.segment_share(x, self._loads)
+        self._memory[found.angles] = dihedral_angle(x, found.hinges)
+        self._share = self.film.losses_at(x, self._loads)
         self._bed = Inertia(np.zeros(body.nodes), np.zeros((body.nodes, 3)), span)
 
     def of(self, x: Array) -> tuple[float, Array, Array]:
         """Return potential, gradient and Hessian of what resists alone."""
         found = []
-        for address in (self.rates.address, 0):
-            bed, at = replace(self._bed, rates=address), np.ascontiguousarray(x)
-            energy = self.system.evaluate(at, self._loads, self._share, self._memory, inertia=bed)
-            blocks = dense(self.system.pattern, self.system.blocks)
-            found.append((energy, self.system.gradient.copy(), blocks))
+        for rates in (self.rates, None):
+            bed, at = replace(self._bed, rates=rates), np.ascontiguousarray(x)
+            energy = self.film.evaluate(at, self._loads, self._share, self._memory, inertia=bed)
+            blocks = dense(self.film.pattern, self.film.blocks)
+            found.append((energy, self.film.gradient.copy(), blocks))
         return found[0][0] - found[1][0], found[0][1] - found[1][1], found[0][2] - found[1][2]
 
     def gradient(self, x: Array) -> Array:
         """Return the same gradient as it is summed without a Hessian, which takes another way."""
         found = []
-        for address in (self.rates.address, 0):
-            bed, at = replace(self._bed, rates=address), np.ascontiguousarray(x)
-            self.system.evaluate(at, self._loads, self._share, self._memory, inertia=bed, hessian=False)
-            found.append(self.system.gradient.copy())
+        for rates in (self.rates, None):
+            bed, at = replace(self._bed, rates=rates), np.ascontiguousarray(x)
+            self.film.evaluate(at, self._loads, self._share, self._memory, inertia=bed, hessian=False)
+            found.append(self.film.gradient.copy())
         return np.asarray(found[0] - found[1])
 
 
@@ -122,7 +121,7 @@ def test_a_cycle_loses_what_the_loss_factor_says(loss_factor: float) -> None:
     # of strains that swing at its frequency: 2 pi tan delta times the largest elastic energy
     frequency, ticks = 2.0, 400
     body = lossy(hexagon_arm(1), loss_factor, frequency)
-    system, motion = SoftSystem(body), np.random.default_rng(2).normal(size=(body.nodes, 3))
+    system, motion = FilmPotential(body), np.random.default_rng(2).normal(size=(body.nodes, 3))
     h, lost = 1.0 / (frequency * ticks), 0.0
     x = [body.positions + 1e-7 * np.sin(2.0 * np.pi * k / ticks) * motion for k in range(-2, ticks)]
     rates = Resisting(body, x[0], None).rates
@@ -132,7 +131,7 @@ def test_a_cycle_loses_what_the_loss_factor_says(loss_factor: float) -> None:
     loads = no_load(body, gravity=(0.0, 0.0, 0.0))
     furthest = body.positions + 1e-7 * motion
     held_energy = system.evaluate(
-        furthest, loads, system.segment_share(furthest, loads), body.first_memory(), hessian=False
+        furthest, loads, system.losses_at(furthest, loads), body.first_memory(), hessian=False
     )
     assert lost == pytest.approx(2.0 * np.pi * loss_factor * held_energy, rel=1e-3)
 
@@ -167,9 +166,9 @@ def test_statics_and_free_flight_know_no_losses() -> None:
     assert state.velocities == pytest.approx(np.tile(speed, (len(drawn), 1)), abs=1e-8)
 
 
-def stepper(arm: Held, integrator: Integrator, **changes: Any) -> ImplicitStepper:
+def stepper(arm: Held, integrator: Integrator, **changes: Any) -> Stepper:
     given = {"tolerance_N": 1e-8, "iterations": 50, "residual_bound_N": 0.0, "newton": TIGHT, **changes}
-    return ImplicitStepper(arm.newton, arm.clamp, StepOptions(integrator, **given))
+    return Stepper(arm.newton, arm.clamp, StepOptions(integrator, **given))
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -201,11 +200,11 @@ def test_modes_decay_as_the_complex_eigenvalues_say(integrator: Integrator) -> N
     arm, h = held(lossy(hexagon_arm(2), 0.03)), 0.00025
     begin, mass = hung(arm, pressure_Pa=(PRESSURE_Pa,)), np.repeat(arm.body.node_mass, 3)
     x, free = begin.state.positions, arm.newton.free
-    weights, share = mass[free.ravel()], arm.system.segment_share(x, begin.loads)
+    weights, share = mass[free.ravel()], arm.film.losses_at(x, begin.loads)
 
     def gradient(at: Array) -> Array:
-        arm.system.evaluate(at, begin.loads, share, begin.state.memory, hessian=False)
-        return arm.system.gradient[free]
+        arm.film.evaluate(at, begin.loads, share, begin.state.memory, hessian=False)
+        return arm.film.gradient[free]
 
     resisting = Resisting(arm.body, x, None, 1.0)
     tangent, damping = (
@@ -217,7 +216,7 @@ def test_modes_decay_as_the_complex_eigenvalues_say(integrator: Integrator) -> N
     values, vectors = np.linalg.eig(whole)
     lowest = np.flatnonzero(values.imag > 1.0)
     lowest = lowest[np.argsort(np.abs(values[lowest]))][:MODES]
-    tested = NewtonSolver(arm.system, arm.newton.clamped, symmetric=True)
+    tested = NewtonSolver(arm.film, arm.newton.clamped, symmetric=True)
     found = footing(tested, begin.state, begin.loads, HANGING.rotation)
     for k, frequency, own in zip(lowest, found.frequencies_Hz, found.losses_per_s, strict=True):
         declared, numerical = mode_decay(integrator, h, 0.0, frequency, own)
@@ -241,8 +240,8 @@ def test_modes_decay_as_the_complex_eigenvalues_say(integrator: Integrator) -> N
 
 def test_a_film_without_loss_factor_has_none() -> None:
     arm = held(hexagon_arm(1))
-    assert StrainRates.of(arm.body, arm.system.film) is None
-    assert material_losses(arm.system, arm.body.positions, np.ones((2, arm.body.nodes, 3))) == (0.0, 0.0)
+    assert StrainRates.of(arm.body, arm.film.film) is None
+    assert material_losses(arm.film, arm.body.positions, np.ones((2, arm.body.nodes, 3))) == (0.0, 0.0)
     for wrong in ({"loss_factor": -0.1}, {"loss_factor": np.inf}, {"loss_frequency_Hz": 0.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             Film(1e9, 0.3, 1e-4, **wrong)

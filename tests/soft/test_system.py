@@ -8,9 +8,9 @@ import pytest
 from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors, differences
 from tests.soft.bodies import hexagon_arm, random_rotation, shapes
 
@@ -28,8 +28,8 @@ def inertia_bed(body: SoftBody) -> Inertia:
 
 def evaluation(body: SoftBody, x: Array, loads: Loads, inertia: Inertia | None = None) -> Evaluate:
     """Return the body's evaluation with the segment tensions and angles of x."""
-    system = SoftSystem(body)
-    tension, angles = system.segment_share(x, loads), dihedral_angle(x, body.hinges.nodes)
+    system = FilmPotential(body)
+    tension, angles = system.losses_at(x, loads), dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
         energy = system.evaluate(np.ascontiguousarray(y), loads, tension, angles, inertia=inertia)
@@ -65,8 +65,8 @@ def test_every_row_of_the_hessian(shape: str, closed: bool) -> None:
 
 def test_without_hessian_energy_and_gradient_are_the_same() -> None:
     x, body = shapes(UNITS)["inflated"], hexagon_arm(UNITS)
-    system = SoftSystem(body)
-    tension, angles = system.segment_share(x, LOADS), dihedral_angle(x, body.hinges.nodes)
+    system = FilmPotential(body)
+    tension, angles = system.losses_at(x, LOADS), dihedral_angle(x, body.hinges.nodes)
     energy = system.evaluate(x, LOADS, tension, angles)
     gradient, blocks = system.gradient.copy(), system.blocks.copy()
     assert system.evaluate(x, LOADS, tension, angles, hessian=False) == pytest.approx(energy, rel=1e-13)
@@ -132,7 +132,7 @@ def test_loads_change_in_proportion_to_the_share() -> None:
 
 def test_what_acts_is_made_once_for_the_same_objects() -> None:
     body = hexagon_arm(1)
-    system, loads, share = SoftSystem(body), Loads(), np.zeros((0, 7))
+    system, loads, share = FilmPotential(body), Loads(), np.zeros((0, 7))
     acting = system.acting(loads, share, None)
     assert system.acting(loads, share, None) is acting
     assert system.acting(Loads(), share, None) is not acting

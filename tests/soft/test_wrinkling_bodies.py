@@ -16,10 +16,10 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.membrane import Membranes
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.named_mesh import refine
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import dihedral_angle
-from cosim.soft.solve.assembly import SoftSystem
 from tests.bare_film import bare_film
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import FILM, hexagon_arm, no_load, shapes
@@ -84,15 +84,15 @@ def test_copies_and_attached_parts_keep_their_own_panels() -> None:
 def test_derivatives_with_a_sealed_gas(shape: str) -> None:
     arm, x = hexagon_arm(1), shapes(1)[shape]
     body = arm.with_other(Membranes, replace(arm.membranes[0], film=STATED))
-    system = SoftSystem(body)
+    system = FilmPotential(body)
     volume = enclosed_volume(x, body.triangles, body.caps)
     loads = no_load(body, gas=(SealedGas(STANDARD_ATMOSPHERE_Pa + 2e4, volume, 1.4),))
     reference = dihedral_angle(x, body.hinges.nodes)
 
     def evaluate(y: Array) -> tuple[float, Array, Array]:
-        energy = system.evaluate(y, loads, system.segment_share(x, loads), reference)
-        assert system.low_rank is not None
-        matrix = dense(system.pattern, system.blocks) + system.low_rank.matrix()
+        energy = system.evaluate(y, loads, system.losses_at(x, loads), reference)
+        assert system.tangent.low_rank is not None
+        matrix = dense(system.pattern, system.blocks) + system.tangent.low_rank.matrix()
         return energy, system.gradient.copy(), matrix
 
     assert max(derivative_errors(evaluate, x, 5e-7)) < 20.0 * RELATIVE  # stiff film: rounding of 1e-9 J

@@ -16,7 +16,7 @@ from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
-from cosim.soft.solve.assembly import SoftSystem
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -32,7 +32,7 @@ def inflated(
     robot = load_scenario(scenario, keys).soft_robot
     body = build_soft_body(robot, ModelTable(closed=closed, published=True))
     clamp = Clamp.of_base(body)
-    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=100))
     flat = Loads((0.01 * pressure_Pa,), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
     here = solver.solve(SoftState.drawn(body, Pose()), Pose(), flat)
@@ -93,7 +93,7 @@ def test_an_arm_refined_twice_hangs_without_pressure() -> None:
     robot = replace(robot, stack=replace(robot.stack, units=8), cables=())
     body = build_soft_body(robot, ModelTable(published=True))
     clamp, hanging = Clamp.of_base(body), Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-    newton = NewtonSolver(SoftSystem(body), clamp.mask(body.nodes))
+    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
     # the whole arm needs more than 100 iterations, these units more than 60: the load comes in pieces
     solver = EquilibriumSolver(newton, clamp, NewtonOptions(iterations_max=60))
     slack = Loads((), (), (0.0, 0.0, 0.0))
@@ -121,7 +121,7 @@ def test_where_a_branch_ends_the_body_slides_to_the_next() -> None:
 
     def pushed(slides_max: int) -> Equilibrium:
         solver = EquilibriumSolver(
-            NewtonSolver(SoftSystem(body), clamped), nowhere, options, slides_max=slides_max
+            NewtonSolver(FilmPotential(body), clamped), nowhere, options, slides_max=slides_max
         )
         rest = solver.solve(SoftState.drawn(body, Pose()), Pose(), Loads(gravity=(0.0, 0.0, 0.0)))
         return solver.follow(rest, Pose(), replace(rest.loads, nodal_force=force))

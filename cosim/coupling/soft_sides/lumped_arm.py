@@ -18,11 +18,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact import contact_points, film_look
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.linear.kept_factor import NewtonState
-from cosim.soft.solve import assembly, branching, newton_options, resting_film, time_step, tip_search
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve import branching, newton_options, resting_film, time_step, tip_search
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.linear_step import LinearStep
-from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton import NewtonSolver, NewtonState
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.stability import footing, undecided
 from cosim.soft.solve.state import (
@@ -101,7 +101,7 @@ class SoftArm(soft_side.SoftSide):
     ) -> None:
         self.body, self.state = body, SoftState.drawn(body, world_from_flange)
         self.effort: newton_options.SearchEffort = newton_options.SearchEffort(statics.search_iterations_max)
-        self._system = assembly.SoftSystem(body)
+        self._film = FilmPotential(body)
         self._statics, self.dynamics = statics, dynamics
         films = None if self_contact is None else SelfContact(body, self_contact)
         self.films = films if films is not None and films.can_touch else None
@@ -115,11 +115,11 @@ class SoftArm(soft_side.SoftSide):
     def hold(self, clamp: Clamp) -> None:
         """Be held as a clamp has it."""
         self.clamp = clamp
-        newton = NewtonSolver(self._system, clamp.mask(self.body.nodes))
+        newton = NewtonSolver(self._film, clamp.mask(self.body.nodes))
         newton.tick_work = self.work
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
         self.equilibrium_solver.obstacles = self.obstacles
-        self._stepper = time_step.ImplicitStepper(newton, clamp, self.dynamics, self.films)
+        self._stepper = time_step.Stepper(newton, clamp, self.dynamics, self.films)
         self._tester: NewtonSolver | None = None
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
@@ -165,7 +165,7 @@ class SoftArm(soft_side.SoftSide):
         return soft_side.SoftReply(wrench, self._residual, iterations, *self._work)
 
     @property
-    def stepper(self) -> time_step.ImplicitStepper:
+    def stepper(self) -> time_step.Stepper:
         """Takes its steps."""
         return self._stepper
 
@@ -201,7 +201,7 @@ class SoftArm(soft_side.SoftSide):
 
     def contact_surface(self) -> contact_points.ContactSurface:
         """Return where the body can be touched."""
-        return contact_points.ContactSurface.of(self.body, self._system.pattern)
+        return contact_points.ContactSurface.of(self.body, self._film.pattern)
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step.
@@ -230,7 +230,7 @@ class SoftArm(soft_side.SoftSide):
         if self.films is not None:
             self._work[0] += self.films.work_J
         after = self.state
-        self._work[1] += self._system.lost_at_eyelets(after.positions, before.memory, after.memory)
+        self._work[1] += self._film.lost_at_eyelets(after.positions, before.memory, after.memory)
         return result.iterations
 
     def hang(self, world_from_flange: Pose, gravity: tuple[float, float, float]) -> Equilibrium:
@@ -282,13 +282,13 @@ class SoftArm(soft_side.SoftSide):
     def in_shape(self, positions: Array, world_from_flange: Pose) -> SoftState:
         """Return a shape (n, 3) [m] as a state at rest, whose hinges have followed it from the drawn one."""
         drawn = SoftState.drawn(self.body, world_from_flange)
-        memory, system = drawn.memory, self.equilibrium_solver.solver.system
+        memory, film = drawn.memory, self.equilibrium_solver.solver.film
         slack = Loads((), (0.0,) * len(self.body.cables))
         for k in range(1, _WAY + 1):
             between = drawn.positions + k / _WAY * (positions - drawn.positions)
-            share = system.segment_share(between, slack)
-            system.evaluate(between, slack, share, memory, hessian=False)
-            memory = system.advanced(between, system.memory)
+            share = film.losses_at(between, slack)
+            film.evaluate(between, slack, share, memory, hessian=False)
+            memory = film.advanced(between, film.memory)
         return SoftState.at_rest(np.ascontiguousarray(positions), memory.copy())
 
     def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
@@ -318,7 +318,7 @@ class SoftArm(soft_side.SoftSide):
             except ConvergenceError:
                 return None
 
-        if not self._system.conservative or not len(self.body.tip):
+        if not self._film.conservative or not len(self.body.tip):
             return None
         found = self._looked(slid, shape, world_from_flange, loads)
         if found is None or found.negative_pivots:
@@ -334,12 +334,12 @@ class SoftArm(soft_side.SoftSide):
         loads: Loads,
     ) -> Found:
         """Return what is seen of a shape; the next step does not depend on whether somebody has looked."""
-        system, state = self._system, SoftState.at_rest(shape, self.state.memory, self.state.touching)
-        serving, memory = system.serving, system.memory.copy()
+        film, state = self._film, SoftState.at_rest(shape, self.state.memory, self.state.touching)
+        serving, memory = film.serving, film.memory.copy()
         films = self.films
         pairs = None if films is None or films.waits(state) else films.static_pairs(shape)
         found = look(self._tested, state, replace(loads, self_contact=pairs), world_from_flange.rotation)
-        system.serving, system.memory[:] = serving, memory
+        film.serving, film.memory[:] = serving, memory
         return found
 
     def overlap(self, shape: Array) -> branching.FilmOverlap | None:
@@ -373,7 +373,7 @@ class SoftArm(soft_side.SoftSide):
         """Newton's method apart from that of the steps, which keeps a factorisation."""
         if self._tester is None:
             steps = self.equilibrium_solver.solver
-            self._tester = NewtonSolver(self._system, steps.clamped, symmetric=True, like=steps)
+            self._tester = NewtonSolver(self._film, steps.clamped, symmetric=True, like=steps)
         return self._tester
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
@@ -425,7 +425,7 @@ class SoftArm(soft_side.SoftSide):
     @property
     def reaction(self) -> Array:
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
-        return self.clamp.reaction(self._system.gradient)
+        return self.clamp.reaction(self._film.gradient)
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
@@ -433,15 +433,15 @@ class SoftArm(soft_side.SoftSide):
 
     def shape_reader(self) -> soft_side.MeshReader:
         """Return what reads nodes."""
-        return soft_side.MeshReader(self.body, self._system.gas.enclosed_volumes)
+        return soft_side.MeshReader(self.body, self._film.gas.enclosed_volumes)
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps of each chamber at the present shape."""
-        return tuple(self._system.gas.enclosed_volumes(self.state.positions[None])[0].tolist())
+        return tuple(self._film.gas.enclosed_volumes(self.state.positions[None])[0].tolist())
 
     @property
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
-        loads, count = self._loads, self._system.gas.count
+        loads, count = self._loads, self._film.gas.count
         return loads.pressures(count) if not any(loads.gas) else loads.pressures_at(self.volumes_m3)

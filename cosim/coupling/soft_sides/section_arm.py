@@ -21,7 +21,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve import assembly, tip_search
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve import tip_search
 from cosim.soft.solve.branching import Branching, Footing
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
@@ -325,8 +326,8 @@ class SectionArm(soft_side.SoftSide):
         return self._stiffness(shape, loads).footing(self._system)
 
     @cached_property
-    def _system(self) -> assembly.SoftSystem:
-        return assembly.SoftSystem(self.body)
+    def _system(self) -> FilmPotential:
+        return FilmPotential(self.body)
 
     def _stiffness(self, shape: ChainShape, loads: Loads) -> stability.ChainStiffness:
         return stability.ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)

@@ -15,7 +15,8 @@ from cosim.reduced.solve.newton import ChainSolver, whole_tangent
 from cosim.reduced.solve.time_step import commanded, given_tensions, with_tensions
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
-from cosim.soft.solve import assembly, branching, stability, step_begin
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve import branching, stability, step_begin
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
 from cosim.soft.solve.stability import driven, margin_by, natural_frequencies, nodal_loads, tip_motion
 
@@ -93,11 +94,11 @@ class ChainStiffness:
             ways, None, None, branching.UNDECIDED, losses_held=self._solver.losses_follow_shape,
         )  # fmt: skip
 
-    def footing(self, system: assembly.SoftSystem) -> branching.Footing:
+    def footing(self, film: FilmPotential) -> branching.Footing:
         """Return how firmly it stands.
 
         Args:
-            system: of the film.
+            film: of the film.
         """
         held, unstable = self._solver.losses_follow_shape, self.unstable
         if unstable is not None:
@@ -108,7 +109,7 @@ class ChainStiffness:
         loads = replace(
             self._loads, pressure_Pa=(self._pressure,) * section.copies, gas=(), cable_length_m=()
         )
-        size = branching.DISTURBED * np.linalg.norm(nodal_loads(system, x, system.memory, loads), axis=1)
+        size = branching.DISTURBED * np.linalg.norm(nodal_loads(film, x, film.memory, loads), axis=1)
         disturbed = np.tensordot(size, motion, 1)[:, self._free]
         answers = motion[tip][:, :, self._free] @ np.linalg.solve(self._matrix, disturbed.T)
         answer = np.linalg.solve(self._matrix, self._more_load(_SHARE) / _SHARE)

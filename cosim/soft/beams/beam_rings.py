@@ -27,7 +27,7 @@ from cosim.base.frames import Array, IntArray, cross
 from cosim.errors import InputError, MeshError
 from cosim.soft.beams.ring_kernels import BAND, BeamArrays, add_beam_rings, peak_strains, ring_axes
 from cosim.soft.body.body import SoftBody
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant, Remembered
+from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 
 
 @final
@@ -90,7 +90,7 @@ class RectangularSection:
 
 @final
 @dataclass(frozen=True)
-class BeamRings(DirectElement):
+class BeamRings(LeafElement):
     """Stiffeners of one body; all rings have the same number of nodes.
 
     Args:
@@ -161,17 +161,14 @@ class BeamRings(DirectElement):
     @cached_property
     def arrays(self) -> BeamArrays:
         """The beams as the kernels know them."""
-        return BeamArrays(self.rings, self.directors, self.lengths, self.section.rigidities)
+        rings, directors, lengths = writable(self.rings), writable(self.directors), writable(self.lengths)
+        return BeamArrays(rings, directors, lengths, self.section.rigidities)
 
-    def add(
-        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
-    ) -> float:
-        memory = at.memory if len(at.memory) else self.first_memory(positions)
-        tracked = at.tracked if len(at.tracked) else np.empty_like(memory)
-        moving = at.step_s < np.inf and not at.closely
-        arrays, remembered = self.arrays._replace(moving=moving), Remembered(memory, tracked)
-        energy: float = add_beam_rings(positions, arrays, remembered, slots, gradient, blocks)
-        return energy
+    def call(
+        self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
+    ) -> Call:
+        arrays = self.arrays._replace(moving=moving)
+        return Call(add_beam_rings, (arrays, memory, slots, gradient, blocks))
 
     def peak_strains(self, positions: Array, memory: Array) -> Array:
         """Return the largest strain (f, m) of each beam's fibres.

@@ -44,7 +44,6 @@ from cosim.base.kernels import (
 from cosim.base.numba_insides import caller
 from cosim.soft.contact import contact_law
 from cosim.soft.contact.contact_law import ContactLaw, distance_of, feet, fill_point, plane_of, pressing_law
-from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
 
 
@@ -363,15 +362,6 @@ class FilmPairs:
 
     def __len__(self) -> int:
         return len(self.key)
-
-    def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
-        """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        energy: float = add_pairs(positions, self.rows, sums.gradient)
-        acting = self.acting
-        if hessian and len(acting):
-            blocks, wide = sums.widened(acting)
-            add_pair_blocks(positions, self.rows, wide.rows, np.zeros(wide.blocks, np.int64), blocks)
-        return energy
 
     @property
     def acting(self) -> IntArray:

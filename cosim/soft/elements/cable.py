@@ -99,6 +99,15 @@ def segment_gradient(x: Matrix, a: int, b: int, gradient: Vector) -> None:
 
 
 @kernel
+def weighted_length(x: Matrix, segments: IndexTable, weights: Vector) -> float:
+    """Return L_w = sum w_i L_i [m] of the segments (k, 2) of a cable with weights (k,)."""
+    total = 0.0
+    for s in range(segments.shape[0]):
+        total += weights[s] * segment_length(x, segments[s, 0], segments[s, 1])
+    return total
+
+
+@kernel
 def add_segments(
     x: Matrix, segments: IndexTable, tension: Vector, slots: IndexTable, gradient: Matrix, blocks: Blocks
 ) -> float:
@@ -221,7 +230,7 @@ class Cable(Element):
 
     @classmethod
     def bound(cls, alike: "Sequence[Cable]", sums: Sums) -> Sequence[Term]:
-        """Return no terms: what a cable does follows from the loads of its body, see `film_terms`."""
+        """Return no terms: what a cable does follows from the loads of its body, see `FilmPotential`."""
         return ()
 
     @property

@@ -22,6 +22,7 @@ from typing import (
     Protocol,
     Self,
     TypeVar,
+    cast,
     final,
     get_args,
     get_origin,
@@ -40,6 +41,7 @@ NODES: Final = "nodes"
 ROWS: Final = "rows"
 
 _Kind = TypeVar("_Kind", bound="Element")
+_Array = TypeVar("_Array", bound=np.ndarray[Any, Any])
 
 _NO_TABLE = np.zeros((0, 0), np.int64)
 _NOTHING = np.zeros(0)
@@ -115,15 +117,29 @@ class Sums:
         blocks: (pattern.blocks, 3, 3) [N/m].
         diagonal: (n,), where the pair of each node with itself is in `blocks`.
         slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
-        widened: nodes (parts, k) that touch -> blocks of a wider pattern, which hold all that was added to
-            `blocks` and represent the tangent from now on, and that pattern, a `BlockPattern`.
     """
 
     gradient: Array
     blocks: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     diagonal: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     slots: Callable[[IntArray], IntArray] = _no_hessian
-    widened: Callable[[IntArray], tuple[Array, Any]] = _no_hessian
+
+
+class Call(NamedTuple):
+    """A leaf with its arguments: the energy [J] is leaf(x, *given), x the positions (n, 3) [m].
+
+    Args:
+        leaf: compiled.
+        given: its further arguments, made once.
+    """
+
+    leaf: Callable[..., float]
+    given: tuple[Any, ...]
+
+
+def writable(array: _Array) -> _Array:
+    """Return an array as leaves take it: in one stretch and writable; a copy where it is not."""
+    return cast(_Array, np.require(array, requirements=["C", "W"]))
 
 
 class Term(Protocol):
@@ -262,6 +278,33 @@ class _Direct:
     def add(self, positions: Array, at: Instant, hessian: bool) -> float:
         slots = self._slots if hessian else _NO_TABLE
         return self._add(positions, slots, self._gradient, self._blocks, at)
+
+
+class LeafElement(DirectElement):
+    """A direct element that one leaf adds, whose arguments are made once for a body."""
+
+    @abstractmethod
+    def call(
+        self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
+    ) -> Call | None:
+        """Return what adds it; None where it does nothing, whatever the shape.
+
+        Args:
+            memory: what it remembers, and room for what it makes of that.
+            slots: of the pairs of `coupled`, from `BlockPattern.slots`; empty: the gradient alone is added.
+            gradient: (n, 3) [N].
+            blocks: (pattern.blocks, 3, 3) [N/m].
+            moving: whether it is in a step in time that is not solved closely, see `Instant`.
+        """
+
+    def add(
+        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
+    ) -> float:
+        before = at.memory if len(at.memory) else self.first_memory(positions)
+        memory = Remembered(before, at.tracked if len(at.tracked) else np.empty_like(before))
+        moving = at.step_s < np.inf and not at.closely
+        call = self.call(memory, slots, gradient, blocks, moving=moving)
+        return 0.0 if call is None else call.leaf(positions, *call.given)
 
 
 def kinds_known(of: type[Element] = Element) -> list[type[Element]]:

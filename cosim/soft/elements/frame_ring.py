@@ -18,7 +18,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, IndexTable, Matrix
 from cosim.base.kernels import kernel, small_vector, zero_matrix
 from cosim.errors import MeshError
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 from cosim.soft.linear.pattern import add_block
 
 _ORDERS_TRIED = 100
@@ -91,7 +91,7 @@ def add_frames(
 
 @final
 @dataclass(frozen=True)
-class FrameRings(DirectElement):
+class FrameRings(LeafElement):
     """Stiff frames of one body; all rings have the same number of nodes.
 
     Args:
@@ -164,13 +164,11 @@ class FrameRings(DirectElement):
         frame = cls.from_shape(positions, max(orders, key=weakest)[None], stiffness_N_m)
         return replace(frame, leads_on=True)
 
-    def add(
-        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
-    ) -> float:
-        energy: float = add_frames(
-            positions, self.rings, self.projections, self.lengths, self.stiffness_N_m, slots, gradient, blocks
-        )
-        return energy
+    def call(
+        self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
+    ) -> Call:
+        rings = writable(self.rings), writable(self.projections), writable(self.lengths)
+        return Call(add_frames, (*rings, self.stiffness_N_m, slots, gradient, blocks))
 
 
 def _projection(ring: Array, number: int) -> Array:

@@ -18,7 +18,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, IndexTable, Matrix
 from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.soft.elements.cable import onset as onset_of_tension
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 from cosim.soft.linear.pattern import add_block
 
 STIFFNESS_N_m: Final = 1e5
@@ -67,7 +67,7 @@ def add_stops(
 
 @final
 @dataclass(frozen=True)
-class FrameStops(DirectElement):
+class FrameStops(LeafElement):
     """Frames of one stack that rest on one another.
 
     Args:
@@ -107,8 +107,7 @@ class FrameStops(DirectElement):
         steps = np.diff(positions[rims].mean(axis=1), axis=0)
         return float(self.springs[0, 0] + np.linalg.norm(steps, axis=1).sum())
 
-    def add(
-        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
-    ) -> float:
-        energy: float = add_stops(positions, self.pairs, self.springs, slots, gradient, blocks)
-        return energy
+    def call(
+        self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
+    ) -> Call:
+        return Call(add_stops, (writable(self.pairs), writable(self.springs), slots, gradient, blocks))

@@ -47,7 +47,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.errors import MeshError
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant, Remembered
+from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 from cosim.soft.geometry.surface import TURN, dihedral_angle, directed_edges, full_angle, triangle_area
 
 CLOSED_FRACTION: Final = 4e-4
@@ -315,7 +315,7 @@ def add_hinges(
 
 @final
 @dataclass(frozen=True)
-class Hinges(DirectElement):
+class Hinges(LeafElement):
     """All rotational springs of a body; they remember their angles, unwrapped.
 
     Args:
@@ -345,19 +345,18 @@ class Hinges(DirectElement):
     def first_memory(self, positions: Array) -> Array:
         return dihedral_angle(positions, self.nodes)
 
-    def add(
-        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
-    ) -> float:
+    def call(
+        self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
+    ) -> Call | None:
         if not self._bends:
-            return 0.0
-        angles = Remembered(at.memory, at.tracked)
-        energy: float = add_hinges(positions, self.arrays, angles, slots, gradient, blocks)
-        return energy
+            return None
+        return Call(add_hinges, (self.arrays, memory, slots, gradient, blocks))
 
     @cached_property
     def arrays(self) -> HingeRows:
         """The springs as kernels know them."""
-        return HingeRows(self.nodes, self.stiffness, self.rest_angle, self.fold_barrier_rad)
+        nodes, stiffness, rest = writable(self.nodes), writable(self.stiffness), writable(self.rest_angle)
+        return HingeRows(nodes, stiffness, rest, self.fold_barrier_rad)
 
 
 def _angle_forms(positions: Array, hinges: IntArray) -> Array:

@@ -7,11 +7,6 @@ with M_b the mass matrix of block b in weights of its points p_bk, of which the 
 a block is one point, and M_b its mass; frames carry a ring together on their points.
 """
 
-import math
-from dataclasses import dataclass
-from typing import final
-
-from cosim.base.frames import Array
 from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.base.kernels import kernel
 
@@ -79,23 +74,3 @@ def mass_moments(mass: Blocks, points: Blocks, moments: Vector) -> float:
     moments[3], moments[4], moments[5] = xx, xy, xz
     moments[6], moments[7], moments[8] = yy, yz, zz
     return total
-
-
-@final
-@dataclass(frozen=True)
-class Inertia:
-    """Inertia of an implicit step as an elastic bed: coefficient c, target y.
-
-    Args:
-        coefficient: (n,) [N/m], mass over the squared step, plus damping.
-        target: (n, 3) [m], where free flight would take each node.
-        step_s: length of the step; infinite for a bed that is no step in time.
-        closely: whether the step is solved below the tolerance of an ordinary one.
-        rates: address of the step's `StepRates`; 0 where no material resists rates of strain.
-    """
-
-    coefficient: Array
-    target: Array
-    step_s: float = math.inf
-    closely: bool = False
-    rates: int = 0

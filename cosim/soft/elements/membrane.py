@@ -32,7 +32,7 @@ from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.errors import InputError, MeshError
 from cosim.soft.elements.edge_strain import edge_strain
-from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant
+from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 from cosim.soft.elements.material import NEO_HOOKEAN, PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
 from cosim.soft.elements.wrinkling import (
     density,
@@ -415,7 +415,7 @@ def principal_forces(x: Matrix, film: MembraneRows) -> Matrix:
 
 @final
 @dataclass(frozen=True)
-class Membranes(DirectElement):
+class Membranes(LeafElement):
     """Film triangles of one material.
 
     Args:
@@ -496,18 +496,18 @@ class Membranes(DirectElement):
         )
         return cls(triangles, gradients, 0.5 * twice_area, panel, film)
 
-    def add(
-        self, positions: Array, slots: IntArray, gradient: Array, blocks: Array, at: Instant = STILL
-    ) -> float:
-        energy: float = add_membranes(positions, self.arrays, slots, gradient, blocks)
-        return energy
+    def call(
+        self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
+    ) -> Call:
+        return Call(add_membranes, (self.arrays, slots, gradient, blocks))
 
     @cached_property
     def arrays(self) -> MembraneRows:
         """The triangles as kernels know them."""
         return MembraneRows(
-            self.triangles, self.shape_gradients, self.areas, in_lanes(self.shape_gradients, self.areas),
-            self._stiffness, self.film.law_code, self._compression, self._forces, self._yarns,
+            writable(self.triangles), writable(self.shape_gradients), writable(self.areas),
+            in_lanes(self.shape_gradients, self.areas), self._stiffness, self.film.law_code,
+            self._compression, self._forces, self._yarns,
         )  # fmt: skip
 
     @cached_property

@@ -11,7 +11,7 @@ subtracts what the caps contribute, so that each film node carries a third of it
 The gas chambers of a body: what they enclose, and what the caps that a body lacks add to its stiffness.
 
 They follow from the body's film, caps and chambers, and are no element beside them; what the gas adds to the
-potential is in `film_terms`.
+potential is in `FilmPotential`.
 """
 
 from collections.abc import Iterable, Sequence

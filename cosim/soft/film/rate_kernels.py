@@ -19,20 +19,17 @@ so no tension comes of unfolding.
 Source: Kelvin-Voigt material in any text on viscoelasticity, e.g. Lakes, Viscoelastic Materials, chapter 2.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from cosim.base.kernel_types import Blocks, IndexTable, Matrix, Vector
-from cosim.base.kernels import device_function, handing_on_views, kernel, small_matrix, small_vector
-from cosim.base.numba_insides import caller
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.soft.elements import membrane
-from cosim.soft.elements.element import Remembered
-from cosim.soft.elements.hinge import ANGLE, ROOM, HingeRows, add_hinges, differentiate
+from cosim.soft.elements.hinge import ANGLE, ROOM, differentiate
 from cosim.soft.elements.hinge import LANES as SIDE_BY_SIDE
 from cosim.soft.elements.material import EDGE_STRAIN
 from cosim.soft.elements.membrane import ENERGY, FORCE, LANES, SIZE, STRAIN, MembraneRows, deformation
-from cosim.soft.film.step_arrays import FILMS, HINGES, FilmArrays, FilmPoint, FilmSlots, StepRates
 from cosim.soft.geometry.surface import TURN
 
 RATE_ROOM: Final = 9 * LANES
@@ -137,89 +134,28 @@ def add_triangle_rates(
     return potential
 
 
-_fill_triangle_rates = caller(fill_triangle_rates)
-_add_triangle_rates, _add_hinges = caller(add_triangle_rates), caller(add_hinges)
-_TRIANGLES, _FILL_TRIANGLES, _HINGES = 2, 3, 1  # of `StepRates.calls`, and of `FilmArrays.calls`
-
-
-@handing_on_views
-def film_rows(film: Any, k: int) -> MembraneRows:
-    """Return the triangles of film k."""
-    a, b = film.films[k], film.films[k + 1]
-    return MembraneRows(
-        film.triangles[a[0] : b[0]], film.shape_gradients[a[0] : b[0]], film.areas[a[0] : b[0]],
-        film.drawn[a[1] : b[1]], film.stiffness[k], film.laws[k], film.compression[k],
-        film.forces[a[2] : b[2]], film.yarns[k],
-    )  # fmt: skip
-
-
 @kernel
-def add_rates(film: FilmArrays, slots: FilmSlots, rates: StepRates, part: int, point: FilmPoint) -> float:
-    """Add what resists the rates of a part's triangles and hinges; return the dissipation potential [J].
-
-    It is half of the power lost, times s.
-
-    Args:
-        film: see `FilmArrays`.
-        slots: see `FilmSlots`.
-        rates: of the step.
-        part: its number.
-        point: see `FilmPoint`.
-    """
-    energy = 0.0
-    for k in range(film.parts[part, FILMS], film.parts[part + 1, FILMS]):
-        if rates.film_time[k] > 0.0:
-            a, b = film.films[k], film.films[k + 1]
-            own, pairs = rates.triangles[a[1] : b[1]], slots.triangles[a[0] : b[0]]
-            given = point.x, film_rows(film, k), own, pairs, point.gradient, point.blocks
-            energy += _add_triangle_rates(rates.calls[_TRIANGLES], given)
-    first, last = film.parts[part, HINGES], film.parts[part + 1, HINGES]
-    begin, end = film.angles[0] + first, film.angles[0] + last
-    springs = HingeRows(
-        film.hinges[first:last], rates.hinge_stiffness[first:last], rates.hinge_angle[first:last], 0.0
-    )
-    angles = Remembered(point.memory[begin:end], point.tracked[begin:end])
-    turning = point.x, springs, angles, slots.hinges[first:last], point.gradient, point.blocks
-    return energy + _add_hinges(film.calls[_HINGES], turning)
-
-
-@kernel
-def fill_rates(
-    film: FilmArrays,
-    x: Matrix,
-    earlier_x: Matrix,
-    memory: Vector,
-    two_steps: bool,
-    span: float,
-    rates: StepRates,
+def fill_hinge_rates(
+    earlier_x: Matrix, hinges: IndexTable, angles: Vector, two_steps: bool, rate_angles: Vector
 ) -> None:
-    """Fill what a step resists rates with.
+    """Fill theta' of all hinges for a step.
 
     Args:
-        film: see `FilmArrays`.
-        x: (n, 3) [m], where the step begins.
         earlier_x: (n, 3) [m], one step before; of one step alone: anything.
-        memory: (values,), of the elements where it begins.
-        two_steps: whether it looks back over two.
-        span: s [s].
-        rates: filled.
+        hinges: (h, 4) nodes.
+        angles: (h,) [rad], where the step begins.
+        two_steps: whether the step looks back over two.
+        rate_angles: (h,) [rad], filled.
     """
-    for k in range(film.films.shape[0] - 1):
-        if rates.film_time[k] > 0.0:
-            own = rates.triangles[film.films[k, 1] : film.films[k + 1, 1]]
-            given = x, earlier_x, two_steps, film_rows(film, k), rates.film_time[k] / span, own
-            _fill_triangle_rates(rates.calls[_FILL_TRIANGLES], given)
-    s, count = small_vector(ROOM), film.hinges.shape[0]
+    s, count = small_vector(ROOM), hinges.shape[0]
     for first in range(0, count, SIDE_BY_SIDE):
         lanes = min(SIDE_BY_SIDE, count - first)
         if two_steps:
-            differentiate(earlier_x, film.hinges, first, lanes, s)
+            differentiate(earlier_x, hinges, first, lanes, s)
         for lane in range(lanes):
-            h = first + lane
-            angle = memory[film.angles[0] + h]
-            rates.hinge_stiffness[h] = rates.hinge_time[h] / span * film.hinge_stiffness[h]
+            angle = angles[first + lane]
             if two_steps:
                 turned = angle - s[ANGLE + lane]
                 turned -= TURN * np.floor(turned / TURN + 0.5)
                 angle += turned / 3.0
-            rates.hinge_angle[h] = angle
+            rate_angles[first + lane] = angle

@@ -1,43 +1,68 @@
-"""What the materials of a film resist rates of strain with, step by step; formulas: see `rate_kernels`."""
+"""What the materials of a body resist rates of strain with in a step, see `rate_kernels`."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import RecordStore, address_of
 from cosim.soft.body.body import SoftBody
-from cosim.soft.film import rate_kernels, step_arrays
-from cosim.soft.film.rate_kernels import add_rates, add_triangle_rates, fill_rates, fill_triangle_rates
+from cosim.soft.elements.element import Call, Remembered
+from cosim.soft.elements.hinge import HingeRows, add_hinges
+from cosim.soft.elements.membrane import MembraneRows
+from cosim.soft.film.rate_kernels import RATE_ROOM, add_triangle_rates, fill_hinge_rates, fill_triangle_rates
 from cosim.soft.geometry.surface import dihedral_angle, directed_edges
+
+_NO_TABLE, _NO_BLOCKS = np.zeros((0, 0), np.int64), np.zeros((0, 3, 3))
+
+
+@final
+@dataclass(frozen=True)
+class _LossyFilm:
+    """A film with a loss factor.
+
+    Args:
+        number: of the body's films.
+        rows: its triangles.
+        time_s: tau.
+        rates: (groups, RATE_ROOM), of the step.
+    """
+
+    number: int
+    rows: MembraneRows
+    time_s: float
+    rates: Array
 
 
 @final
 class StrainRates:
     """What a body's materials resist rates of strain with, in the step that was filled last.
 
-    Attributes: `address`, of its `StepRates`.
-
     Args:
         body: some film of which has a loss factor.
-        film: its arrays.
     """
 
-    def __init__(self, body: SoftBody, film: step_arrays.FilmArrays) -> None:
-        self._film, hinges = film, len(film.hinges)
-        kernels = fill_rates, add_rates, add_triangle_rates, fill_triangle_rates
-        self._arrays = step_arrays.StepRates(
-            np.array([address_of(called) for called in kernels]),
-            np.array([each.film.loss_time_s for each in body.membranes]), hinge_times(body, film.hinges),
-            np.zeros((len(film.drawn), rate_kernels.RATE_ROOM)), np.zeros(hinges), np.zeros(hinges),
-        )  # fmt: skip
-        self._store = RecordStore(step_arrays.StepRates)
-        self.address = self._store.address(self._arrays)
+    def __init__(self, body: SoftBody) -> None:
+        self._films = [
+            _LossyFilm(k, each.arrays, each.film.loss_time_s, np.zeros((len(each.arrays.drawn), RATE_ROOM)))
+            for k, each in enumerate(body.membranes)
+            if each.film.loss_factor
+        ]
+        bent = len(body.hinges.coupled)
+        self.hinges = body.hinges.arrays.nodes[:bent]
+        """(h, 4) nodes of the hinges whose angles are remembered."""
+        place = body.memory_places[body.elements.index(body.hinges)]
+        self.angles = slice(place.start, place.start + bent)
+        """Where these angles are in the memory."""
+        self._spring_s = hinge_times(body, self.hinges) * body.hinges.stiffness[:bent]
+        self._stiffness, self._angle = np.zeros(bent), np.zeros(bent)
+        self._springs = HingeRows(self.hinges, self._stiffness, self._angle, 0.0)
 
     @classmethod
-    def of(cls, body: SoftBody, film: step_arrays.FilmArrays) -> "StrainRates | None":
-        """Return them for a body with its arrays; None where none of its films has a loss factor."""
-        return cls(body, film) if any(each.film.loss_factor for each in body.membranes) else None
+    def of(cls, body: SoftBody) -> "StrainRates | None":
+        """Return them for a body; None where none of its films has a loss factor."""
+        return cls(body) if any(each.film.loss_factor for each in body.membranes) else None
 
     def fill(self, x: Array, earlier_x: Array | None, memory: Array, span: float) -> None:
         """Let a step begin.
@@ -49,12 +74,33 @@ class StrainRates:
             span: s [s].
         """
         two_steps, before = (False, x) if earlier_x is None else (True, earlier_x)
-        fill_rates(self._film, x, before, memory, two_steps, span, self._arrays)
+        for film in self._films:
+            fill_triangle_rates(x, before, two_steps, film.rows, film.time_s / span, film.rates)
+        np.divide(self._spring_s, span, out=self._stiffness)
+        fill_hinge_rates(before, self.hinges, memory[self.angles], two_steps, self._angle)
+
+    def calls(
+        self, angles: Remembered, slots: tuple[Sequence[IntArray], IntArray], gradient: Array, blocks: Array
+    ) -> list[Call]:
+        """Return the leaves that add what resists rates: their sum is half of the power lost, times s.
+
+        Args:
+            angles: of the hinges.
+            slots: (m, 6) of each film's triangles, and (h, 10) of the hinges; empty for the gradient alone.
+            gradient: (n, 3) [N].
+            blocks: (b, 3, 3) [N/m].
+        """
+        triangles, hinges = slots
+        found = [
+            Call(add_triangle_rates, (film.rows, film.rates, triangles[film.number], gradient, blocks))
+            for film in self._films
+        ]
+        return [*found, Call(add_hinges, (self._springs, angles, hinges, gradient, blocks))]
 
     def begin(self, x: Array, earlier_x: Array | None, span: float) -> None:
         """Let a step begin whose elements' memory is not known; see `fill`."""
-        self._memory = memory = np.zeros(self._film.angles[1])
-        memory[self._film.angles[0] :] = dihedral_angle(x, self._film.hinges)
+        self._memory = memory = np.zeros(self.angles.stop)
+        memory[self.angles] = dihedral_angle(x, self.hinges)
         self.fill(x, earlier_x, memory, span)
 
     def potential(self, x: Array) -> float:
@@ -69,11 +115,10 @@ class StrainRates:
         return self._at(x)[1]
 
     def _at(self, x: Array) -> tuple[float, Array]:
-        film, angles, gradient = self._film, np.empty_like(self._memory), np.zeros_like(x)
-        whole = film._replace(parts=np.ascontiguousarray(film.parts[[0, -1]]))
-        point = step_arrays.FilmPoint(x, self._memory, angles, gradient, film.no_blocks, np.zeros(0))
-        found: float = add_rates(whole, film.no_slots, self._arrays, 0, point)
-        return found, gradient
+        before, gradient = self._memory[self.angles], np.zeros_like(x)
+        slots = [_NO_TABLE] * (1 + self._films[-1].number), _NO_TABLE
+        calls = self.calls(Remembered(before, np.empty_like(before)), slots, gradient, _NO_BLOCKS)
+        return sum(leaf(x, *given) for leaf, given in calls), gradient
 
 
 def hinge_times(body: SoftBody, hinges: IntArray) -> Array:

@@ -17,7 +17,7 @@ import logging
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Final, final
+from typing import Any, Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +116,20 @@ class _Part:
         return cls(entries, lists.start[:-1].copy(), lists.first, dofs, int(lists.start[-1]), bandwidth)
 
 
+class PartFactor(NamedTuple):
+    """L of a range of nodes that nothing couples with others.
+
+    Args:
+        factor: its tiles.
+        dofs: (size,), component of each equation, of the range's nodes.
+        nodes: the range.
+    """
+
+    factor: TileFactor
+    dofs: IntArray
+    nodes: slice
+
+
 @final
 class EnvelopeCholesky(linear_solver.LinearSolver):
     """Cholesky within the envelope; refuses an indefinite matrix.
@@ -134,9 +148,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         sizes = [(part.stored, len(part.start), len(part.dofs)) for part in parts]
         ends = np.cumsum([(0, 0, 0), *sizes], axis=0, dtype=np.int64)
         self._table = np.column_stack([apart, ends])
-        self._start = np.concatenate([part.start for part in parts])
-        self._first = np.concatenate([part.first for part in parts])
-        self._dofs = np.concatenate([part.dofs for part in parts])
+        self._factors: tuple[Array, list[PartFactor]] | None = None
         self.bandwidth = max(part.bandwidth for part in parts)
         self._store, self._inverse = np.empty(ends[-1, 0]), np.empty(_TILE * ends[-1, 1])
         self._lent = False  # whether a saved state holds the factor
@@ -165,18 +177,18 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         return np.ascontiguousarray(self._table[:, linear_solver.NODE])
 
     @property
-    def envelope(self) -> linear_solver.EnvelopeArrays:
-        return linear_solver.EnvelopeArrays(
-            self._store, self._start, self._first, self._inverse, self._dofs, self._table
-        )
-
-    @cached_property
-    def entries(self) -> linear_solver.EnvelopeEntries:
-        """Of A, for kernels that factorise it."""
-        found = [part.entries for part in self._parts]
-        ends = np.cumsum([(0, 0), *((len(source), len(first)) for source, _, first in found)], axis=0)
-        source, place, first = (np.concatenate(column) for column in zip(*found, strict=True))
-        return linear_solver.EnvelopeEntries(source, place, first, ends)
+    def factors(self) -> list[PartFactor]:
+        """L of each part, as `substitute` takes it."""
+        if self._factors is None or self._factors[0] is not self._store:
+            cuts = self._table[:, linear_solver.NODE].tolist()
+            self._factors = (
+                self._store,
+                [
+                    PartFactor(self._factor_of(k), part.dofs, slice(*cuts[k : k + 2]))
+                    for k, part in enumerate(self._parts)
+                ],
+            )
+        return self._factors[1]
 
     @property
     def pivots(self) -> Array:
@@ -189,25 +201,6 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         own = zip(tiled, self._parts, strict=True)
         return np.concatenate([_TILE * begin + np.arange(len(part.dofs)) for begin, part in own])
 
-    @property
-    def lent(self) -> bool:
-        """Whether a saved state holds the factor, which is not to be written to then."""
-        return self._lent
-
-    def leave_lent(self) -> bool:
-        """Go on with a copy where a saved state holds the factor; return whether one did."""
-        lent = self._lent
-        if lent:
-            self._store, self._inverse, self._lent = self._store.copy(), self._inverse.copy(), False
-        return lent
-
-    def factor_part(self, number: int, blocks: Array, shift: float = 0.0) -> bool:
-        self._correction = None
-        self.leave_lent()  # of the other parts it stays
-        part = self._parts[number]
-        size, factor = len(part.dofs), self._factor_of(number)
-        return factorise(blocks.reshape(-1), part.entries, shift, size, factor)
-
     def _factor_of(self, number: int) -> TileFactor:
         """Return L of a part."""
         (_, stored, tiled, _), (_, stored_end, tiled_end, _) = self._table[number : number + 2]
@@ -218,7 +211,10 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         if self._lent:
             self._store, self._inverse = np.empty_like(self._store), np.empty_like(self._inverse)
             self._lent = False
-        return all(self.factor_part(number, blocks, shift) for number in range(len(self._parts)))
+        return all(
+            factorise(blocks.reshape(-1), part.entries, shift, len(part.dofs), self._factor_of(number))
+            for number, part in enumerate(self._parts)
+        )
 
     def _lend_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True

@@ -14,9 +14,9 @@ Schur complements).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, NamedTuple, final
+from typing import Annotated, Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.base.frames import Array, IntArray, Mask
-from cosim.base.kernel_types import IndexTable, Indices, Places, Vector
 from cosim.errors import InputError, SolverError
 from cosim.soft.linear.pattern import BlockPattern
 
@@ -55,6 +54,24 @@ class LowRank:
         """Return the sum as a dense matrix (3 n, 3 n)."""
         flat = self.vectors.reshape(len(self.coefficients), -1)
         return np.asarray(flat.T @ (self.coefficients[:, None] * flat))
+
+
+@final
+@dataclass(frozen=True)
+class Tangent:
+    """The tangent of a body: sparse symmetric blocks, and what goes beside them.
+
+    Args:
+        pattern: of the blocks: the body's own, or a wider one where films press on one another.
+        blocks: (pattern.blocks, 3, 3) [N/m].
+        low_rank: of sealed gas and commanded lengths; None for none.
+        caps: what missing caps add, which is not symmetric: nodes (k,) of each ring, and (3 k, 3 k) [N/m].
+    """
+
+    pattern: BlockPattern
+    blocks: Array
+    low_rank: LowRank | None = None
+    caps: Sequence[tuple[IntArray, Array]] = ()
 
 
 @final
@@ -136,42 +153,6 @@ def by_component(mask: Mask) -> Mask:
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
 
 
-class EnvelopeArrays(NamedTuple):
-    """A factor as `substitute` takes it, part after part.
-
-    Args:
-        store: entries of L.
-        start: where each tile's rows begin in its part's entries.
-        first: first tile of each, of its part.
-        inverse: reciprocal diagonal.
-        dofs: component of each equation, of its part's nodes.
-        parts: (parts + 1, 4), where the nodes, entries, tiles and equations of each begin.
-    """
-
-    store: Vector
-    start: Places
-    first: Places
-    inverse: Vector
-    dofs: Indices
-    parts: IndexTable
-
-
-class EnvelopeEntries(NamedTuple):
-    """Entries of A as `factorise` takes them, part after part.
-
-    Args:
-        source: their places in the blocks of the whole, as numbers.
-        place: their places in the store of the part.
-        first: the first of each tile, of the part; its last one behind the tiles.
-        parts: (parts + 1, 2), where entries and tiles with what is behind them begin of each.
-    """
-
-    source: Places
-    place: Places
-    first: Places
-    parts: IndexTable
-
-
 @final
 @dataclass(frozen=True)
 class FactorState:
@@ -190,7 +171,8 @@ class LinearSolver(ABC):
     """Factorises A = K + shift 1 + sum_k c_k v_k v_k^T of the free components and solves with it.
 
     The dense terms never enter the sparse factor of K + shift 1; see `Correction`. `groups` are the free
-    nodes in the order of a nested dissection; None until such an order is asked for.
+    nodes in the order of a nested dissection; None until such an order is asked for. `extra` are parts that
+    are not symmetric, beside the blocks; solvers of symmetric matrices leave them out.
 
     Args:
         pattern: of the whole body.
@@ -203,6 +185,7 @@ class LinearSolver(ABC):
         self.free_nodes: IntArray = np.flatnonzero(self.free.any(axis=1))
         self.size = int(self.free.sum())
         self.groups: list[IntArray] | None = None
+        self.extra: Sequence[tuple[IntArray, Array]] = ()
         self._correction: Correction | None = None
 
     def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
@@ -232,24 +215,9 @@ class LinearSolver(ABC):
         return self._correction
 
     @property
-    def envelope(self) -> EnvelopeArrays | None:
-        """The sparse factor, where it is one that kernels know."""
-        return None
-
-    @property
     def apart(self) -> IntArray:
         """Where the nodes of each part begin that can be factorised by itself, and their number (k + 1,)."""
         return np.array([0, self.pattern.nodes])
-
-    def factor_part(self, number: int, blocks: Array, shift: float = 0.0) -> bool:
-        """Factorise one part, without dense terms; the others stay as they are.
-
-        Args:
-            number: of the part, in the order of `apart`.
-            blocks: (pattern.blocks, 3, 3) [N/m]; those of the part count.
-            shift: added to the diagonal [N/m].
-        """
-        return self.factor(blocks, shift)
 
     def solve(self, load: Array, turn: Array | None = None) -> Array:
         """Return the displacement (n, 3) [m] under a load (n, 3) [N]; zero where clamped.
@@ -410,7 +378,6 @@ class GeneralLU(LinearSolver):
         self._dofs = equations(self._number)
         self._factor: SuperLU | None = None
         self._factorised = csc_matrix((self.size, self.size))
-        self.extra: list[tuple[IntArray, Array]] = []
 
     def matrix(self, blocks: Array, shift: float = 0.0) -> csc_matrix:
         """Return the whole matrix (size, size) of the free components."""

@@ -22,7 +22,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.solve import branching, newton
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
@@ -179,12 +179,12 @@ class EquilibriumSolver:
             world_from_flange: pose of the flange, which clamped components are moved to first.
             loads: that act.
         """
-        system, x = self.solver.system, self.clamp.place(state.positions, world_from_flange)
-        loads, gradient = self._touched(self.self_contact, x, loads), system.gradient.copy()
-        share = system.segment_share(x, loads, state.memory)
-        system.evaluate(x, loads, share, state.memory.copy(), hessian=False)
-        found = float(np.abs(system.gradient[self.solver.free]).max())
-        system.gradient[:] = gradient
+        film, x = self.solver.film, self.clamp.place(state.positions, world_from_flange)
+        loads, gradient = self._touched(self.self_contact, x, loads), film.gradient.copy()
+        share = film.losses_at(x, loads, state.memory)
+        film.evaluate(x, loads, share, state.memory.copy(), hessian=False)
+        found = float(np.abs(film.gradient[self.solver.free]).max())
+        film.gradient[:] = gradient
         return found
 
     def _solve(
@@ -195,18 +195,18 @@ class EquilibriumSolver:
         result, loads = self._settle_contacts(films, guess, memory, loads, frame)
         result = self._settle_friction(result, memory, loads, frame)
         if not result.converged:
-            system = self.solver.system
+            film = self.solver.film
             raise ConvergenceError(
                 f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
                 f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations, the largest "
-                f"at {place_of_largest(system.body, result.positions, system.gradient, self.solver.free)}",
+                f"at {place_of_largest(film.body, result.positions, film.gradient, self.solver.free)}",
                 result.residual_N,
                 result.iterations,
             )
         pairs = loads.self_contact
         touching = None if pairs is None else pairs.memory(result.positions, resting=True)
-        wrench = self.clamp.wrench(self.solver.system.gradient, result.positions, world_from_flange)
-        memory = self.solver.system.advanced(result.positions, result.memory)
+        wrench = self.clamp.wrench(self.solver.film.gradient, result.positions, world_from_flange)
+        memory = self.solver.film.advanced(result.positions, result.memory)
         return Equilibrium(
             SoftState.at_rest(result.positions, memory, touching), world_from_flange, loads, wrench,
             result.residual_N, result.iterations, result.potential_J, result.shifted,
@@ -216,7 +216,7 @@ class EquilibriumSolver:
     def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
         """Return in how many directions the potential falls; None without a potential, or if not asked."""
         solver, here = self.solver, (result.positions, result.memory, loads)
-        looks = self.options.sees_saddles and solver.system.conservative
+        looks = self.options.sees_saddles and solver.film.conservative
         if result.negative_pivots is not None or not looks:
             return result.negative_pivots
         x, known = result.positions, self._stable
@@ -241,7 +241,7 @@ class EquilibriumSolver:
         Raises:
             ConvergenceError: none was found.
         """
-        hanging = Loads((), (0.0,) * len(self.solver.system.body.cables), gravity)
+        hanging = Loads((), (0.0,) * len(self.solver.film.body.cables), gravity)
         with self.effort.search("the equilibrium without pressure and tension"):
             try:
                 return self.leave(None, self.solve(state, world_from_flange, hanging))
@@ -278,7 +278,7 @@ class EquilibriumSolver:
     def _filled_first(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium under loads, of the body that gets its weight last."""
         weightless = replace(loads, gravity=(0.0, 0.0, 0.0))
-        drawn = SoftState.drawn(self.solver.system.body, world_from_flange)
+        drawn = SoftState.drawn(self.solver.film.body, world_from_flange)
         here = self.hang(drawn, world_from_flange, weightless.gravity)
         here = self.follow(here, world_from_flange, weightless)
         for k in range(1, _WEIGHT_PIECES + 1):
@@ -369,7 +369,7 @@ class EquilibriumSolver:
     @property
     def body(self) -> SoftBody:
         """Whose equilibria they are."""
-        return self.solver.system.body
+        return self.solver.film.body
 
     def softest(self, here: Equilibrium) -> Softest:
         """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
@@ -449,7 +449,7 @@ class EquilibriumSolver:
         obstacles = self.obstacles
         if films is None and loads.self_contact is not None:  # of an equilibrium before
             loads = replace(loads, self_contact=None)
-        if films is None and obstacles is None and not self.solver.system.freshens:
+        if films is None and obstacles is None and not self.solver.film.freshens:
             return self._newton(start, memory, loads, frame), loads
         pairs, spent, shifted, trail, ways = None, 0, 0, [], None
         for round_ in range(CONTACT_ROUNDS_MAX):
@@ -465,8 +465,8 @@ class EquilibriumSolver:
                 ways = ways if settled else result.negative_pivots
                 return replace(result, iterations=spent, shifted=shifted, negative_pivots=ways), loads
             start, ways = result.positions, result.negative_pivots
-            memory = self.solver.system.unslid(result.memory, memory)
-            if obstacles is not None or self.solver.system.slides:
+            memory = self.solver.film.unslid(result.memory, memory)
+            if obstacles is not None or self.solver.film.slides:
                 trail.append(start)
                 start = end_of(trail)
                 ways = ways if start is result.positions else None
@@ -482,12 +482,12 @@ class EquilibriumSolver:
         self, result: NewtonResult, accepted: Array, loads: Loads, frame: Array
     ) -> NewtonResult:
         """Repeat while losses along the cables change with the shape: friction has no potential."""
-        system, cables = self.solver.system, self.solver.system.body.cables
-        friction = any(cable.friction_coefficient for cable in cables) or system.slides
+        film, cables = self.solver.film, self.solver.film.body.cables
+        friction = any(cable.friction_coefficient for cable in cables) or film.slides
         if not friction and not losses_follow(cables, loads.cable_length_m):
             return result
         for _ in range(_FRICTION_ROUNDS_MAX):
-            memory = system.unslid(result.memory, accepted)
+            memory = film.unslid(result.memory, accepted)
             again = self._newton(result.positions, memory, loads, frame)
             if not again.converged:
                 return again
@@ -497,7 +497,7 @@ class EquilibriumSolver:
             if settled:
                 return result
         # between sticking and slipping rounds may go in circles: a smaller piece of the way does not
-        return replace(result, outcome=Outcome.ITERATION_LIMIT) if system.slides else result
+        return replace(result, outcome=Outcome.ITERATION_LIMIT) if film.slides else result
 
 
 def _given_up(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:

@@ -55,14 +55,14 @@ class RestingFilm:
         Raises:
             InputError: nodes have no mass, or ends are open.
         """
-        system, mass = self.solver.system, self.solver.system.body.node_mass
+        film, mass = self.solver.film, self.solver.film.body.node_mass
         if not (mass > 0.0).all():
             raise InputError("a linear model needs mass on all nodes; set soft_robot.mass or densities")
-        if not system.conservative:
+        if not film.conservative:
             raise InputError("a linear model needs closed ends: set model.closed = true")
         names, slopes, still = self._by_loads()
         self._gradient(self.loads, hessian=True)
-        tangent = sensitivity.FrozenTangent.of(system, self.state.positions)
+        tangent = sensitivity.FrozenTangent.of(film, self.state.positions)
         carried = self._carried()
         pushes = np.concatenate([slopes, tangent.times(carried), mass[:, None, None] * carried], axis=2)
         v = np.concatenate([carried, self._motions(pushes, motions)], axis=2)
@@ -70,7 +70,7 @@ class RestingFilm:
         stiffness = flat.T @ tangent.times(v).reshape(flat.shape)
         inertia = flat.T @ (np.repeat(mass, 3)[:, None] * flat)
         held = np.arange(v.shape[2]) < 6
-        tip = np.concatenate([v[system.body.tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
+        tip = np.concatenate([v[film.body.tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
         along = np.eye(v.shape[2])[:, :6]
         body = RestingBody(
             stiffness, inertia, self._losses(v), along, flat.T @ slopes.reshape(len(flat), -1),
@@ -79,14 +79,14 @@ class RestingFilm:
         return body.linear_step(bed)
 
     def _gradient(self, loads: Loads, *, hessian: bool = False) -> Array:
-        system, state = self.solver.system, self.state
-        share = system.segment_share(state.positions, loads, state.memory)
-        system.evaluate(state.positions, loads, share, state.memory, hessian=hessian)
-        return system.gradient.copy()
+        film, state = self.solver.film, self.state
+        share = film.losses_at(state.positions, loads, state.memory)
+        film.evaluate(state.positions, loads, share, state.memory, hessian=hessian)
+        return film.gradient.copy()
 
     def _by_loads(self) -> tuple[tuple[LoadName, ...], Array, Array]:
         """Return what can be commanded, the gradient's derivatives (n, 3, loads) by it, and the gradient."""
-        loads, count = self.loads, self.solver.system.gas.count
+        loads, count = self.loads, self.solver.film.gas.count
         still, pressures, pulls = self._gradient(loads), loads.pressures(count), loads.cable_tension_N
         names, columns = list[LoadName](), list[Array]()
         for k, gas in enumerate(loads.gases(count)):
@@ -117,7 +117,7 @@ class RestingFilm:
             pushes: (n, 3, pushes) [N], the answers to which are in it.
             count: of natural modes.
         """
-        solver, mass = self.solver, self.solver.system.body.node_mass
+        solver, mass = self.solver, self.solver.film.body.node_mass
         root = np.sqrt(mass)[:, None, None]
         if count >= np.count_nonzero(solver.free):
             own = np.flatnonzero(solver.free)
@@ -135,8 +135,8 @@ class RestingFilm:
 
     def _losses(self, v: Array) -> Array:
         """Return what materials resist rates of motions v (n, 3, k) with (k, k)."""
-        system, x = self.solver.system, self.state.positions
-        rates = StrainRates.of(system.body, system.film)
+        film, x = self.solver.film, self.state.positions
+        rates = StrainRates.of(film.body)
         if rates is None:
             return np.zeros((v.shape[2], v.shape[2]))
         rates.begin(x, None, 1.0)
@@ -172,7 +172,7 @@ class RestingFilm:
 
     def _moments(self, v: Array) -> Array:
         """Return the derivatives (12, k) of centre and inertia about it."""
-        mass, x = self.solver.system.body.node_mass, self.state.positions
+        mass, x = self.solver.film.body.node_mass, self.state.positions
         center = np.einsum("n,nrk->rk", mass, v) / mass.sum()
         away = x - mass @ x / mass.sum()
         mixed = np.einsum("n,nr,nsk->rsk", mass, away, v)

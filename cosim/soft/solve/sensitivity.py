@@ -29,10 +29,12 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import ConvergenceError, InputError, SensitivityError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, place_of_largest
-from cosim.soft.elements import eyelets, mass_terms
+from cosim.soft.elements import eyelets
 from cosim.soft.elements.cable import add_segments
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.linear.linear_solver import LowRank
-from cosim.soft.solve import assembly, newton
+from cosim.soft.solve import newton
 from cosim.soft.solve.state import Clamp, Equilibrium
 
 _ROUNDS_MAX: Final = 60
@@ -52,7 +54,7 @@ class Side(NamedTuple):
         offset: of the parameter, in its unit.
         weight: of a function's value here in its derivative by the parameter, per unit.
         bend: the same in the second difference, without a unit.
-        system: assembles the changed body.
+        film: assembles the changed body.
         clamp: that holds it.
         loads: on it.
         alike: whether its cables are those of the equilibrium.
@@ -62,11 +64,11 @@ class Side(NamedTuple):
     offset: float
     weight: float
     bend: float
-    system: assembly.SoftSystem
+    film: FilmPotential
     clamp: Clamp
     loads: Loads
     alike: bool = False
-    inertia: mass_terms.Inertia | None = None
+    inertia: Inertia | None = None
 
 
 class Moved(NamedTuple):
@@ -88,9 +90,7 @@ class Moved(NamedTuple):
         return max(abs(side.offset) for side in self.sides)
 
 
-def factorise_at(
-    solver: newton.NewtonSolver, here: Equilibrium, inertia: mass_terms.Inertia | None = None
-) -> None:
+def factorise_at(solver: newton.NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
     """Factorise the tangent at an equilibrium, or with inertia where an implicit step ends.
 
     Raises:
@@ -125,18 +125,19 @@ class FrozenTangent(NamedTuple):
     caps: list[tuple[IntArray, Array]]
 
     @classmethod
-    def of(cls, system: assembly.SoftSystem, positions: Array, near: Mask | None = None) -> "FrozenTangent":
-        """Return that which a system has assembled last.
+    def of(cls, film: FilmPotential, positions: Array, near: Mask | None = None) -> "FrozenTangent":
+        """Return that which a film has assembled last.
 
         Args:
-            system: that has assembled it.
+            film: that has assembled it.
             positions: (n, 3) [m], where.
             near: (n,) nodes whose blocks are kept, with those of their neighbours; None: all are.
         """
-        pattern, caps = system.tangent_pattern, system.open_cap_stiffness(positions)
+        tangent, caps = film.tangent, film.open_cap_stiffness(positions)
+        pattern = tangent.pattern
         own = slice(None) if near is None else np.flatnonzero(near[pattern.row] | near[pattern.column])
-        blocks = system.tangent_blocks[own].copy()
-        return cls(pattern.row[own], pattern.column[own], blocks, system.low_rank, caps)
+        blocks = tangent.blocks[own].copy()
+        return cls(pattern.row[own], pattern.column[own], blocks, tangent.low_rank, caps)
 
     def times(self, motion: Array) -> Array:
         """Return K v of motions v (n, 3, ...)."""
@@ -196,22 +197,22 @@ class EquilibriumSlope:
 
     def __init__(
         self, solver: newton.NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False,
-        inertia: mass_terms.Inertia | None = None,
+        inertia: Inertia | None = None,
     ) -> None:  # fmt: skip
         factorise_at(solver, here, inertia)
         self._kinks, self._solver, self._here, self._clamp = kinks, solver, here, clamp
-        system = solver.system
+        film = solver.film
         self._x = np.array(here.state.positions, order="C")
-        self._memory = system.fresh(here.state.memory) if inertia is None else here.state.memory
+        self._memory = film.fresh(here.state.memory) if inertia is None else here.state.memory
         # held nodes move and are pushed on; of the others the factorisation knows all
-        self._tangent = FrozenTangent.of(system, self._x, np.asarray((~solver.free).any(axis=1)))
-        lengths = here.loads.cable_length_m or (None,) * len(system.body.cables)
-        pairs = zip(system.body.cables, lengths, strict=True)
+        self._tangent = FrozenTangent.of(film, self._x, np.asarray((~solver.free).any(axis=1)))
+        lengths = here.loads.cable_length_m or (None,) * len(film.body.cables)
+        pairs = zip(film.body.cables, lengths, strict=True)
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self.own = Side(0.0, 0.0, 0.0, system, clamp, here.loads, True, inertia)
-        self._share = system.segment_share(self._x, here.loads, self._memory)
+        self.own = Side(0.0, 0.0, 0.0, film, clamp, here.loads, True, inertia)
+        self._share = film.losses_at(self._x, here.loads, self._memory)
         self.gradient = self._assembled(self.own, self._x, self._share)
 
     def by(self, parameters: Sequence[Moved]) -> list[Slope]:
@@ -316,15 +317,13 @@ class EquilibriumSlope:
         """Return the losses of a side's cables at a shape (n, 3) [m]."""
         if side.alike and side.loads is self.own.loads and not self._losses_move:
             return self._share
-        return side.system.segment_share(x, side.loads, self._memory)
+        return side.film.losses_at(x, side.loads, self._memory)
 
     def _assembled(self, side: Side, x: Array, share: Array) -> Array:
         """Return the gradient (n, 3) [N] of a side's potential at a shape (n, 3) [m], with some losses."""
-        system = side.system
-        if side.alike:
-            system.act_as(self.own.system)
-        system.evaluate(x, side.loads, share, self._memory, inertia=side.inertia, hessian=False)
-        return system.gradient.copy()
+        film = side.film
+        film.evaluate(x, side.loads, share, self._memory, inertia=side.inertia, hessian=False)
+        return film.gradient.copy()
 
     def _bends(self, slopes: Sequence[Slope]) -> bool:
         """Return whether the forces may have a kink along the motions of some parameters, all at once.
@@ -355,7 +354,7 @@ class EquilibriumSlope:
         size_m = parameter.step * float(np.abs(motion).max())
         if self._bend_m(bent) > _KINK * max(size_m, _SEEN_m):
             bent = np.where(self._solver.free, bent, 0.0)
-            place = place_of_largest(self._solver.system.body, self._x, bent, self._solver.free)
+            place = place_of_largest(self._solver.film.body, self._x, bent, self._solver.free)
             raise SensitivityError(
                 f"no derivative by {parameter.name}: the forces at {place} change otherwise above than "
                 "below the present state, as where a cable gets taut, a contact begins, or a fold is near; "
@@ -384,11 +383,11 @@ class Sensitivity:
         self._equilibrium = equilibrium
         self._positions = equilibrium.state.positions
         factorise_at(solver, equilibrium)
-        self.tip = TipFrame.of(solver.system.body, self._positions)
+        self.tip = TipFrame.of(solver.film.body, self._positions)
 
     def to_gravity(self) -> Array:
         """Return d(tip motion)/d(gravity) (6, 3) [m s^2/m, rad s^2/m]; the flange stays."""
-        mass = self._solver.system.body.node_mass
+        mass = self._solver.film.body.node_mass
         columns = []
         for axis in range(3):
             load = np.zeros_like(self._positions)
@@ -410,10 +409,10 @@ class Sensitivity:
                 "cable tensions are looked for while a cable's length is commanded "
                 f"({self._equilibrium.loads.cable_length_m} m); command its tension first"
             )
-        system, here = self._solver.system, self._equilibrium
-        rows = system.segment_share(self._positions, here.loads, here.state.memory)
-        routes = system.film.eyelets.routes.tolist()
-        for cable, (first, last) in zip(system.body.cables, pairwise(routes), strict=True):
+        film, here = self._solver.film, self._equilibrium
+        rows = film.losses_at(self._positions, here.loads, here.state.memory)
+        routes = film.eyelets.routes.tolist()
+        for cable, (first, last) in zip(film.body.cables, pairwise(routes), strict=True):
             gradient, ratio = np.zeros_like(self._positions), rows[first:last, eyelets.RATIO].copy()
             add_segments(self._positions, cable.segments, ratio, _NO_SLOTS, gradient, _NO_BLOCKS)
             columns.append(self._tip_motion(-gradient))
@@ -421,4 +420,4 @@ class Sensitivity:
 
     def _tip_motion(self, load: Array) -> Array:
         displacement = self._solver.linear.solve(load)
-        return self.tip.motion(self._solver.system.body, self._positions, displacement)
+        return self.tip.motion(self._solver.film.body, self._positions, displacement)

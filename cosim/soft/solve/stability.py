@@ -19,10 +19,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
-from cosim.soft.elements.mass_terms import Inertia
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import ShiftSearch
-from cosim.soft.solve import assembly, newton_options
+from cosim.soft.solve import newton_options
 from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium, SoftState
@@ -110,7 +111,7 @@ def softest(
     values = (1.0 / found[order] - shift).tolist()
     shapes = vectors.T[order].reshape(len(order), -1, 3) / root
     mode = shapes[0] / shapes[0].ravel()[np.argmax(np.abs(shapes[0]))]
-    place = place_of_largest(solver.system.body, x, mode, solver.free)
+    place = place_of_largest(solver.film.body, x, mode, solver.free)
     return Softest(values[0], mode, place, tuple(values), shapes)
 
 
@@ -213,7 +214,7 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    if not solver.system.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
+    if not solver.film.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
     ways = solver.negative_pivots(state.positions, state.memory, loads)
     return named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
@@ -237,13 +238,13 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
         loads: that act there.
         frame: (3, 3), rotation of the flange.
     """
-    system, x = solver.system, state.positions
+    film, x = solver.film, state.positions
     held = _losses_held(solver, loads)
-    mass = system.body.node_mass
+    mass = film.body.node_mass
     weight = mass if (mass > 0.0).all() else None
     lowest = softest(solver, state, loads, frame, weight, MODES)
     if not lowest.value > 0.0:
-        if not system.conservative:  # it may be stable all the same
+        if not film.conservative:  # it may be stable all the same
             return Footing(None, math.inf, math.inf, losses_held=held)
         ways = max(1, solver.negative_pivots(x, state.memory, loads))
         return Footing(
@@ -253,10 +254,10 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     force = growth.force
     disturbance = DISTURBED * np.linalg.norm(force, axis=1)[:, None, None] * np.eye(3)
     answers = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
-    moved = tip_motion(system.body.tip, answers)
+    moved = tip_motion(film.body.tip, answers)
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
     modes = () if weight is None else natural_frequencies(lowest.values)
-    losses = () if weight is None else material_losses(system, x, lowest.shapes)
+    losses = () if weight is None else material_losses(film, x, lowest.shapes)
     return Footing(
         modes[0] if modes else None, moved, margin, snaps, held, frequencies_Hz=modes, losses_per_s=losses
     )
@@ -265,17 +266,17 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
 _RATE_PROBE_m = 1e-6
 
 
-def material_losses(system: assembly.SoftSystem, positions: Array, shapes: Array) -> tuple[float, ...]:
+def material_losses(film: FilmPotential, positions: Array, shapes: Array) -> tuple[float, ...]:
     """Return v.D v / v.M v [1/s] of each mode: its materials' losses let it decay at half of that.
 
     D is the matrix of resistance to rates of strain at the shape, M that of masses.
 
     Args:
-        system: of the body.
+        film: of the body.
         positions: (n, 3) [m].
         shapes: (k, n, 3), v.
     """
-    rates, mass = StrainRates.of(system.body, system.film), system.body.node_mass
+    rates, mass = StrainRates.of(film.body), film.body.node_mass
     if rates is None:
         return (0.0,) * len(shapes)
     rates.begin(positions, None, 1.0)
@@ -329,20 +330,20 @@ def margin_by(stiffness: float, fall: float, *, driven: bool) -> tuple[float, bo
     return (margin, snaps) if abs(margin) < 1.0 else (math.inf, False)
 
 
-def nodal_loads(system: assembly.SoftSystem, positions: Array, memory: Array, loads: Loads) -> Array:
+def nodal_loads(film: FilmPotential, positions: Array, memory: Array, loads: Loads) -> Array:
     """Return what loads exert on each node (n, 3) [N] by gas, cables of given tension, weight and dead loads.
 
     Args:
-        system: of the body.
+        film: of the body.
         positions: (n, 3) [m].
         memory: (values,), what the elements remember there.
         loads: that act.
     """
-    share, found = system.segment_share(positions, loads), []
-    volumes = tuple(system.gas.enclosed_volumes(positions[None])[0].tolist())
+    share, found = film.losses_at(positions, loads), []
+    volumes = tuple(film.gas.enclosed_volumes(positions[None])[0].tolist())
     for part in (-1.0, 0.0):
-        system.evaluate(positions, loads.grown(part, volumes), share, memory.copy(), hessian=False)
-        found.append(system.gradient.copy())
+        film.evaluate(positions, loads.grown(part, volumes), share, memory.copy(), hessian=False)
+        found.append(film.gradient.copy())
     return np.asarray(found[0] - found[1])
 
 
@@ -358,9 +359,9 @@ class _Growth:
 
     def __init__(self, solver: NewtonSolver, state: SoftState, loads: Loads) -> None:
         self._solver, self._state, self._loads = solver, state, loads
-        volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
+        volumes = solver.film.gas.enclosed_volumes(state.positions[None])[0]
         self._volumes = tuple(volumes.tolist())
-        found = nodal_loads(solver.system, state.positions, state.memory, loads)
+        found = nodal_loads(solver.film, state.positions, state.memory, loads)
         self.force = np.where(solver.free, found, 0.0)
 
     def margin(self, lowest: Softest, answer: Array, weight: Array | None) -> tuple[float, bool]:
@@ -390,11 +391,11 @@ class _Growth:
         return float((mode * (there[0] - there[1])).sum()) / (2.0 * _PROBE_m)
 
     def _gradient(self, share: float, moved: Array | float = 0.0) -> Array:
-        system, x = self._solver.system, np.ascontiguousarray(self._state.positions + moved)
+        film, x = self._solver.film, np.ascontiguousarray(self._state.positions + moved)
         loads = self._loads.grown(share, self._volumes)
-        kept = system.segment_share(self._state.positions, loads, self._state.memory)
-        system.evaluate(x, loads, kept, self._state.memory, hessian=False)
-        return np.where(self._solver.free, system.gradient, 0.0)
+        kept = film.losses_at(self._state.positions, loads, self._state.memory)
+        film.evaluate(x, loads, kept, self._state.memory, hessian=False)
+        return np.where(self._solver.free, film.gradient, 0.0)
 
 
 def named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
@@ -407,7 +408,7 @@ def named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest,
         lowest: along which it gives way.
         ways: independent directions in which the potential falls.
     """
-    volumes = solver.system.gas.enclosed_volumes(state.positions[None])[0]
+    volumes = solver.film.gas.enclosed_volumes(state.positions[None])[0]
     return Branching(
         1.0, loads.pressures_at(tuple(volumes.tolist())), loads.cable_tension_N, lowest.place,
         lowest.direction, lowest.extent, ways, None, None, UNDECIDED, losses_held=_losses_held(solver, loads),
@@ -416,9 +417,9 @@ def named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest,
 
 def _losses_held(solver: NewtonSolver, loads: Loads) -> bool:
     """Return whether loads have no potential, so that it is one with their losses held that is looked at."""
-    cables = solver.system.body.cables
+    cables = solver.film.body.cables
     rubs = any(cable.friction_coefficient for cable in cables)
-    return rubs or not solver.system.conservative or losses_follow(cables, loads.cable_length_m)
+    return rubs or not solver.film.conservative or losses_follow(cables, loads.cable_length_m)
 
 
 @final

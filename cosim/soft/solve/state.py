@@ -441,30 +441,6 @@ class Equilibrium:
     branchings: tuple[Branching, ...] = ()
 
 
-@final
-@dataclass(frozen=True)
-class BegunStep:
-    """Where a row of ticks has left a step of a film; `StepWork` and the bed hold the rest until the next.
-
-    Args:
-        state: from which the step begins.
-        x: (n, 3) [m], where its end is.
-        base: (n, 3) [m], as `film_step` leaves it.
-        memory: (values,), of the elements there.
-        iterations: so far.
-        residual: [N].
-        solved: whether it has converged.
-    """
-
-    state: SoftState
-    x: Array
-    base: Array
-    memory: Array
-    iterations: int
-    residual: float
-    solved: bool
-
-
 _CLOSE_N = 1e-5  # rings of beams that end their search as in motion leave 2e-6 N
 _REUSE_MAX = 30  # iterations with a kept factorisation in a step that is solved closely
 _FINE_ITERATIONS_MAX = 4  # new tangents in it below an ordinary step's tolerance

@@ -80,7 +80,7 @@ class _FilmFollower:
     @property
     def body(self) -> SoftBody:
         """Whose tip it is."""
-        return self._solver.system.body
+        return self._solver.film.body
 
     def sensitivity(self, here: Equilibrium) -> Sensitivity:
         """Return how the tip moves at an equilibrium."""

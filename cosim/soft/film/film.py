@@ -1,0 +1,544 @@
+"""A body of film: potential, gradient and tangent at given positions, as sums over its elements.
+
+    potential(x) = sum of elements + gas + cables + weight + dead load + contact + inertia [J]
+
+Compiled leaves add one family of elements each; what few numbers decide (gas, commanded lengths, eyelets) is
+decided here, term by term.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.errors import InputError
+from cosim.soft.body.body import SoftBody
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import add_contacts
+from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pair_blocks, add_pairs
+from cosim.soft.elements import eyelets, pressure
+from cosim.soft.elements.cable import Cable, add_segments, onset, weighted_length
+from cosim.soft.elements.element import (
+    Call,
+    Element,
+    EyeletLaws,
+    Instant,
+    LeafElement,
+    Remembered,
+    Sums,
+    Term,
+    writable,
+)
+from cosim.soft.elements.gas import SealedGas
+from cosim.soft.elements.mass_terms import add_gravity, add_inertia
+from cosim.soft.film.inertia import Inertia
+from cosim.soft.film.strain_rates import StrainRates
+from cosim.soft.linear.linear_solver import LowRank, Tangent
+from cosim.soft.linear.pattern import BlockPattern, PatternWidening
+
+_NO_TABLE, _NO_SLOTS = np.zeros((0, 0), np.int64), np.zeros(0, np.int64)
+_NO_BLOCKS, _NO_MEMORY = np.zeros((0, 3, 3)), np.zeros(0)
+
+
+class _Chamber(NamedTuple):
+    """Film and caps around one gas.
+
+    Args:
+        triangles: (t, 3).
+        rings: of its caps.
+        slots: (t, 6) of the triangles.
+        ring_slots: of each cap.
+    """
+
+    triangles: IntArray
+    rings: list[IntArray]
+    slots: IntArray
+    ring_slots: list[IntArray]
+
+
+class _Winch(NamedTuple):
+    """A cable whose length is commanded, see `cable`.
+
+    Args:
+        segments: place of its segments among all.
+        weights: (k,), w_i.
+        spring: k m [N/m].
+        length: L_0 or L_0' [m].
+        stiffening: q.
+    """
+
+    segments: slice
+    weights: Array
+    spring: float
+    length: float
+    stiffening: float
+
+
+@final
+@dataclass
+class Acting:
+    """What acts on a film in one solution.
+
+    Args:
+        loads: that act.
+        losses: (segments, COLUMNS), frozen, see `FilmPotential.losses_at`.
+        rows: the same, to be filled with which eyelets stick.
+        inertia: of an implicit step; None in statics.
+        pressures: given gauge pressure of each chamber [Pa].
+        gases: sealed in each, None where the pressure is given; empty where it is in all.
+        pull: (segments,) [N], of the cables whose tensions are given.
+        winches: cables whose lengths are commanded.
+        calls: leaves of the gradient.
+        tangent_calls: the same with the tangent.
+    """
+
+    loads: Loads
+    losses: Array
+    rows: Array
+    inertia: Inertia | None
+    pressures: tuple[float, ...]
+    gases: tuple[SealedGas | None, ...]
+    pull: Array
+    winches: list[_Winch]
+    calls: list[Call]
+    tangent_calls: list[Call]
+
+
+@final
+class FilmPotential:
+    """Sums potential, gradient and tangent of one body.
+
+    After `evaluate`: `gradient` (n, 3) [N], `memory` (values,) of the elements as they track it, `tangent`
+    where it was asked for; they are overwritten by the next call. `before` (values,) is the memory of the
+    last accepted state. `serving` is the pattern to continue from where films touch: that of the last
+    factorisation.
+
+    Args:
+        body: what is summed.
+    """
+
+    def __init__(self, body: SoftBody) -> None:
+        self.body, self.mass = body, writable(body.node_mass)
+        rings = [ring[None, :] for ring in body.caps]
+        coupled = [*(element.coupled for element in body.elements), *rings]
+        self.pattern = BlockPattern.from_elements(body.nodes, coupled)
+        self.serving, self.widening = self.pattern, PatternWidening(self.pattern)
+        self.gradient = np.zeros((body.nodes, 3))
+        self.blocks = np.zeros((self.pattern.blocks, 3, 3))
+        self.tangent = Tangent(self.pattern, self.blocks)
+        self.before, self.memory = body.first_memory(), body.first_memory()
+        self.gas = pressure.GasChambers(body.enclosures)
+        self.pressures_Pa, self.volumes_m3 = np.zeros(self.gas.count), np.zeros(self.gas.count)
+        self._places = list(zip(body.elements, body.memory_places, strict=True))
+        self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
+        self._sums = Sums(self.gradient, self.blocks, self._diagonal, self.pattern.slots)
+        self._further = _further(body, self._sums)
+        self._advancing = [(element, own) for element, own in self._places if element.remembers_steps]
+        self._freshened = [pair for pair in self._places if type(pair[0]).fresh is not Element.fresh]
+        self._acting: Acting | None = None
+        self._prepare_cables()
+
+    def _prepare_cables(self) -> None:
+        cables = self.body.cables
+        own = tuple(place for element, place in self._places if isinstance(element, Cable))
+        self.eyelets: EyeletLaws = eyelets.eyelet_laws(cables, own)
+        """The eyelets of all cables."""
+        self.routes = [slice(*pair) for pair in pairwise(self.eyelets.routes.tolist())]
+        """Places of each cable's segments among all."""
+        self.slides = any(cable.remembers for cable in cables)
+        """Whether some cable remembers which way it has slid."""
+        self._cable_of = np.repeat(np.arange(len(cables)), [len(cable.nodes) - 1 for cable in cables])
+        self._pull = np.empty(len(self._cable_of))
+        self._segment_slots = self.pattern.slots(self.eyelets.segments)
+        self._eyelet_slots = [
+            self.pattern.slots(nodes[None])[0] if len(nodes) else _NO_SLOTS for nodes in self.eyelets.tied
+        ]
+
+    @cached_property
+    def _plain_chambers(self) -> list[_Chamber]:
+        """The chambers for the gradient alone."""
+        none = _NO_TABLE, _NO_SLOTS
+        return [
+            _Chamber(np.ascontiguousarray(triangles), rings, none[0], [none[1]] * len(rings))
+            for triangles, rings in self.body.enclosures
+        ]
+
+    @cached_property
+    def _tangent_chambers(self) -> list[_Chamber]:
+        """The chambers for the tangent as well."""
+        slots = self.pattern.slots
+        return [
+            each._replace(slots=slots(each.triangles), ring_slots=[slots(r[None])[0] for r in each.rings])
+            for each in self._plain_chambers
+        ]
+
+    @property
+    def complete(self) -> bool:
+        """Whether leaves know all elements of the body."""
+        return not self._further
+
+    @property
+    def conservative(self) -> bool:
+        """Whether all loads have a potential."""
+        return self.body.closed or not self.body.caps
+
+    @property
+    def volume(self) -> float:
+        """Volume [m^3] of all chambers together, where `evaluate` was called last."""
+        return float(self.volumes_m3.sum())
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure in the first chamber there."""
+        return float(self.pressures_Pa[0])
+
+    @property
+    def tied(self) -> IntArray:
+        """Nodes (m,) that elements tie together across the mesh."""
+        far = [element.coupled for element in self.body.elements if element.far]
+        return np.unique(np.concatenate([_NO_SLOTS, *(np.ravel(nodes) for nodes in far)]))
+
+    def open_cap_stiffness(self, positions: Array) -> list[tuple[IntArray, Array]]:
+        """Return what missing caps add to the stiffness at positions (n, 3) [m], by ring."""
+        return [] if self.conservative else self.gas.open_cap_stiffness(positions, self.pressures_Pa)
+
+    def add_open_caps(self, positions: Array) -> None:
+        """Add the symmetric part of what missing caps do at positions (n, 3) [m] to the tangent in store."""
+        for ring, part in self.open_cap_stiffness(positions):
+            count, slots = len(ring), self.tangent.pattern.slots(ring[None])[0]
+            whole = (0.5 * (part + part.T)).reshape(count, 3, count, 3).swapaxes(1, 2)
+            pairs = whole[np.tril_indices(count)]
+            turned = slots < 0
+            pairs[turned] = pairs[turned].swapaxes(1, 2)
+            np.add.at(self.tangent.blocks, np.where(turned, -1 - slots, slots), pairs)
+
+    def losses_at(self, positions: Array, loads: Loads, memory: Array | None = None) -> Array:
+        """Return what losses at a given shape make of cables in every segment (segments, COLUMNS).
+
+        Args:
+            positions: (n, 3) [m].
+            loads: that act.
+            memory: (values,), of the last accepted state; as of cables that are pulled taut unless given.
+        """
+        before = self.body.first_memory() if memory is None and self.slides else memory
+        pulls = loads.cable_tension_N, loads.cable_length_m, loads.cable_stiffening
+        known = _NO_MEMORY if before is None else before
+        return eyelets.frozen_losses(self.eyelets, self.body.cables, positions, known, pulls)
+
+    def unslid(self, memory: Array, accepted: Array) -> Array:
+        """Return memory (values,) tracked by a solution, with eyelets as in the accepted state before it."""
+        if not self.slides:
+            return memory
+        places = self.eyelets.places
+        result, places = memory.copy(), places[places >= 0]
+        result[places] = accepted[places]
+        return result
+
+    def lost_at_eyelets(self, positions: Array, before: Array, after: Array) -> float:
+        """Return the work lost at eyelets [J] from one accepted state to the next.
+
+        Args:
+            positions: (n, 3) [m], at the end.
+            before: (values,), what elements remember at the beginning.
+            after: the same at the end.
+        """
+        return eyelets.eyelet_loss(positions, self.eyelets, before, after) if self.slides else 0.0
+
+    def advanced(self, positions: Array, memory: Array) -> Array:
+        """Return what the elements remember (values,) once a step has ended.
+
+        Args:
+            positions: (n, 3) [m], at its end.
+            memory: (values,), as they tracked it there.
+        """
+        if not self._advancing:
+            return memory
+        result = memory.copy()
+        for element, own in self._advancing:
+            result[own] = element.advanced(positions, memory[own])
+        return result
+
+    @property
+    def freshens(self) -> bool:
+        """Whether some element finds something again as a static solution begins."""
+        return bool(self._freshened)
+
+    def fresh(self, memory: Array) -> Array:
+        """Return what elements remember (values,) as a static solution begins, see `Element.fresh`."""
+        result = memory.copy()
+        for element, own in self._freshened:
+            result[own] = element.fresh(memory[own])
+        return result
+
+    def evaluate(
+        self,
+        positions: Array,
+        loads: Loads,
+        losses: Array,
+        memory: Array,
+        *,
+        inertia: Inertia | None = None,
+        hessian: bool = True,
+    ) -> float:
+        """Sum potential, gradient and (unless told not to) tangent.
+
+        Args:
+            positions: (n, 3) [m], world, C-contiguous.
+            loads: pressure, tension, gravity, nodal forces.
+            losses: (segments, COLUMNS), from `losses_at`.
+            memory: (values,), what the elements remember of the last accepted state; hinge angles are
+                unwrapped against it.
+            inertia: of an implicit step; None in statics.
+            hessian: whether to fill the tangent.
+
+        Returns:
+            The potential [J]; infinite where a sealed gas has no volume.
+        """
+        acting = self.acting(loads, losses, inertia)
+        np.copyto(self.before, memory)
+        return self.sum_tangent(positions, acting) if hessian else self.sum_gradient(positions, acting)
+
+    def acting(self, loads: Loads, losses: Array, inertia: Inertia | None) -> Acting:
+        """Return what acts on the film, prepared for its leaves; the same object for the same objects."""
+        last = self._acting
+        if last and last.loads is loads and last.losses is losses and last.inertia is inertia:
+            return last
+        self._acting = found = self._prepared(loads, losses, inertia)
+        return found
+
+    def sum_gradient(self, x: Array, acting: Acting) -> float:
+        """Fill gradient and memory at x (n, 3) [m]; return the potential [J]."""
+        return self._sum(x, acting, acting.calls, None)
+
+    def sum_tangent(self, x: Array, acting: Acting) -> float:
+        """Fill the tangent as well; return the potential [J]."""
+        self.blocks.fill(0.0)
+        dense: list[tuple[float, Array]] = []
+        energy = self._sum(x, acting, acting.tangent_calls, dense)
+        low_rank, pairs = None, acting.loads.self_contact
+        if dense:
+            low_rank = LowRank(np.array([vector for _, vector in dense]), np.array([c for c, _ in dense]))
+        pattern, blocks = self.pattern, self.blocks
+        if pairs is not None and len(pairs.acting):
+            pattern, blocks = self._widened(x, pairs)
+        self.tangent = Tangent(pattern, blocks, low_rank, self.open_cap_stiffness(x))
+        return energy
+
+    def _widened(self, x: Array, pairs: FilmPairs) -> tuple[BlockPattern, Array]:
+        """Return the tangent's blocks with films that press on one another, which couple distant nodes."""
+        wide = self.widening.around(pairs.near, self.serving)
+        pattern, blocks = wide.pattern, wide.blocks(self.blocks)
+        add_pair_blocks(x, pairs.rows, pattern.rows, np.zeros(pattern.blocks, np.int64), blocks)
+        return pattern, blocks
+
+    def _sum(
+        self, x: Array, acting: Acting, calls: list[Call], dense: list[tuple[float, Array]] | None
+    ) -> float:
+        """Add all terms; dense ones of a tangent to that list, which is None for the gradient alone."""
+        np.copyto(self.memory, self.before)
+        self.gradient.fill(0.0)
+        energy = 0.0
+        for leaf, given in calls:
+            energy += leaf(x, *given)
+        if self.slides or acting.winches:
+            energy += self._add_cables(x, acting, dense)
+        for number in range(self.gas.count):
+            energy += self._add_gas(number, x, acting, dense)
+        if not energy < np.inf:
+            return np.inf
+        loads = acting.loads
+        if loads.nodal_force is not None:
+            self.gradient -= loads.nodal_force
+            energy -= float(np.vdot(loads.nodal_force, x))
+        if self._further or loads.extra is not None:
+            energy += self._add_further(x, acting, hessian=dense is not None)
+        return energy
+
+    def _prepared(self, loads: Loads, losses: Array, inertia: Inertia | None) -> Acting:
+        rows, moving = losses.copy() if self.slides else losses, False
+        tension = np.array(loads.cable_tension_N)
+        pull = tension[self._cable_of] * rows[:, eyelets.SHARE] if len(tension) else np.zeros(len(rows))
+        winches = self._winches(loads, rows) if any(loads.cable_length_m) else []
+        if inertia is not None:
+            moving = inertia.step_s < np.inf and not inertia.closely
+        simple, acts = not (self.slides or winches), (loads, inertia, pull)
+        own = self._moving_calls if moving else self._still_calls
+        calls = [*own, *self._calls_of(*acts, _NO_BLOCKS, simple=simple)]
+        own = self._moving_tangent_calls if moving else self._still_tangent_calls
+        tangent_calls = [*own, *self._calls_of(*acts, self.blocks, simple=simple)]
+        gases = loads.gases(self.gas.count) if any(loads.gas) else ()
+        if gases and not self.conservative:
+            raise InputError("a sealed gas needs a closed body; this one has open caps")
+        pressures = loads.pressures(self.gas.count)
+        return Acting(
+            loads, losses, rows, inertia, pressures, gases, pull, winches, calls, tangent_calls
+        )  # fmt: skip
+
+    def _calls_of(
+        self, loads: Loads, inertia: Inertia | None, pull: Array, blocks: Array, *, simple: bool
+    ) -> list[Call]:
+        """Return the leaves of what acts: cables, weight, inertia, contact.
+
+        Args:
+            loads: that act.
+            inertia: of a step.
+            pull: (segments,) [N].
+            blocks: of the tangent; empty for the gradient alone.
+            simple: whether `pull` is the tension of all segments, whatever the shape.
+        """
+        gradient, with_tangent = self.gradient, len(blocks) > 0
+        found = [Call(add_gravity, (self.mass, loads.gravity_vector, gradient))]
+        if simple and len(pull):
+            slots = self._segment_slots if with_tangent else _NO_TABLE
+            found.append(Call(add_segments, (self.eyelets.segments, pull, slots, gradient, blocks)))
+        if loads.contact is not None:
+            planes = loads.contact.touched
+            whole = planes.planes, planes.widths, 0, len(gradient), gradient, blocks
+            found.append(Call(add_contacts, (*whole, planes.own, planes.pressing)))
+        if inertia is not None:
+            diagonal = self._diagonal if with_tangent else _NO_SLOTS
+            bed = inertia.coefficient, inertia.target, diagonal, gradient, blocks
+            found.append(Call(add_inertia, bed))
+            if inertia.rates is not None:
+                found += self._rate_calls(inertia.rates, blocks)
+        if loads.self_contact is not None:
+            found.append(Call(add_pairs, (loads.self_contact.rows, gradient)))
+        return found
+
+    def _rate_calls(self, rates: StrainRates, blocks: Array) -> list[Call]:
+        angles = Remembered(self.before[rates.angles], self.memory[rates.angles])
+        if len(blocks):
+            slots = [self.pattern.slots(each.coupled) for each in self.body.membranes]
+            return rates.calls(angles, (slots, self.pattern.slots(rates.hinges)), self.gradient, blocks)
+        none = [_NO_TABLE] * len(self.body.membranes)
+        return rates.calls(angles, (none, _NO_TABLE), self.gradient, blocks)
+
+    @cached_property
+    def _still_calls(self) -> list[Call]:
+        return self._element_calls(lambda _nodes: _NO_TABLE, _NO_BLOCKS, moving=False)
+
+    @cached_property
+    def _moving_calls(self) -> list[Call]:
+        return self._element_calls(lambda _nodes: _NO_TABLE, _NO_BLOCKS, moving=True)
+
+    @cached_property
+    def _still_tangent_calls(self) -> list[Call]:
+        return self._element_calls(self.pattern.slots, self.blocks, moving=False)
+
+    @cached_property
+    def _moving_tangent_calls(self) -> list[Call]:
+        return self._element_calls(self.pattern.slots, self.blocks, moving=True)
+
+    def _element_calls(
+        self, slots: Callable[[IntArray], IntArray], blocks: Array, *, moving: bool
+    ) -> list[Call]:
+        found = []
+        for element, own in self._places:
+            if isinstance(element, LeafElement):
+                memory = Remembered(self.before[own], self.memory[own])
+                found.append(
+                    element.call(memory, slots(element.coupled), self.gradient, blocks, moving=moving)
+                )
+        return [call for call in found if call is not None]
+
+    def _winches(self, loads: Loads, rows: Array) -> list[_Winch]:
+        found, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)
+        given = zip(self.routes, self.body.cables, loads.cable_length_m, stiffening, strict=True)
+        for own, cable, length, q in given:
+            if length is not None:
+                # the first segment has w_1 = r_1 / m, so that m follows from it
+                mean = rows[own.start, eyelets.RATIO] / rows[own.start, eyelets.SHARE]
+                weights = np.ascontiguousarray(rows[own, eyelets.SHARE])
+                found.append(_Winch(own, weights, cable.stiffness_N_m * float(mean), length, q))
+        return found
+
+    def _add_cables(self, x: Array, acting: Acting, dense: list[tuple[float, Array]] | None) -> float:
+        """Add cables of commanded length and such as remember how they slid; return their energy [J]."""
+        pull, rows, energy, blocks = self._pull, acting.rows, 0.0, self.blocks
+        np.copyto(pull, acting.pull)
+        for winch in acting.winches:
+            energy += self._wind(x, winch, pull, dense)
+        for number, own in enumerate(self.routes if self.slides else ()):
+            if self.eyelets.places[own.start] >= 0:
+                energy += eyelets.pull_eyelets(x, self.eyelets, rows, number, self.memory, pull)
+                if dense is not None:
+                    eyelets.hold_eyelets(x, self.eyelets, rows, number, self._eyelet_slots[number], blocks)
+        slots, blocks = (_NO_TABLE, _NO_BLOCKS) if dense is None else (self._segment_slots, blocks)
+        return energy + add_segments(x, self.eyelets.segments, pull, slots, self.gradient, blocks)
+
+    def _wind(self, x: Array, winch: _Winch, pull: Array, dense: list[tuple[float, Array]] | None) -> float:
+        """Fill what a commanded length pulls with; return its energy less sum T_i L_i."""
+        segments, q = self.eyelets.segments[winch.segments], winch.stiffening
+        weighted = weighted_length(x, segments, winch.weights)
+        level, force, slope = onset(q * (weighted - winch.length))
+        np.multiply(winch.weights, winch.spring * force, out=pull[winch.segments])
+        if dense is not None and slope > 0.0:
+            vector = np.zeros_like(self.gradient)
+            add_segments(x, segments, winch.weights, _NO_TABLE, vector, _NO_BLOCKS)
+            dense.append((winch.spring * q * slope, vector))
+        return winch.spring * (level / q - force * weighted)
+
+    def _add_gas(
+        self, number: int, x: Array, acting: Acting, dense: list[tuple[float, Array]] | None
+    ) -> float:
+        """Add the gas of a chamber; return its potential [J], infinite where sealed gas has no volume."""
+        plain, given = self._plain_chambers[number], acting.pressures[number]
+        gas = acting.gases[number] if acting.gases else None
+        if gas is not None:
+            vector = np.zeros_like(self.gradient)
+            volume = _press(plain, x, -1.0, vector, _NO_BLOCKS)
+            given = gas.gauge_pressure(volume)
+            if not given < np.inf:
+                return np.inf
+            if dense is not None:
+                dense.append((gas.exponent * (given + gas.ambient_Pa) / volume, vector))
+        if dense is None:
+            volume = _press(plain, x, given, self.gradient, _NO_BLOCKS)
+        else:
+            volume = _press(self._tangent_chambers[number], x, given, self.gradient, self.blocks)
+        if not self.body.closed:
+            for ring in plain.rings:
+                pressure.add_cap_force(x, ring, given, self.gradient)
+        self.pressures_Pa[number], self.volumes_m3[number] = given, volume
+        return -given * volume if gas is None else gas.potential(volume)
+
+    def _add_further(self, x: Array, acting: Acting, *, hessian: bool) -> float:
+        """Add elements that no leaf knows, and potentials that come and go; return their energy [J]."""
+        inertia, extra, energy = acting.inertia, acting.loads.extra, 0.0
+        step_s, closely = (np.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
+        at = Instant(self.before, self.memory, step_s, acting.loads, closely)
+        for term, own in self._further:
+            energy += term.add(x, at if own is None else at.part(own), hessian)
+        return energy if extra is None else energy + extra.add(x, self._sums, hessian)
+
+
+def _press(chamber: _Chamber, x: Array, given: float, gradient: Array, blocks: Array) -> float:
+    """Add -p V of a chamber at a given pressure [Pa]; return V [m^3]."""
+    volume = pressure.add_pressure(x, chamber.triangles, given, chamber.slots, gradient, blocks)
+    for ring, slots in zip(chamber.rings, chamber.ring_slots, strict=True):
+        volume += pressure.add_cap(x, ring, given, slots, gradient, blocks)
+    return volume
+
+
+def _further(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
+    """Return the elements that no leaf knows as terms, each with the place of its memory.
+
+    None where no other element of the body has one.
+    """
+    found: list[tuple[Term, slice]] = []
+    places = dict(zip(map(id, body.elements), body.memory_places, strict=True))
+    for kind in body.kinds:
+        if issubclass(kind, (LeafElement, Cable)):
+            continue
+        alike = [element for element in body.of_kind(kind) if type(element) is kind]
+        own = [places[id(element)] for element in alike]
+        terms: Sequence[Any] = kind.bound(alike, sums) if alike else ()
+        if len(terms) < len(alike):  # one for all
+            own = [slice(own[0].start, own[-1].stop)]
+        found += zip(terms, own, strict=True)
+    remembering = sum(place.stop > place.start for place in places.values())
+    return [(term, own if remembering > 1 and own.stop > own.start else None) for term, own in found]
