@@ -190,9 +190,7 @@ def test_a_kink_is_refused() -> None:
     arm, here = present(simulation)
     solver = arm.equilibrium_solver.solver
     sides = tuple(
-        Side(
-            offset, 0.5 * offset, 1.0, solver.film, arm.clamp, replace(here.loads, pressure_Pa=(pressure,))
-        )
+        Side(offset, 0.5 * offset, 1.0, solver.film, arm.clamp, replace(here.loads, pressure_Pa=(pressure,)))
         for offset, pressure in ((-1.0, 7990.0), (1.0, 8000.0))  # nothing happens above 8 kPa
     )
     with pytest.raises(cosim.SensitivityError, match=r"no derivative by pressure: the forces at node \d+ "):

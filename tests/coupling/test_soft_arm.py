@@ -192,9 +192,7 @@ def test_a_two_step_integrator_does_not_look_back_over_a_change_of_step(
     had_earlier: list[bool] = []
     step = Stepper.step
 
-    def halves_only(
-        self: Stepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any
-    ) -> Any:
+    def halves_only(self: Stepper, state: Any, flange: Pose, loads: Any, step_s: float, *rest: Any) -> Any:
         if step_s > 0.6 * STEP_S:
             raise ConvergenceError("too long", 1.0, 1)
         had_earlier.append(state.earlier is not None)

@@ -86,9 +86,7 @@ def test_the_film_feels_the_tension_of_a_creeping_cable() -> None:
 
     def end(loads: Loads) -> Array:
         return (
-            Stepper(specimen.newton, specimen.clamp, options)
-            .step(state, HANGING, loads, step_s)[0]
-            .positions
+            Stepper(specimen.newton, specimen.clamp, options).step(state, HANGING, loads, step_s)[0].positions
         )
 
     one = end(wound)

@@ -15,9 +15,10 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.hinge import shell_stiffness
 from cosim.soft.elements.material import Film
 from cosim.soft.elements.pressure import add_cap_force
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry import named_mesh, surface
 from cosim.soft.geometry.polygonal_stack import PolygonalStack, with_finer_holes
-from cosim.soft.solve import assembly, equilibrium, newton, newton_options
+from cosim.soft.solve import equilibrium, newton, newton_options
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 _ON_PLANE_m = 1e-9  # of a plane of symmetry, beyond rounding
@@ -59,7 +60,7 @@ class OpenSpecimen:
     def __init__(self, body: SoftBody) -> None:
         self.body = body
         clamp = guided(body)
-        self.newton = newton.NewtonSolver(assembly.FilmPotential(body), clamp.mask(body.nodes))
+        self.newton = newton.NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
         options = newton_options.NewtonOptions(tolerance_N=1e-5, iterations_max=600, step_max_m=0.01)
         self.solver = equilibrium.EquilibriumSolver(self.newton, clamp, options)
         self.here: Equilibrium | None = None
@@ -156,7 +157,7 @@ def tilt_stiffness(sample: OpenSpecimen) -> float:
     x = here.state.positions
     clamp = Clamp.of_base(body).extended(body.tip, x, Pose())
     solver = equilibrium.EquilibriumSolver(
-        newton.NewtonSolver(assembly.FilmPotential(body), clamp.mask(body.nodes)), clamp, sample.solver.options
+        newton.NewtonSolver(FilmPotential(body), clamp.mask(body.nodes)), clamp, sample.solver.options
     )
     centre, state = x[body.tip].mean(axis=0), here.state
     loads = sample.loads(here.loads.pressures(1)[0], x)
@@ -171,7 +172,7 @@ def tilt_stiffness(sample: OpenSpecimen) -> float:
     return float(moments[-1] - moments[0]) / ANGLE_RAD
 
 
-def _moment(system: assembly.FilmPotential, body: SoftBody, positions: Array, centre: Array) -> float:
+def _moment(system: FilmPotential, body: SoftBody, positions: Array, centre: Array) -> float:
     """Return the moment [N m] about x that holds the upper ring, the caps' pressure taken off."""
     arm = positions[body.tip] - centre
     return float(cross(arm, system.gradient[body.tip])[:, 0].sum())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,10 +34,9 @@ def strong_pressure(patch: pytest.MonkeyPatch) -> None:
 
 
 def stiff_gas(patch: pytest.MonkeyPatch) -> None:
-    true = SealedGas.numbers.fget
-    assert true is not None
-    faulty = property(lambda self: (*true(self)[:2], 1.03 * true(self)[2], true(self)[3]))
-    patch.setattr(SealedGas, "numbers", faulty)
+    true = SealedGas.absolute_pressure
+    stiffer = lambda self, volume: true(replace(self, exponent=1.03 * self.exponent), volume)  # noqa: E731
+    patch.setattr(SealedGas, "absolute_pressure", stiffer)
 
 
 def half_wrap(patch: pytest.MonkeyPatch) -> None:

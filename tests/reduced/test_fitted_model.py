@@ -119,7 +119,9 @@ def test_a_model_of_a_refined_mesh_is_nearer_to_its_film_than_that_of_the_coarse
     assert models[1].failures == 0
     assert models[1].tip_error < 0.03
     loads, clamp = Loads((25e3,), (0.0, 0.0), (1.0, 0.0, 9.0)), Clamp.of_base(fine)
-    solver = EquilibriumSolver(NewtonSolver(FilmPotential(fine), clamp.mask(fine.nodes)), clamp, NewtonOptions())
+    solver = EquilibriumSolver(
+        NewtonSolver(FilmPotential(fine), clamp.mask(fine.nodes)), clamp, NewtonOptions()
+    )
     begin = solver.solve(SoftState.drawn(fine, Pose()), Pose(), Loads((1e3,), (0.0, 0.0)))
     film = fine.tip_position(solver.follow(begin, Pose(), loads).state.positions)
     off = []

@@ -51,7 +51,7 @@ class Held:
     """A body with its solvers, held by its base."""
 
     body: SoftBody
-    system: FilmPotential
+    film: FilmPotential
     clamp: Clamp
     newton: NewtonSolver
     equilibrium: EquilibriumSolver

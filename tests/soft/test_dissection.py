@@ -148,7 +148,7 @@ def test_the_least_cut_goes_through_the_neck() -> None:
 
 def test_the_factor_of_a_refined_arm_solves_like_that_within_the_envelope() -> None:
     system, free = assembled()
-    solver = DissectedCholesky(system.pattern, free, system.eyelets)
+    solver = DissectedCholesky(system.pattern, free, system.tied)
     envelope = EnvelopeCholesky(system.pattern, free)
     loads: Array = np.random.default_rng(0).normal(size=(system.body.nodes, 3))
     for shift in (0.0, 300.0):
@@ -165,7 +165,7 @@ def test_the_factor_of_a_refined_arm_solves_like_that_within_the_envelope() -> N
 
 def test_a_wider_pattern_takes_over_the_order_of_elimination() -> None:
     system, free = assembled()
-    near = DissectedCholesky(system.pattern, free, system.eyelets)
+    near = DissectedCholesky(system.pattern, free, system.tied)
     touching = np.array([[60, 300, 310, 320], [70, 400, 410, 420]])
     wide = CoupledPattern.of(system.pattern, touching)
     blocks = wide.blocks(system.blocks)
@@ -173,7 +173,7 @@ def test_a_wider_pattern_takes_over_the_order_of_elimination() -> None:
         one, two = touching[:, a], touching[:, b]
         at = wide.pattern.row * wide.pattern.nodes + wide.pattern.column
         blocks[np.searchsorted(at, np.maximum(one, two) * wide.pattern.nodes + np.minimum(one, two))] = 7.0
-    solver = cholesky(wide.pattern, free, system.eyelets, near)
+    solver = cholesky(wide.pattern, free, system.tied, near)
     assert isinstance(solver, DissectedCholesky)
     assert solver.groups is near.groups
     envelope = EnvelopeCholesky(wide.pattern, free)
@@ -198,7 +198,7 @@ def test_patterns_that_touch_are_dissected_once(monkeypatch: pytest.MonkeyPatch)
     groups = []
     for far in (300, 400):
         wide = CoupledPattern.of(system.pattern, np.array([[60, far]])).pattern
-        solver = cholesky(wide, free, system.eyelets, alone)
+        solver = cholesky(wide, free, system.tied, alone)
         assert isinstance(solver, DissectedCholesky)
         groups.append(solver.groups)
     assert groups[0] is groups[1]
@@ -207,7 +207,7 @@ def test_patterns_that_touch_are_dissected_once(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_saved_factor_is_not_written_to() -> None:
     system, free = assembled()
-    solver = DissectedCholesky(system.pattern, free, system.eyelets)
+    solver = DissectedCholesky(system.pattern, free, system.tied)
     loads = np.ones((system.body.nodes, 3))
     solver.factor(system.blocks)
     expected, saved = solver.solve(loads), solver.save_state()
@@ -227,4 +227,4 @@ def test_a_wide_envelope_is_dissected_a_narrow_one_kept(
     system = FilmPotential(refined_arm(8))  # 137 entries in a row
     free = np.ones((system.body.nodes, 3), dtype=bool)
     monkeypatch.setattr(dissected_cholesky, "_WIDEST_ENVELOPE", bound)
-    assert isinstance(cholesky(system.pattern, free, system.eyelets), kind)
+    assert isinstance(cholesky(system.pattern, free, system.tied), kind)

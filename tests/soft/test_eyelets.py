@@ -127,7 +127,7 @@ def test_derivatives_where_some_eyelets_stick_and_some_slip(length: bool) -> Non
         return energy, system.gradient.copy(), hessian
 
     evaluate(x)
-    slid = np.abs(system.memory - route.memory)[system.film.eyelets.places]
+    slid = np.abs(system.memory - route.memory)[system.eyelets.places]
     assert (slid > 1e-9).tolist() == [True, False, False]
     # steps that stay on the same side of every limit
     assert max(derivative_errors(evaluate, x, 2e-7)) < RELATIVE

@@ -240,7 +240,7 @@ def test_modes_decay_as_the_complex_eigenvalues_say(integrator: Integrator) -> N
 
 def test_a_film_without_loss_factor_has_none() -> None:
     arm = held(hexagon_arm(1))
-    assert StrainRates.of(arm.body, arm.film.film) is None
+    assert StrainRates.of(arm.body) is None
     assert material_losses(arm.film, arm.body.positions, np.ones((2, arm.body.nodes, 3))) == (0.0, 0.0)
     for wrong in ({"loss_factor": -0.1}, {"loss_factor": np.inf}, {"loss_frequency_Hz": 0.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
