@@ -34,8 +34,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film, FilmLaw
-from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.geometry.surface import dihedral_angle, interior_hinges
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 

@@ -80,7 +80,7 @@ class _Winch(NamedTuple):
 
 @final
 @dataclass
-class Acting:
+class FilmLoads:
     """What acts on a film in one solution.
 
     Args:
@@ -139,7 +139,7 @@ class FilmPotential:
         self._further = _further(body, self._sums)
         self._advancing = [(element, own) for element, own in self._places if element.remembers_steps]
         self._freshened = [pair for pair in self._places if type(pair[0]).fresh is not Element.fresh]
-        self._acting: Acting | None = None
+        self._acting: FilmLoads | None = None
         self._prepare_cables()
 
     def _prepare_cables(self) -> None:
@@ -302,7 +302,7 @@ class FilmPotential:
         np.copyto(self.before, memory)
         return self.sum_tangent(positions, acting) if hessian else self.sum_gradient(positions, acting)
 
-    def acting(self, loads: Loads, losses: Array, inertia: Inertia | None) -> Acting:
+    def acting(self, loads: Loads, losses: Array, inertia: Inertia | None) -> FilmLoads:
         """Return what acts on the film, prepared for its leaves; the same object for the same objects."""
         last = self._acting
         if last and last.loads is loads and last.losses is losses and last.inertia is inertia:
@@ -310,11 +310,11 @@ class FilmPotential:
         self._acting = found = self._prepared(loads, losses, inertia)
         return found
 
-    def sum_gradient(self, x: Array, acting: Acting) -> float:
+    def sum_gradient(self, x: Array, acting: FilmLoads) -> float:
         """Fill gradient and memory at x (n, 3) [m]; return the potential [J]."""
         return self._sum(x, acting, acting.calls, None)
 
-    def sum_tangent(self, x: Array, acting: Acting) -> float:
+    def sum_tangent(self, x: Array, acting: FilmLoads) -> float:
         """Fill the tangent as well; return the potential [J]."""
         self.blocks.fill(0.0)
         dense: list[tuple[float, Array]] = []
@@ -336,7 +336,7 @@ class FilmPotential:
         return pattern, blocks
 
     def _sum(
-        self, x: Array, acting: Acting, calls: list[Call], dense: list[tuple[float, Array]] | None
+        self, x: Array, acting: FilmLoads, calls: list[Call], dense: list[tuple[float, Array]] | None
     ) -> float:
         """Add all terms; dense ones of a tangent to that list, which is None for the gradient alone."""
         np.copyto(self.memory, self.before)
@@ -358,7 +358,7 @@ class FilmPotential:
             energy += self._add_further(x, acting, hessian=dense is not None)
         return energy
 
-    def _prepared(self, loads: Loads, losses: Array, inertia: Inertia | None) -> Acting:
+    def _prepared(self, loads: Loads, losses: Array, inertia: Inertia | None) -> FilmLoads:
         rows, moving = losses.copy() if self.slides else losses, False
         tension = np.array(loads.cable_tension_N)
         pull = tension[self._cable_of] * rows[:, eyelets.SHARE] if len(tension) else np.zeros(len(rows))
@@ -374,7 +374,7 @@ class FilmPotential:
         if gases and not self.conservative:
             raise InputError("a sealed gas needs a closed body; this one has open caps")
         pressures = loads.pressures(self.gas.count)
-        return Acting(
+        return FilmLoads(
             loads, losses, rows, inertia, pressures, gases, pull, winches, calls, tangent_calls
         )  # fmt: skip
 
@@ -456,7 +456,7 @@ class FilmPotential:
                 found.append(_Winch(own, weights, cable.stiffness_N_m * float(mean), length, q))
         return found
 
-    def _add_cables(self, x: Array, acting: Acting, dense: list[tuple[float, Array]] | None) -> float:
+    def _add_cables(self, x: Array, acting: FilmLoads, dense: list[tuple[float, Array]] | None) -> float:
         """Add cables of commanded length and such as remember how they slid; return their energy [J]."""
         pull, rows, energy, blocks = self._pull, acting.rows, 0.0, self.blocks
         np.copyto(pull, acting.pull)
@@ -483,7 +483,7 @@ class FilmPotential:
         return winch.spring * (level / q - force * weighted)
 
     def _add_gas(
-        self, number: int, x: Array, acting: Acting, dense: list[tuple[float, Array]] | None
+        self, number: int, x: Array, acting: FilmLoads, dense: list[tuple[float, Array]] | None
     ) -> float:
         """Add the gas of a chamber; return its potential [J], infinite where sealed gas has no volume."""
         plain, given = self._plain_chambers[number], acting.pressures[number]
@@ -506,7 +506,7 @@ class FilmPotential:
         self.pressures_Pa[number], self.volumes_m3[number] = given, volume
         return -given * volume if gas is None else gas.potential(volume)
 
-    def _add_further(self, x: Array, acting: Acting, *, hessian: bool) -> float:
+    def _add_further(self, x: Array, acting: FilmLoads, *, hessian: bool) -> float:
         """Add elements that no leaf knows, and potentials that come and go; return their energy [J]."""
         inertia, extra, energy = acting.inertia, acting.loads.extra, 0.0
         step_s, closely = (np.inf, False) if inertia is None else (inertia.step_s, inertia.closely)

@@ -18,7 +18,7 @@ from cosim.base.frames import Array, Mask
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.open_caps import OpenCapSolver
-from cosim.soft.film.film import Acting, FilmPotential
+from cosim.soft.film.film import FilmLoads, FilmPotential
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
 from cosim.soft.linear.definite import DefiniteTangent
@@ -48,7 +48,7 @@ class Problem:
         frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
     """
 
-    def __init__(self, film: FilmPotential, acting: Acting, free: Mask, kind: float, frame: Array) -> None:
+    def __init__(self, film: FilmPotential, acting: FilmLoads, free: Mask, kind: float, frame: Array) -> None:
         self.film, self.acting, self.free, self.kind, self.frame = film, acting, free, kind, frame
 
     def evaluate(self, x: Array) -> tuple[float, float]:
@@ -66,7 +66,7 @@ class Problem:
 
 @final
 @dataclass
-class Progress:
+class NewtonProgress:
     """Where a solution is.
 
     Args:
@@ -107,9 +107,9 @@ def newton(
     x: Array,
     factor: Factor,
     options: NewtonOptions,
-    tell: Callable[[Progress], None] = say_nothing,
+    tell: Callable[[NewtonProgress], None] = say_nothing,
     began: tuple[float, float] | None = None,
-) -> Progress:
+) -> NewtonProgress:
     """Bring x to a stationary point of the potential.
 
     On the way elements count from what they tracked at the last point that serves, `FilmPotential.before`.
@@ -123,7 +123,7 @@ def newton(
         began: potential [J] and residual [N] at x, where that was evaluated last.
     """
     film = problem.film
-    done = Progress(*(began or problem.evaluate(x)))
+    done = NewtonProgress(*(began or problem.evaluate(x)))
     if not (math.isfinite(done.energy) and math.isfinite(done.residual)):
         done.outcome = Outcome.NOT_FINITE
         return done
@@ -176,7 +176,7 @@ def _reuse(
     points: tuple[Array, Array, Array, Array],
     factor: Factor,
     options: NewtonOptions,
-    done: Progress,
+    done: NewtonProgress,
     accept: Callable[[tuple[float, float]], bool],
 ) -> bool:
     """Iterate with the factorisation that is there, as long as it serves; return whether that is all.
@@ -222,7 +222,7 @@ def _line_search(
     points: tuple[Array, Array, Array],
     factor: Factor,
     options: NewtonOptions,
-    done: Progress,
+    done: NewtonProgress,
 ) -> tuple[float, float] | None:
     """Halve the step along a new tangent until it serves; return potential and residual there.
 
@@ -335,7 +335,7 @@ class NewtonSolver:
 
     def run(
         self, problem: Problem, x: Array, options: NewtonOptions, began: tuple[float, float] | None = None
-    ) -> Progress:
+    ) -> NewtonProgress:
         """Bring x to where the gradient vanishes; see `newton`.
 
         Args:
@@ -349,7 +349,7 @@ class NewtonSolver:
         """
         counted, moving = 0, problem.acting.inertia is not None
 
-        def tell(done: Progress) -> None:
+        def tell(done: NewtonProgress) -> None:
             nonlocal counted
             self.watch(done.iterations)
             if self.tick_work is not None and moving:
@@ -397,7 +397,7 @@ class NewtonSolver:
             return replace(found, negative_pivots=0)
         return found
 
-    def _stays_definite(self, problem: Problem, done: Progress, start: Array, end: Array) -> bool:
+    def _stays_definite(self, problem: Problem, done: NewtonProgress, start: Array, end: Array) -> bool:
         """Return whether the tangent at the end of a static solution is seen to be positive definite.
 
         One that was made on the way was so. From there on pivots fall as they fell since the one before it;

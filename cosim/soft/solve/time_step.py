@@ -17,7 +17,7 @@ from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve.newton import NewtonSolver, Problem, Progress
+from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, Problem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import (
@@ -245,7 +245,7 @@ class Stepper:
             return not result.converged or result.residual_N < aim.tolerance_N
         return last or result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result)
 
-    def _result(self, problem: Problem, x: Array, done: Progress) -> NewtonResult:
+    def _result(self, problem: Problem, x: Array, done: NewtonProgress) -> NewtonResult:
         if done.outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             problem.evaluate(x)
         return done.result(x, problem.film.memory.copy())
