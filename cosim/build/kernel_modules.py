@@ -73,14 +73,28 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
             modules += (energy,)
         if not scenario.touches_itself:
-            from cosim.soft.contact import film_look
+            from cosim.soft.contact import film_look, self_contact_candidates, self_contact_search
 
-            modules += (film_look,)
+            modules += (film_look, self_contact_candidates, self_contact_search)
     if scenario.touches_itself and film:  # a section model is built without a run, and kept
-        from cosim.soft.contact import self_contact_candidates, self_contact_pairs, self_contact_search
+        from cosim.soft.contact import (
+            film_lists,
+            flange_face,
+            rigid_motion,
+            self_contact_candidates,
+            self_contact_pairs,
+            self_contact_search,
+        )
         from cosim.soft.solve import self_contact
 
-        modules += (self_contact_candidates, self_contact_search, self_contact_pairs, self_contact)
+        modules += (
+            self_contact_candidates,
+            self_contact_search,
+            self_contact_pairs,
+            self_contact,
+            film_lists,
+        )
+        modules += (flange_face, rigid_motion)
         if scenario.fidelity == "refined" or _is_wide(scenario.soft_robot):
             from cosim.soft.linear import fronts  # pairs of films may make matrices wide
 

@@ -98,7 +98,7 @@ def test_a_look_finds_the_deepest_point_behind_a_film_that_faces_it() -> None:
 def test_more_pairs_than_there_is_room_for_are_found_all_the_same() -> None:
     films, x = crumpled(2, 0.15)
     expected, untouched = pairs_at(films, x), np.full((5, 2), -1)
-    films.contacts = films.contacts._replace(hits=untouched[:4])
+    films.outside.hits = untouched[:4]
     assert pairs_at(films, x) == expected
     assert len(expected) > 4
     assert (untouched[:4] >= 0).all()
@@ -115,7 +115,7 @@ def test_lists_that_are_kept_find_what_new_ones_find(turn_rad: float) -> None:
         # one half slides over the other, and both are carried along
         x = np.ascontiguousarray((x + 1e-4 * upper * (1.0, 0.5, 0.0) + 0.01) @ turn.T)
         assert pairs_at(films, x) == pairs_at(crumpled(2, 0.15)[0], x)
-        now = [near.before.copy() for near in (films.contacts.lists.long, films.contacts.lists.short)]
+        now = [near.before.copy() for near in (films.outside.long, films.outside.short)]
         made = [n + (not np.array_equal(*both)) for n, *both in zip(made, now, kept, strict=True)]
         kept = now
     assert made[0] <= 3
@@ -150,7 +150,7 @@ def test_films_that_were_quiet_are_seen_to_press_as_soon_as_they_do(turn_rad: fl
 
 def test_lists_serve_units_that_are_carried_and_not_units_that_leave() -> None:
     films, x = crumpled(0, 1.0)
-    faces, lists = films.faces, films.contacts.lists
+    faces, lists = films.faces, films.outside
     pairs_at(films, x)
     turn = rotation_from_vector(np.array((1.0, -2.0, 0.5)))
     carried = np.ascontiguousarray(x @ turn.T + 0.3)
@@ -160,10 +160,10 @@ def test_lists_serve_units_that_are_carried_and_not_units_that_leave() -> None:
     for distance, stays in ((0.0, True), (1e-4, True), (1e-3, False)):
         moved[alone] = carried[alone] + distance / np.sqrt(3.0)
         pairs_at(films, moved)
-        assert np.array_equal(films.contacts.lists.short.before, x) == stays
+        assert np.array_equal(films.outside.short.before, x) == stays
         assert np.array_equal(lists.long.before, x)
     pairs_at(films, x * (1.0, 1.0, -1.0))  # no rotation
-    assert not np.array_equal(films.contacts.lists.long.before, x)
+    assert not np.array_equal(films.outside.long.before, x)
 
 
 def test_units_that_are_just_too_far_for_the_list_may_move_as_far_as_near_ones() -> None:
@@ -176,4 +176,4 @@ def test_units_that_are_just_too_far_for_the_list_may_move_as_far_as_near_ones()
         moved = x.copy()
         moved[last, 0] += distance_m
         films.static_pairs(moved)
-        assert np.array_equal(films.contacts.lists.long.before, x) == stays
+        assert np.array_equal(films.outside.long.before, x) == stays

@@ -15,8 +15,8 @@ from cosim.soft.body.copies import copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
+from cosim.soft.contact.film_lists import FilmLists
 from cosim.soft.contact.film_look import FilmLook
-from cosim.soft.contact.self_contact_candidates import FilmLists
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
@@ -24,7 +24,7 @@ from cosim.soft.geometry.surface import triangle_area
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.self_contact import AHEAD_STEPS, FilmContactLaw, SelfContact, find_pairs
+from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
@@ -71,15 +71,15 @@ def test_one_unit_alone_cannot_meet_itself() -> None:
 def test_a_law_that_reaches_beyond_the_lists_of_near_films_finds_an_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    body, made, count = hexagon_arm(3), FilmLists.made, 0
+    body, make, count = hexagon_arm(3), FilmLists.make, 0
 
-    def counted(self: FilmLists, x: Array, room_m: float, moves: bool) -> FilmLists:
+    def counted(self: FilmLists, x: Array, room_m: float, moves: bool) -> None:
         nonlocal count
         count += 1
         assert count < 5, "the lists are made again and again"
-        return made(self, x, room_m, moves)
+        make(self, x, room_m, moves)
 
-    monkeypatch.setattr(FilmLists, "made", counted)
+    monkeypatch.setattr(FilmLists, "make", counted)
     assert SelfContact(body, FilmContactLaw(replace(LAW, smoothing_m=0.03))).press_at_rest(body.positions)
     assert not SelfContact(body, FilmContactLaw(LAW)).press_at_rest(body.positions)
 
@@ -272,24 +272,18 @@ def test_films_that_can_meet_within_a_step_are_found_before_it() -> None:
     assert films.step_pairs(replace(state, velocities=together), step_s) is None
 
 
-def test_new_lists_serve_a_step_and_keep_what_presses() -> None:
+def test_pairs_that_pressed_before_a_step_rub_in_it() -> None:
     body = stacked(brick(0.08, 0.4), brick(0.04, 0.05), (3e-3, 2e-3, 0.03 - 3e-4))
-    x, still, step_s = body.positions, np.zeros_like(body.positions), 2e-3
-    pairs = SelfContact(body, FilmContactLaw(LAW)).static_pairs(x)
+    x, step_s, films = body.positions, 2e-3, SelfContact(body, FilmContactLaw(LAW, 0.5))
+    pairs = films.static_pairs(x)
     assert pairs is not None
     pressing = pairs.memory(x)
     assert pressing is not None
-    films = SelfContact(body, FilmContactLaw(LAW, 0.5))
-    films.remember(pressing)
-    asked = x, still, films.rest_m, AHEAD_STEPS * step_s
-    assert find_pairs(films.at, *asked) < 0  # nothing is listed yet
-    films.renew(x, still, step_s)
-    count = find_pairs(films.at, *asked)
-    assert count >= pressing.count > 0
-    assert films.remembered is not None
-    np.testing.assert_array_equal(films.remembered.key, pressing.key)
-    rubs = films.contacts.pairs.friction[:count].sum()
-    assert rubs == pytest.approx(0.5 * pressing.normal_force.sum())
+    assert pressing.count > 0
+    found = films.step_pairs(replace(SoftState.drawn(body, Pose()), touching=pressing), step_s)
+    assert found is not None
+    assert np.isin(pressing.key, found.key).all()
+    assert found.rows.friction.sum() == pytest.approx(0.5 * pressing.normal_force.sum())
 
 
 def slide(tangent: float, friction: float, ticks: int, tick_s: float = 2e-3) -> Array:

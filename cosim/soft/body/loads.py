@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeVar, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernel_types import Vector, nothing_of
+from cosim.base.kernel_types import Vector
 from cosim.errors import InputError
 from cosim.soft.contact import obstacle_contact, self_contact_pairs
 from cosim.soft.elements.element import NodalPotential
@@ -31,27 +31,6 @@ class PlainLoads(NamedTuple):
     pressure: Vector
     tension: Vector
     gravity: Vector
-
-
-class Touching(NamedTuple):
-    """What may touch.
-
-    Args:
-        planes: of the scene.
-        call: address of the kernel that adds pairs of films; 0 for none.
-        pairs: of films.
-    """
-
-    planes: obstacle_contact.TouchedPlanes
-    call: int
-    pairs: self_contact_pairs.PairRows
-
-
-@cache
-def nothing_touching() -> Touching:
-    """Return what represents nothing that may touch."""
-    nothing: Touching = nothing_of(Touching)
-    return nothing
 
 
 @final
@@ -111,14 +90,6 @@ class Loads:
     def plain_but_contact(self) -> bool:
         """Whether it is plain but for what may be touched, films among one another included."""
         return is_plain(self, but=("contact", "self_contact"))
-
-    @property
-    def touching(self) -> Touching:
-        """What may touch, for kernels."""
-        touching, planes, films = nothing_touching(), self.contact, self.self_contact
-        if planes is not None:
-            touching = touching._replace(planes=planes.touched)
-        return touching if films is None else Touching(touching.planes, films.call, films.rows)
 
     def arrays(self, chambers: int) -> PlainLoads:
         """Return pressures of so many chambers, tensions and gravity, whatever else there is."""

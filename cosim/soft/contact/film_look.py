@@ -2,59 +2,57 @@
 
 A look knows of nothing before it: shapes are far apart. Which triangles a point is above, it finds by boxes
 around these and what is above them, on both sides. By boxes around all that is as near in any direction, as
-steps find it, a mesh refined twice would have many times as many. A file of its own: runs that model contact
-of films do not compile its kernel, others only that.
+steps find it, a mesh refined twice would have many times as many.
 """
 
-from typing import final
+from typing import Final, final
 
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.base.kernel_types import IndexTable, Matrix
+from cosim.base.kernel_types import IndexTable, Indices, Matrix
 from cosim.base.kernels import kernel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import place_of
-from cosim.soft.contact import self_contact_candidates, self_contact_faces
-from cosim.soft.contact.self_contact_candidates import FilmLists, FilmRows
-from cosim.soft.contact.self_contact_search import BEHIND_M, fill_over
+from cosim.soft.contact import self_contact_faces
+from cosim.soft.contact.self_contact_candidates import BoxRows, FilmRows, fill_list, foot_beside
+from cosim.soft.contact.self_contact_search import BEHIND_M, ShortList, add_ascending, fill_over
 from cosim.soft.contact.triangle_side import measure_side
 from cosim.soft.solve.branching import FilmOverlap
 
+_OVERLAP_M: Final = 1e-4  # beyond what the facets of neighbouring units share as drawn
+_BEHIND_OTHER_M: Final = 20e-3  # no film of a robot lies so near behind itself that this counts it wrongly
 
-@kernel(allocates=True)
-def find_behind(x: Matrix, lists: FilmLists, behind: float, out: IndexTable) -> int:
-    """Fill rows (point, triangle) of what lies behind what, as `find_over` does, from this shape alone.
+
+@kernel
+def list_all(
+    x: Matrix, triangles: IndexTable, place: Indices, first: Indices, listed: Indices, short: ShortList
+) -> int:
+    """Fill a short list with all that boxes have found, and the sides of all triangles.
 
     Args:
         x: (n, 3) [m].
-        lists: whose room is used; what they held is lost.
-        behind: largest distance [m].
-        out: (k, 2), filled.
+        triangles: (t, 3).
+        place: (p,) of each point in the order of the boxes.
+        first: (p + 1,), see `fill_list`.
+        listed: the same.
+        short: filled.
 
     Returns:
-        How many rows that takes, none of which are written beyond the room; if the lists have too little
-        room, the negative of what they need.
+        How many points have an entry.
     """
-    rows, long, short, count, points = lists.rows, lists.long, lists.short, 0, 0
-    beside = self_contact_candidates.foot_beside(x, rows.triangles)
-    needed = self_contact_candidates.fill_list(x, rows, beside, behind, long.first, long.listed)
-    if needed > long.listed.shape[0]:
-        return -needed
-    for t in range(lists.sides.shape[0]):
-        measure_side(x, rows.triangles[t], lists.sides[t])
-    for p in range(rows.nodes.shape[0]):
-        short.first[p], place = count, rows.place[p]
-        for entry in range(long.first[place], long.first[place + 1]):
-            self_contact_candidates.add_ascending(short, p, long.listed[entry], count)
+    count, points = 0, 0
+    for t in range(triangles.shape[0]):
+        measure_side(x, triangles[t], short.sides[t])
+    for p in range(place.shape[0]):
+        short.first[p] = count
+        for entry in range(first[place[p]], first[place[p] + 1]):
+            add_ascending(short, p, listed[entry], count)
             count += 1
         if count > short.first[p]:
-            lists.points[points], points = p, points + 1
-    short.first[rows.nodes.shape[0]], lists.counts[0] = count, points
-    return fill_over(x, lists, 0.0, behind, out)
-
-
-_OVERLAP_M = 1e-4  # beyond what the facets of neighbouring units share as drawn
+            short.points[points], points = p, points + 1
+    short.first[place.shape[0]] = count
+    return points
 
 
 @final
@@ -108,9 +106,6 @@ class ArmsLook:
         return FilmOverlap(depth, place or place_of(self._bodies[1], other, node - len(one)))
 
 
-_BEHIND_OTHER_M = 20e-3  # no film of a robot lies so near behind itself that this counts it wrongly
-
-
 @final
 class _BehindSearch:
     """Finds the deepest point of films behind others.
@@ -123,22 +118,37 @@ class _BehindSearch:
 
     def __init__(self, faces: self_contact_faces.FilmFaces, drawn: Array, behind_m: float) -> None:
         points = self_contact_faces.FilmPoints.of(faces, drawn)
-        self._can_meet, self._behind_m = faces.can_meet, behind_m
-        self._lists = FilmLists.room(FilmRows.of(faces, points, drawn), faces.units_meet, len(drawn))
-        self._out = np.zeros((2 * len(points), 2), np.int64)
+        self._can_meet, self._behind_m, count = faces.can_meet, behind_m, len(points)
+        self._rows = FilmRows.of(faces, points)
+        self._boxes = BoxRows.of(self._rows, drawn)
+        self._place = np.argsort(self._boxes.order)
+        self._first, self._listed = np.zeros(count + 1, np.int64), np.empty(0, np.int64)
+        self._short = ShortList.room(count, len(faces.triangles))
+        self._out = np.zeros((2 * count, 2), np.int64)
+
+    def _behind(self, x: Array) -> int:
+        """Fill rows (point, triangle) of what lies behind what; return how many."""
+        rows, bounds = self._rows, (foot_beside(x, self._rows.triangles), self._behind_m)
+        while (needed := fill_list(x, rows, self._boxes, bounds, self._first, self._listed)) > len(
+            self._listed
+        ):
+            room = needed + needed // 2
+            self._listed = np.empty(room, np.int64)
+            self._short = self._short._replace(listed=np.empty(room, np.int64))
+        points = list_all(x, rows.triangles, self._place, self._first, self._listed, self._short)
+        bounds = 0.0, self._behind_m
+        while (count := int(fill_over(x, rows, self._short, points, bounds, self._out))) > len(self._out):
+            self._out = np.zeros((2 * count, 2), np.int64)
+        return count
 
     def deepest(self, positions: Array) -> tuple[float, int] | None:
         """Return depth [m] and nearest node of the deepest point; None where none is 0.1 mm deep."""
         if not self._can_meet:
             return None
-        while (count := find_behind(positions, self._lists, self._behind_m, self._out)) < 0:
-            self._lists = self._lists.with_room(-count)
-        if count > len(self._out):
-            self._out = np.zeros((2 * count, 2), np.int64)
-            return self.deepest(positions)
+        count = self._behind(positions)
         if not count:
             return None
-        rows, (point, triangle) = self._lists.rows, self._out[:count].T
+        rows, (point, triangle) = self._rows, self._out[:count].T
         a, b, c = np.moveaxis(positions[rows.triangles[triangle]], 1, 0)
         place = (rows.weights[point, :, None] * positions[rows.nodes[point]]).sum(axis=1)
         normal = np.cross(b - a, c - a)

@@ -14,8 +14,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_types import IndexTable, Matrix, Vector
-from cosim.base.kernels import device_function, small_vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import kernel, small_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact import contact_law
 from cosim.soft.contact.contact_law import ContactLaw
@@ -148,13 +148,16 @@ def _corners(x: Array, ring: IntArray) -> IntArray | None:
     return np.array([first, second, ring[height.argmax()]])
 
 
-@device_function
-def fill_before_face(
-    x: Matrix, face: FlangeFace, reach: float, behind: float, shift: tuple[int, int], out: IndexTable
-) -> int:
-    """Fill rows of what is in front of the face within reach, or behind it, each with its number twice.
+@kernel
+def fill_before_face(x: Matrix, face: FlangeFace, reach: float, behind: float, out: Indices) -> int:
+    """Fill the points that are in front of the face within reach, or behind it; return how many.
 
-    Both numbers are shifted. Rows beyond the room are counted alone; returns how many there are.
+    Args:
+        x: (n, 3) [m].
+        face: of the flange.
+        reach: largest distance in front of it [m].
+        behind: the same behind it [m].
+        out: filled, as far as there is room.
     """
     y, n, count = small_vector(3), small_vector(3), 0
     for b in range(face.nodes.shape[0]):
@@ -172,6 +175,6 @@ def fill_before_face(
         if square > face.radius[b] ** 2:
             continue
         if count < out.shape[0]:
-            out[count, 0], out[count, 1] = shift[0] + b, shift[1] + b
+            out[count] = b
         count += 1
     return count

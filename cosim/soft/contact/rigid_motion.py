@@ -8,13 +8,13 @@ Stat. Comput. 7 (1986) 1160.
 import numpy as np
 
 from cosim.base.kernel_types import Indices, Matrix
-from cosim.base.kernels import device_function, zero_vector
+from cosim.base.kernels import device_function, kernel, zero_vector
 
 _ITERATIONS_MAX = 30
 _FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
 
 
-@device_function
+@kernel
 def furthest_from_mean(values: Matrix) -> float:
     """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
     mean, most = zero_vector(3), 0.0

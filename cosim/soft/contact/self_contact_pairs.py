@@ -24,7 +24,6 @@ First what contacts between films carry from one state to the next, and report o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Annotated, NamedTuple, final
 
 import numpy as np
@@ -32,7 +31,6 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import (
-    address_of,
     device_function,
     inlined,
     kernel,
@@ -41,7 +39,6 @@ from cosim.base.kernels import (
     zero_matrix,
     zero_vector,
 )
-from cosim.base.numba_insides import caller
 from cosim.soft.contact import contact_law
 from cosim.soft.contact.contact_law import ContactLaw, distance_of, feet, fill_point, plane_of, pressing_law
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
@@ -84,26 +81,6 @@ class FilmMemory:
         return FilmMemory(self.key, self.normal_force, self.distance, self.stretch @ motion.rotation.T)
 
 
-class FilmMemoryRows(NamedTuple):
-    """The fields of `FilmMemory`, with room for more."""
-
-    key: Indices
-    normal_force: Vector
-    distance: Vector
-    stretch: Matrix
-
-    @classmethod
-    def room(cls, count: int) -> FilmMemoryRows:
-        """Return room for so many."""
-        return cls(np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.zeros((count, 3)))
-
-    def first(self, count: int) -> FilmMemory | None:
-        """Return copies of the first of them; None for none."""
-        key, force, distance, stretch = self.key, self.normal_force, self.distance, self.stretch
-        rows = key[:count].copy(), force[:count].copy(), distance[:count].copy(), stretch[:count].copy()
-        return FilmMemory(*rows) if count else None
-
-
 class PairRows(NamedTuple):
     """Points of the film and the triangles they may press on in one step, for kernels.
 
@@ -138,14 +115,6 @@ class PairRows(NamedTuple):
         numbers = np.empty((count, 3)), np.empty(count), np.empty(count), np.empty((count, 3))
         rest = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count), widths, np.empty((count, 5))
         return cls(np.empty((count, 6), np.int64), *numbers, *rest)
-
-    def first(self, count: int) -> PairRows:
-        """Return copies of the first of the rows, with room for what they answer."""
-        return PairRows(
-            self.nodes[:count].copy(), self.weights[:count].copy(), self.stiffness[:count].copy(),
-            self.friction[:count].copy(), self.foot[:count].copy(), self.normal[:count].copy(),
-            self.stretch[:count].copy(), self.spare[:count].copy(), self.widths, np.empty((count, 5)),
-        )  # fmt: skip
 
 
 @inlined
@@ -217,29 +186,6 @@ def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
     return energy
 
 
-_add_pairs = caller(add_pairs)
-
-
-@kernel
-def pair_work(add: int, before: Matrix, x: Matrix, pairs: PairRows, force: Matrix) -> float:
-    """Return the work [J] that all pairs do on the film in a step, by the mean of the forces at its ends.
-
-    Args:
-        add: address of `add_pairs`.
-        before: (n, 3) [m], at the beginning.
-        x: (n, 3) [m], at the end.
-        pairs: as they were found before it.
-        force: (n, 3), overwritten.
-    """
-    force[:], work = 0.0, 0.0
-    _add_pairs(add, (before, pairs, force))
-    _add_pairs(add, (x, pairs, force))
-    for i in range(x.shape[0]):
-        for r in range(3):
-            work -= 0.5 * force[i, r] * (x[i, r] - before[i, r])
-    return work
-
-
 @kernel
 def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices, blocks: Blocks) -> int:
     """Add the Hessian of all pairs that press or rub; return how many blocks the pattern lacks for it.
@@ -282,28 +228,28 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
 
 
 @kernel
-def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory: FilmMemoryRows) -> int:
-    """Fill what the next step knows of the pairs that press at the end of one; return how many.
+def fill_ends(x: Matrix, pairs: PairRows, resting: bool, ends: Matrix) -> int:
+    """Fill what the next step knows of each pair at the end of one; return how many press.
 
     Args:
         x: (n, 3) [m], at the end.
         pairs: as they were found before it.
-        key: (k,) of each pair.
         resting: whether all stick springs are slack, as at the start of a motion; otherwise their stretch is
             brought to its end: at most `stick`, in the plane.
-        memory: filled, with room for all pairs.
+        ends: (k, 5), normal force [N], distance [m] and stretch (3,) [m] of each; filled. Of pairs that do
+            not press, only that their force is zero.
     """
     y, n, count, width = small_vector(3), small_vector(3), 0, pairs.widths[0]
     for e in range(pairs.nodes.shape[0]):
-        nodes, weights, stretch = pairs.nodes[e], pairs.weights[e], memory.stretch[count]
+        nodes, weights, stretch = pairs.nodes[e], pairs.weights[e], ends[e, 2:]
         fill_point(x, nodes, weights, y)
         plane_of(x, nodes[3:], n)
         distance = distance_of(x, nodes[3], n, y)
         push = pairs.stiffness[e] * pressing_law(0.5 * width - distance - pairs.spare[e], width)[1]
+        ends[e, 0], ends[e, 1] = 0.0, distance + min(pairs.spare[e], 0.0)
         if not push > 0.0:
             continue
-        memory.key[count], memory.normal_force[count] = key[e], push
-        memory.distance[count] = distance + min(pairs.spare[e], 0.0)
+        ends[e, 0] = push
         for r in range(3):
             stretch[r] = 0.0 if resting else pairs.stretch[e, r]
             for a in range(0 if resting else 3):
@@ -312,12 +258,6 @@ def settle_pairs(x: Matrix, pairs: PairRows, key: Indices, resting: bool, memory
             contact_law.shorten(stretch, pairs.normal[e], pairs.widths[1])
         count += 1
     return count
-
-
-@cache
-def pair_calls() -> tuple[int, int]:
-    """Return the addresses of the kernels that add pairs, and what they have in a tangent."""
-    return address_of(add_pairs), address_of(add_pair_blocks)
 
 
 _NEAR_WIDTHS = 2.0  # of the law's transition: such pairs often act in the next solution
@@ -375,11 +315,6 @@ class FilmPairs:
         acting = (self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)
         return self.rows.nodes[acting | (np.abs(distance) < _NEAR_WIDTHS * widths[0])]
 
-    @property
-    def call(self) -> int:
-        """Address of the kernel that adds them."""
-        return pair_calls()[0]
-
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
         """Return what the next step knows of the contacts that press at the end of this one; None for none.
 
@@ -387,12 +322,19 @@ class FilmPairs:
             positions: (n, 3) [m], at the end.
             resting: whether all stick springs are slack, as at the start of a motion.
         """
-        kept = FilmMemoryRows.room(len(self))
-        return kept.first(settle_pairs(positions, self.rows, self.key, resting, kept))
+        ends = np.empty((len(self), 5))
+        if not fill_ends(positions, self.rows, resting, ends):
+            return None
+        pressing = ends[:, 0] > 0.0
+        found = ends[pressing]
+        return FilmMemory(self.key[pressing], found[:, 0].copy(), found[:, 1].copy(), found[:, 2:].copy())
 
     def work(self, before: Array, positions: Array) -> float:
-        """Return the work [J] on the film in a step from (n, 3) [m] to (n, 3) [m]."""
-        return float(pair_work(self.call, before, positions, self.rows, np.empty_like(before)))
+        """Return the work [J] on the film in a step from (n, 3) [m] to (n, 3) [m], by mean forces."""
+        force = np.zeros_like(before)
+        add_pairs(before, self.rows, force)
+        add_pairs(positions, self.rows, force)
+        return -0.5 * float(np.vdot(force, positions - before))
 
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""

@@ -1,22 +1,74 @@
-"""Which points of a film lie over which triangles of its other units: candidates, then foot on the plane.
+"""Which points of a film lie over which triangles of its other units: foot on the plane, within the triangle.
 
 A point is over a triangle if its foot on the plane lies in the triangle (`BEYOND_EDGES`, so that none slips
 through between two) and its distance is in -behind .. reach. Of the triangles of one unit it gets the
 nearest, and only if the two films face each other there; see `Relation`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import allocating, device_function, inlined, kernel, small_vector
-from cosim.soft.contact import contact_law, self_contact_candidates
-from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmLists, FilmRows
-from cosim.soft.contact.triangle_side import least_weight, over_plane
+from cosim.base.kernels import device_function, inlined, kernel, small_vector
+from cosim.soft.contact import contact_law
+from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmRows
+from cosim.soft.contact.triangle_side import least_weight, measure_side, over_plane
 
 BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
 _UNITS_NEAR = 8  # other units over which one point can be at a time
 _TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more
 _FACING_VALLEY, _FACING_APART = 0.0, 0.5  # largest cosine of the two outer normals, by `Relation`
+
+
+class ShortList(NamedTuple):
+    """Triangles that points may be over.
+
+    Args:
+        first: (p + 1,), where the triangles of each point begin.
+        listed: these, ascending.
+        points: (p,), first those that have an entry.
+        used: (t,), first the triangles that have one.
+        sides: (t, 13), see `measure_side`, of these.
+    """
+
+    first: Indices
+    listed: Indices
+    points: Indices
+    used: Indices
+    sides: Matrix
+
+    @classmethod
+    def room(cls, points: int, triangles: int) -> "ShortList":
+        """Return an empty list of so many points and triangles."""
+        first, listed = np.zeros(points + 1, np.int64), np.empty(0, np.int64)
+        used = np.zeros(points, np.int64), np.zeros(triangles, np.int64)
+        return cls(first, listed, *used, np.empty((triangles, 13)))
+
+
+@device_function
+def add_ascending(short: ShortList, p: int, t: int, at: int) -> None:
+    """Add a triangle to those of a point, the last one so far, in a list that ends at `at`."""
+    while at > short.first[p] and short.listed[at - 1] > t:
+        short.listed[at] = short.listed[at - 1]
+        at -= 1
+    short.listed[at] = t
+
+
+@kernel
+def measure_sides(x: Matrix, triangles: IndexTable, used: Indices, count: int, sides: Matrix) -> None:
+    """Fill the sides of the first `count` of the used triangles.
+
+    Args:
+        x: (n, 3) [m].
+        triangles: (t, 3).
+        used: (t,) of them.
+        count: how many.
+        sides: (t, 13), filled, see `measure_side`.
+    """
+    for k in range(count):
+        t = used[k]
+        measure_side(x, triangles[t], sides[t])
 
 
 @device_function
@@ -37,11 +89,11 @@ def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
 @inlined
 def _choose(
     x: Matrix,
-    lists: FilmLists,
+    rows: FilmRows,
+    short: ShortList,
     p: int,
-    reach: float,
-    behind: float,
-    room: tuple[Vector, Vector, Indices, Indices],
+    bounds: tuple[float, float],
+    room: tuple[Vector, Vector, Vector, Vector],
 ) -> int:
     """Fill of each unit that a point is over its distance, the nearest triangle, and its number.
 
@@ -50,14 +102,8 @@ def _choose(
     Returns:
         Over how many units it is.
     """
-    rows, short, sides, place, outward = (
-        lists.rows,
-        lists.short,
-        lists.sides,
-        small_vector(3),
-        small_vector(3),
-    )
-    best, distance, chosen, units = room
+    sides, place, outward = short.sides, small_vector(3), small_vector(3)
+    (reach, behind), (best, distance, chosen, units) = bounds, room
     contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
     px, py, pz = place[0], place[1], place[2]
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
@@ -88,43 +134,38 @@ def _choose(
     return near
 
 
-@kernel(allocates=True)
-def find_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: IndexTable) -> int:
+@kernel
+def fill_over(
+    x: Matrix, rows: FilmRows, short: ShortList, points: int, bounds: tuple[float, float], out: IndexTable
+) -> int:
     """Fill rows (point, triangle) of what lies over what, ascending by point, then by the triangle's unit.
 
     Args:
         x: (n, 3) [m].
-        lists: that may be valid.
-        reach: largest distance in front of a triangle [m].
-        behind: the same behind it [m].
+        rows: of the film.
+        short: list that is valid, with the sides of its triangles.
+        points: how many have an entry.
+        bounds: largest distance in front of a triangle, and behind it [m].
         out: (k, 2), filled.
 
     Returns:
-        How many rows that takes, none of which are written beyond the room; -1 where the long list does not
-        serve.
+        How many rows that takes, none of which are written beyond the room.
     """
-    if not self_contact_candidates.lists_serve(x, lists, reach, behind):
-        return -1
-    return fill_over(x, lists, reach, behind, out)
-
-
-@allocating
-def fill_over(x: Matrix, lists: FilmLists, reach: float, behind: float, out: IndexTable) -> int:
-    """Fill the rows of `find_over` from the short list; return how many that takes."""
-    chosen, units = np.empty(_UNITS_NEAR, np.int64), np.empty(_UNITS_NEAR, np.int64)
+    # numbers of triangles and units are kept as floats, which fit on the stack
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
-    rows, room, count = lists.rows, (best, distance, chosen, units), 0
-    for k in range(lists.counts[0]):
-        p = lists.points[k]
-        near, begin = _choose(x, lists, p, reach, behind, room), count
+    chosen, units = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
+    room, count, reach = (best, distance, chosen, units), 0, bounds[0]
+    for k in range(points):
+        p = short.points[k]
+        near, begin = _choose(x, rows, short, p, bounds, room), count
         for slot in range(near):
-            if chosen[slot] < 0 or not distance[slot] < reach:
+            if chosen[slot] < 0.0 or not distance[slot] < reach:
                 continue
             if count < out.shape[0]:
                 at = count
                 while at > begin and rows.films[out[at - 1, 1], 1] > units[slot]:
                     out[at, 1] = out[at - 1, 1]
                     at -= 1
-                out[count, 0], out[at, 1] = p, chosen[slot]
+                out[count, 0], out[at, 1] = p, int(chosen[slot])
             count += 1
     return count
