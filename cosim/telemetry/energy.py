@@ -17,19 +17,20 @@ such loss: it is the error of the balance.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any, Final, NamedTuple, Protocol, final
+from typing import Any, Final, NamedTuple, Protocol, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel
-from cosim.base.names import LOST, PUT_IN, TERMS, WORKS
+from cosim.base.names import TERMS, WORKS
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
+from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
 
-KINETIC, DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(7)
+DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(KINETIC + 1, KINETIC + 7)
 _ELASTIC_S: Final = 0.1
 """Simulated time between those: the energy of the film costs a fifth of a tick."""
 
@@ -267,9 +268,13 @@ class EnergyParts(Shown):
             gravity,
         )
 
-    def begin(self) -> "EnergyFigures":
+    def begin(self) -> EnergyFigures:
         """Return the balance before the first tick."""
         return EnergyFigures()
+
+    def after(self, before: EnergyFigures, batch: SeenTicks) -> tuple[EnergyFigures, Array]:
+        """Return the balance with some ticks more, and its terms at each of them, see `balance_after`."""
+        return balance_after(before, batch, self)
 
 
 def _lost(body: SoftBody) -> Callable[[Array], Array]:
@@ -290,152 +295,99 @@ def _always(share: Array, _positions: Array) -> Array:
     return share
 
 
-@final
-@dataclass(frozen=True)
-class EnergyRow:
-    """What the next tick is compared with.
+def balance_after(before: EnergyFigures, batch: SeenTicks, parts: EnergyParts) -> tuple[EnergyFigures, Array]:
+    """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
-    Args:
-        motion: see `fill_motion`.
-        sums: (COLUMNS,).
-        length: (s,) [m].
-        seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, place and axes of the flange.
-        begun: positions [m] and velocities [m/s] before the last tick, if that was taken in pieces.
+    The state before the first tick is by itself. Ticks are summed in order: however many come at once,
+    every bit of the balance is the same. Elastic energy and rest are not numbers but every 0.1 s.
     """
+    x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
+    columns = (
+        volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
+        batch.flange_rotation.reshape(-1, 9),
+    )  # fmt: skip
+    seen = np.concatenate(columns, axis=1)
+    length = np.zeros(len(parts.segments)) if before.last is None else before.last.length.copy()
+    rows = np.concatenate([seen[:1] if before.last is None else before.last.seen[None], seen])
+    lost = np.array([parts.lost(shape) for shape in x])
+    routes = _Routes(parts.segments.copy(), parts.cable.copy(), lost, length)
+    each = np.zeros((len(x), len(WORKS)))
+    fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
+    if before.last is None:
+        motion = np.zeros((6, *x.shape[1:]))
+        motion[:2] = x[0]
+        row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
+        return replace(before, elastic=parts.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
+    motion, sums = before.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
+    sums[0], options = before.last.sums, parts.options
+    if parts.resisted is not None:
+        known = np.concatenate([motion[1::-1], x])
+        both = options.integrator == "bdf2"
+        for t in range(len(x)):
+            sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and before.ticks + t > 0)
+    begun = _moved(before, batch, parts, motion, sums[1:])
+    each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
+    each[:, WORKS.index("gravity_J") : WORKS.index("eyelets_made_J")] = np.stack(
+        [
+            sums[1:, FALLING],
+            batch.contact_work_J,
+            batch.self_contact_work_J,
+            options.damping_per_s * sums[1:, DAMPED],
+            options.air_drag_per_s * sums[1:, DRAGGED],
+            parts.tick_s * _mean(sums)[:, RESISTED],
+            -batch.bodies_work_J,
+            -batch.bodies_work_J - batch.contact_work_J,
+        ],
+        axis=1,
+    )
+    row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy(), begun)
+    works = np.cumsum(np.vstack([before.works, each]), axis=0)[1:]
+    done = np.cumsum([before.done, *sums[1:, DONE]])[1:]
+    after = EnergyFigures(
+        tuple(works[-1].tolist()), float(done[-1]), before.elastic, before.ticks + len(x), row
+    )
+    return after, balance(works, _elastic(before, x, parts), sums[1:, KINETIC], done)
 
-    motion: Annotated[Array, (6, "nodes", 3)]
-    sums: Annotated[Array, (6,)]
-    length: Annotated[Array, ("*",)]
-    seen: Annotated[Array, ("*",)]
-    begun: Annotated[Array, (2, "nodes", 3)] | None = None
 
+def _moved(
+    before: EnergyFigures, batch: SeenTicks, parts: EnergyParts, motion: Array, sums: Array
+) -> Array | None:
+    """Fill the sums of ticks, and bring the motion to their end, as `fill_motion` does; return `begun`.
 
-@final
-@dataclass(frozen=True)
-class EnergyFigures:
-    """The balance of the ticks so far.
-
-    Args:
-        works: [J], in the order of `WORKS`.
-        done: work of all forces [J], by the masses' accelerations.
-        elastic: elastic energy at the start [J].
-        ticks: seen.
-        last: of them; None before the first.
+    The first piece after a whole tick looks back over no step, the first whole tick over the last one.
     """
-
-    works: tuple[float, ...] = (0.0,) * len(WORKS)
-    done: float = 0.0
-    elastic: float = 0.0
-    ticks: int = 0
-    last: EnergyRow | None = None
-
-    def after(self, batch: SeenTicks, parts: EnergyParts) -> "tuple[EnergyFigures, Array]":
-        """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
-
-        The state before the first tick is by itself. Ticks are summed in order: however many come at once,
-        every bit of the balance is the same. Elastic energy and rest are not numbers but every 0.1 s.
-        """
-        x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
-        columns = (
-            volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
-            batch.flange_rotation.reshape(-1, 9),
-        )  # fmt: skip
-        seen = np.concatenate(columns, axis=1)
-        length = np.zeros(len(parts.segments)) if self.last is None else self.last.length.copy()
-        rows = np.concatenate([seen[:1] if self.last is None else self.last.seen[None], seen])
-        lost = np.array([parts.lost(shape) for shape in x])
-        routes = _Routes(parts.segments.copy(), parts.cable.copy(), lost, length)
-        each = np.zeros((len(x), len(WORKS)))
-        fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
-        if self.last is None:
-            motion = np.zeros((6, *x.shape[1:]))
-            motion[:2] = x[0]
-            row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
-            return replace(self, elastic=parts.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
-        motion, sums = self.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
-        sums[0], options = self.last.sums, parts.options
-        if parts.resisted is not None:
-            known = np.concatenate([motion[1::-1], x])
-            both = options.integrator == "bdf2"
-            for t in range(len(x)):
-                sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and self.ticks + t > 0)
-        begun = self._moved(batch, parts, motion, sums[1:])
-        each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
-        each[:, WORKS.index("gravity_J") : WORKS.index("eyelets_made_J")] = np.stack(
-            [
-                sums[1:, FALLING],
-                batch.contact_work_J,
-                batch.self_contact_work_J,
-                options.damping_per_s * sums[1:, DAMPED],
-                options.air_drag_per_s * sums[1:, DRAGGED],
-                parts.tick_s * _mean(sums)[:, RESISTED],
-                -batch.bodies_work_J,
-                -batch.bodies_work_J - batch.contact_work_J,
-            ],
-            axis=1,
-        )
-        row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy(), begun)
-        works = np.cumsum(np.vstack([self.works, each]), axis=0)[1:]
-        done = np.cumsum([self.done, *sums[1:, DONE]])[1:]
-        after = EnergyFigures(
-            tuple(works[-1].tolist()), float(done[-1]), self.elastic, self.ticks + len(x), row
-        )
-        return after, _balance(works, self._elastic(x, parts), sums[1:, KINETIC], done)
-
-    def _moved(self, batch: SeenTicks, parts: EnergyParts, motion: Array, sums: Array) -> Array | None:
-        """Fill the sums of ticks, and bring the motion to their end, as `fill_motion` does; return `begun`.
-
-        The first piece after a whole tick looks back over no step, the first whole tick over the last one.
-        """
-        begun = None if self.last is None else self.last.begun
-        both, at = parts.options.integrator == "bdf2", 0
-        # kernels take what can be written to
-        shown = batch.node_position, batch.flange_twist, batch.flange_position
-        x, twist, origin = (np.require(each, None, ["C", "W"]) for each in shown)
-        mass, gravity = parts.mass.copy(), parts.gravity.copy()
-        for end in [*sorted(batch.pieces), len(x)]:
-            if at < end:
-                if begun is not None:
-                    motion[1], motion[3] = begun
-                begun, pace = None, _Pace(both, parts.tick_s, self.ticks + at, gravity)
-                fill_motion(x[at:end], mass, twist[at:end], origin[at:end], pace, motion, sums[at:end])
-            if end < len(x):
-                known = batch.pieces[end]
-                shown = known.positions, known.twist, known.origin
-                places, twists, origins = (np.require(each, None, ["C", "W"]) for each in shown)
-                pace = _Pace(both, parts.tick_s / len(places), int(begun is not None), gravity)
-                begun, found = motion[[0, 2]], np.zeros((len(places), COLUMNS))
-                fill_motion(places, mass, twists, origins, pace, motion, found)
-                sums[end, :RESISTED] = found[:, :RESISTED].sum(axis=0)
-                sums[end, KINETIC] = found[-1, KINETIC]
-            at = end + 1
-        return begun
-
-    def figures(self, parts: EnergyParts) -> dict[str, float]:
-        """Return the balance since the start for the summary."""
-        if self.last is None:
-            return {}
-        elastic = np.array([parts.elastic(self.last.motion[0]) - self.elastic])
-        found = _balance(
-            np.array([self.works]), elastic, self.last.sums[KINETIC, None], np.array([self.done])
-        )
-        return dict(zip(TERMS, found[0].tolist(), strict=True))
-
-    def _elastic(self, x: Array, parts: EnergyParts) -> Array:
-        """Return the elastic energy since the start (k,) [J] in the next ticks at x (k, n, 3) [m]."""
-        every = max(1, round(_ELASTIC_S / parts.tick_s))
-        found = np.full(len(x), np.nan)
-        for row in range(every - 1 - self.ticks % every, len(x), every):
-            found[row] = parts.elastic(x[row]) - self.elastic
-        return found
+    begun = None if before.last is None else before.last.begun
+    both, at = parts.options.integrator == "bdf2", 0
+    # kernels take what can be written to
+    shown = batch.node_position, batch.flange_twist, batch.flange_position
+    x, twist, origin = (np.require(each, None, ["C", "W"]) for each in shown)
+    mass, gravity = parts.mass.copy(), parts.gravity.copy()
+    for end in [*sorted(batch.pieces), len(x)]:
+        if at < end:
+            if begun is not None:
+                motion[1], motion[3] = begun
+            begun, pace = None, _Pace(both, parts.tick_s, before.ticks + at, gravity)
+            fill_motion(x[at:end], mass, twist[at:end], origin[at:end], pace, motion, sums[at:end])
+        if end < len(x):
+            known = batch.pieces[end]
+            shown = known.positions, known.twist, known.origin
+            places, twists, origins = (np.require(each, None, ["C", "W"]) for each in shown)
+            pace = _Pace(both, parts.tick_s / len(places), int(begun is not None), gravity)
+            begun, found = motion[[0, 2]], np.zeros((len(places), COLUMNS))
+            fill_motion(places, mass, twists, origins, pace, motion, found)
+            sums[end, :RESISTED] = found[:, :RESISTED].sum(axis=0)
+            sums[end, KINETIC] = found[-1, KINETIC]
+        at = end + 1
+    return begun
 
 
-def _balance(works: Array, elastic: Array, kinetic: Array, done: Array) -> Array:
-    """Return works (k, works) and what follows from them (k, terms) [J]."""
-    numerical = done - kinetic
-    signed = np.array([float(name in PUT_IN) - float(name in LOST) for name in WORKS])
-    rest = works @ signed - elastic - kinetic - numerical
-    return np.column_stack((works, elastic, kinetic, numerical, rest))
+def _elastic(before: EnergyFigures, x: Array, parts: EnergyParts) -> Array:
+    """Return the elastic energy since the start (k,) [J] in the next ticks at x (k, n, 3) [m]."""
+    every = max(1, round(_ELASTIC_S / parts.tick_s))
+    found = np.full(len(x), np.nan)
+    for row in range(every - 1 - before.ticks % every, len(x), every):
+        found[row] = parts.elastic(x[row]) - before.elastic
+    return found
 
 
 def _mean(rows: Array) -> Array:

@@ -13,7 +13,7 @@ from cosim.base.state import check_state
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry import bounds, figures, holding, tick_batch, touched
-from cosim.telemetry.energy import EnergyFigures
+from cosim.telemetry.energy_figures import EnergyFigures
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 
@@ -383,7 +383,7 @@ class SummaryBuilder:
             state = replace(self._state, began=(state.last.time_s, self._height(state.last)))
         energy = state.energy
         if energy is not None and stage.energy is not None:
-            energy, each = energy.after(batch, stage.energy)
+            energy, each = stage.energy.after(energy, batch)
             batch = replace(batch, energy_J=each)
         last, path = batch.snapshot(-1), stage.tip_paths.get(int(batch.phase[0]))
         branchings, overlaps = state.branchings, state.overlaps
