@@ -147,8 +147,7 @@ def bare_arm(table: JointTable) -> tuple[Array, Array]:
     places = [scene.flange_pose.translation]
     for k in range(len(q) - 1):
         scene.set_control(q[k], v[k], arm.inverse_dynamics(q[k], v[k], a[k], scene.armature))
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         places.append(scene.flange_pose.translation)
     return np.array(places), np.array([arm.forward(row).translation for row in q])
 

@@ -17,7 +17,8 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.coupling.schemes import iterated, staggered
-from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.ticks import Servos
 from cosim.rigid.build.description import SceneDescription, ServoGains

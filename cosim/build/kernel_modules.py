@@ -121,10 +121,9 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         modules += (open_caps,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, section_energy
-        from cosim.reduced.solve import chain_loads, chain_step
-        from cosim.soft.solve import step_begin
+        from cosim.reduced.solve import chain_step, newton
 
-        modules += (assembly, section_energy, chain_loads, chain_step, step_begin)
+        modules += (assembly, section_energy, chain_step, newton)
     return modules if scenario.robot == NO_ARM else modules + exchange_modules(scenario)
 
 
@@ -134,10 +133,10 @@ def exchange_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
 
     if scenario.mode != "dynamic":
         return (shapes,)
-    from cosim.coupling import half_ticks
-    from cosim.rigid.scene import servos
+    from cosim.coupling import payload
+    from cosim.rigid.scene import load_leaves
 
-    return (shapes, servos, half_ticks)
+    return (shapes, load_leaves, payload)
 
 
 def _is_wide(robot: AnySoftRobot) -> bool:

@@ -6,15 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from operator import itemgetter
-from typing import Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
+from cosim.base.frames import Array, IntArray, Mask, Wrench
 from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
+
+if TYPE_CHECKING:
+    from cosim.coupling.contact.contact_arrays import BodyLoads
+    from cosim.rigid.scene.coupled_scene import CoupledScene
 
 
 class Servos(NamedTuple):
@@ -42,29 +46,14 @@ class Servos(NamedTuple):
         return Servos._make(map(itemgetter(slice(first, end)), self))
 
 
-class CarriedInertia(NamedTuple):
-    """What the joints carry meanwhile.
-
-    Args:
-        inertia: (joints, joints) [kg m^2], algorithmic mass; (0, 0) for none.
-        weights: (k,) of the last accelerations, see `algorithmic_mass.riding_along`.
-        past: (k, joints) [rad/s^2], those of the ticks before the last one; kept up to date.
-    """
-
-    inertia: Matrix
-    weights: Vector
-    past: Matrix
-
-
 class Ticks(NamedTuple):
-    """What n ticks leave; of some there is one row more, the first of which is there before.
+    """What n ticks leave, at the end of each.
 
     Args:
-        figures: (n + 1, FIGURES), of the soft side: wrench on the flange, centre and inertia of its mass.
-        origin: (n + 1, 3) [m], of the flange.
-        axes: (n + 1, 3, 3), world from flange.
+        figures: (n, FIGURES), of the soft side: wrench on the flange, centre and inertia of its mass.
+        origin: (n, 3) [m], of the flange.
+        axes: (n, 3, 3), world from flange.
         twist: (n, 6), of the flange's origin, linear then angular, world axes.
-        handed: (n + 1, 7), the wrench about the world's origin, and its size [N].
         joints: (n, joints) [rad].
         joint_speed: (n, joints) [rad/s].
         servo_torque: (n, joints) [N m].
@@ -84,7 +73,7 @@ class Ticks(NamedTuple):
         work: (n, 4) [J], of contacts with the scene on the film, of those between films on these, lost at
             eyelets that know their direction, and of contacts with the film on bodies.
         hit: (n, 3), see `LedgerEntry`: speed [m/s], way that resolves it [m], body.
-        mounted: (n, 6), of what is fixed next to the soft robot on the flange, see `NativeScene`.
+        mounted: (n, 6), of what is fixed next to the soft robot on the flange, see `CoupledScene`.
         touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that have
             acted in the tick [N]; of an object also its contacts with what is mounted on flanges, to which
             other arms' soft robots count as one, and with other rigid bodies; of the world also all
@@ -95,7 +84,6 @@ class Ticks(NamedTuple):
     origin: Matrix
     axes: Blocks
     twist: Matrix
-    handed: Matrix
     joints: Matrix
     joint_speed: Matrix
     servo_torque: Matrix
@@ -118,21 +106,12 @@ class Ticks(NamedTuple):
     def room(cls, n: int, joints: int, bodies: int) -> Ticks:
         """Return room for n ticks, in which nothing is touched unless that is filled."""
         return cls(
-            np.zeros((n + 1, FIGURES)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3, 3)), np.zeros((n, 6)),
-            np.zeros((n + 1, 7)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)),
-            np.zeros((n, bodies, 3)), np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n),
-            np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)),
-            np.zeros((n, 3)), np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)), np.zeros((n, 6)),
-            np.zeros((n, bodies, 3)),
+            np.zeros((n, FIGURES)), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 6)),
+            np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, bodies, 3)),
+            np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n, np.int64),
+            np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)), np.zeros((n, 3)),
+            np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)), np.zeros((n, 6)), np.zeros((n, bodies, 3)),
         )  # fmt: skip
-
-    def from_on(self, first: int) -> Ticks:
-        """Return the rows of a tick and all after it."""
-        return Ticks._make(map(itemgetter(slice(first, None)), self))
-
-    def flange(self, row: int) -> Pose:
-        """Return the flange's pose before a tick."""
-        return Pose.owning(self.axes[row].copy(), self.origin[row].copy())
 
 
 @final
@@ -182,27 +161,42 @@ class TicksTaken:
     @property
     def wrench(self) -> Array:
         """(done, 6), of the soft side on the flange, at its origin, world axes."""
-        return self.ticks.figures[1 : self.done + 1, WRENCH:CENTER]
+        return self.ticks.figures[: self.done, WRENCH:CENTER]
 
     def mass(self) -> tuple[Array, Array]:
         """Return the soft side's centre of mass (done, 3) [m] and its inertia (done, 3, 3), world axes."""
-        figures = self.ticks.figures[1 : self.done + 1]
+        figures = self.ticks.figures[: self.done]
         return figures[:, CENTER:INERTIA], figures[:, INERTIA:].reshape(-1, 3, 3)
 
-    def begin(self, soft: SoftSide, wrench: Wrench, flange: Pose) -> None:
-        """Fill what is there before the first tick."""
-        mass, figures = soft.mass_properties(), self.ticks.figures[0]
-        figures[WRENCH:CENTER] = *wrench.force, *wrench.torque
-        figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
-        self.ticks.origin[0], self.ticks.axes[0] = flange.translation, flange.rotation
+    def log_scene(self, scene: CoupledScene, bodies: BodyLoads, momentum_error: float) -> None:
+        """Fill the row of the tick in progress with what its rigid step has led to.
 
-    def take(self, reply: SoftReply, soft: SoftSide) -> None:
-        """Fill the row of the tick in progress with what a soft side has answered."""
-        k, ticks, mass, films = self.done, self.ticks, soft.mass_properties(), soft.touching
-        figures, wrench = ticks.figures[k + 1], reply.wrench
-        figures[WRENCH:CENTER] = *wrench.force, *wrench.torque
-        figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
-        ticks.residual[k], ticks.iterations[k] = reply.residual_N, reply.iterations
+        Args:
+            scene: after the step.
+            bodies: what has acted on them.
+            momentum_error: of what has acted, see `LedgerEntry`.
+        """
+        k, ticks, pose, twist = self.done, self.ticks, scene.flange_pose, scene.flange_twist
+        ticks.joints[k], ticks.joint_speed[k], ticks.servo_torque[k] = scene.joint_rows
+        ticks.places[k], ticks.quaternions[k] = scene.place_rows
+        ticks.origin[k], ticks.axes[k], ticks.mounted[k] = pose.translation, pose.rotation, scene.mounted
+        ticks.twist[k, :3], ticks.twist[k, 3:] = twist.linear, twist.angular
+        ticks.momentum_error[k], ticks.work[k, 3] = momentum_error, scene.bodies.work_J
+        for body in np.flatnonzero(bodies.loaded).tolist():
+            ticks.body_force[k, body] = bodies.applied[body, :3]
+            ticks.touch[k, body, 0] = bodies.pressing[body]
+        scene.read_touch(ticks.touch[k])
+
+    def end_tick(self, reply: SoftReply, soft: SoftSide, figures: Array) -> None:
+        """Fill the row of the tick in progress with what the soft side has answered; the next one follows.
+
+        Args:
+            reply: of the soft side.
+            soft: after its step.
+            figures: (FIGURES,), see `Ticks`.
+        """
+        k, ticks, films = self.done, self.ticks, soft.touching
+        ticks.figures[k], ticks.residual[k], ticks.iterations[k] = figures, reply.residual_N, reply.iterations
         ticks.work[k, 1:3] = reply.films_work_J, reply.eyelets_J
         self.pressure_Pa[k] = soft.pressures_Pa
         if films is not None:
@@ -247,3 +241,11 @@ class TicksTaken:
             "interface_residual": self.interface_residual[:n],
             "slides": np.zeros(n, np.int64),
         }
+
+
+def figures_of(soft: SoftSide, wrench: Wrench) -> Array:
+    """Return the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
+    mass, figures = soft.mass_properties(), np.empty(FIGURES)
+    figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER] = wrench.force, wrench.torque
+    figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
+    return figures

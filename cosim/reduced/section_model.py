@@ -377,6 +377,16 @@ class SectionBody:
         """Coefficients (s, c), 1 / L (s,) [1/m], near (s,), rims and masses (f, 4, 4) for the kernels."""
         return self.coefficients, self.inverse_length, self.frames.near, self.frames.rims, self.mass
 
+    @property
+    def tables(self) -> tuple[Array, Array]:
+        """Coefficients (size, s c) and lengths (size, s) [m] over the spline of pressure."""
+        return self._energies, self._lengths
+
+    @property
+    def node_table(self) -> Array:
+        """(size, 8 n), what `node_weights` are over the spline of pressure."""
+        return self._films
+
     def set_pressure(self, pressure_Pa: float) -> None:
         """Bring coefficients and lengths to a pressure."""
         if pressure_Pa == self._pressure:
@@ -399,7 +409,7 @@ class SectionBody:
             InputError: copies are given different ones.
         """
         given = loads.pressures(self.copies)
-        if self.copies > 1 and min(given) != max(given):
+        if min(given) != max(given):
             raise InputError(
                 f"pressures of copies are {min(given):g} to {max(given):g} Pa; section models of copies have "
                 "one for all; use fidelity = 'lumped'"
@@ -412,8 +422,6 @@ class SectionBody:
         Raises:
             InputError: there are copies, whose gases would have their own pressures.
         """
-        if not loads.gas:
-            return None
         gases = loads.gases(self.copies)
         if self.copies > 1 and any(gas is not None for gas in gases):
             raise InputError("section models of copies need given pressures; use fidelity = 'lumped'")

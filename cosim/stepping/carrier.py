@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import Servos, TicksTaken, figures_of
 from cosim.errors import InputError, SolverError
 from cosim.plan.motion import JointPath, JointReference
 from cosim.plan.planning import AnyWay
@@ -125,7 +125,7 @@ class Carrier(ABC):
         return NOTHING_TOUCHED
 
     def linear_half(self) -> Array:
-        """Return the rigid half of a tick to first order, see `interface.rigid_slopes`.
+        """Return the rigid step of a tick to first order, see `rigid_slopes`.
 
         Raises:
             InputError: the exchange has none.
@@ -277,9 +277,8 @@ class HeldBase(Carrier):
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         """Advance by one tick: each takes long."""
         taken = TicksTaken.room(1, 0, 0, len(self._soft.pressures_Pa))
-        taken.begin(self._soft, self._wrench, self._pose)
-        taken.ticks.origin[1], taken.ticks.axes[1] = self._pose.translation, self._pose.rotation
+        taken.ticks.origin[0], taken.ticks.axes[0] = self._pose.translation, self._pose.rotation
         reply = self._soft.advance(self._pose, loads[0], self._tick_s)
         self._wrench = reply.wrench
-        taken.take(reply, self._soft)
+        taken.end_tick(reply, self._soft, figures_of(self._soft, reply.wrench))
         return taken

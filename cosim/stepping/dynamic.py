@@ -253,7 +253,7 @@ class DynamicSimulation(SteppedRun):
         found = {row: footing.unstable for row, footing in ends.items()}
         for row in {*regular, *sudden} - ends.keys():
             if not ticks.contacts[row]:
-                flange = Pose(ticks.axes[row + 1], ticks.origin[row + 1])
+                flange = Pose(ticks.axes[row], ticks.origin[row])
                 found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
         large: dict[int, tuple[Branching, ...]] = {
             row: (
@@ -274,7 +274,7 @@ class DynamicSimulation(SteppedRun):
         """Return the ticks in which the tip, seen from the flange, has become much faster than before."""
         if self._parts.scenario.fidelity == "rigid":  # its tip stays where it is
             return []
-        ticks, last = taken.ticks, slice(1, taken.done + 1)
+        ticks, last = taken.ticks, slice(0, taken.done)
         seen = np.einsum("kr,krs->ks", film.tip_position - ticks.origin[last], ticks.axes[last])
         rows, self._speed = self._speed.after(seen, self.stage.tick_s, self._least)
         return rows
@@ -290,7 +290,7 @@ class DynamicSimulation(SteppedRun):
         if row != taken.done - 1 or taken.ticks.contacts[row]:
             return {}
         soft, here = self._parts.soft, taken.shapes[row]
-        flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
+        flange = Pose(taken.ticks.axes[row], taken.ticks.origin[row])
         found = soft.footing(here, flange, asked.loads[row])
         return {} if found is None else {row: found}
 
@@ -299,7 +299,7 @@ class DynamicSimulation(SteppedRun):
         found = dict(ends)
         for row, footing in ends.items():
             if self._undecided_in == asked.phase:
-                flange = Pose(taken.ticks.axes[row + 1], taken.ticks.origin[row + 1])
+                flange = Pose(taken.ticks.axes[row], taken.ticks.origin[row])
                 rests = self._parts.soft.rests_at(taken.shapes[row], flange, asked.loads[row])
                 found[row] = replace(footing, rests_at_m=rests)
         return found

@@ -14,7 +14,9 @@ from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes import iterated, ledger
-from cosim.coupling.schemes.interface import Coupling, Interface, rigid_slopes
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.rigid_slopes import rigid_slopes
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken
@@ -357,10 +359,7 @@ class SharedArm(ArmCarrier):
         assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
         self._coupling.begin()
         self._shared.begin_tick()
-        payload, feedforward = self._payload(), servos.torque[0]
-        if payload is not None:
-            known = inertial_parameters(payload.mass_kg, payload.center_of_mass, payload.inertia)
-            feedforward = feedforward + servos.by_payload[0] @ known
+        feedforward = self._coupling.interface.feedforward(servos)
         self._scene.set_control(servos.position[0], servos.velocity[0], feedforward)
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:

@@ -54,7 +54,7 @@ def test_the_palms_mass_is_mujocos() -> None:
     assert own.center == pytest.approx(in_flange, abs=1e-9)
     assert own.center == pytest.approx([0.0, 0.0, 0.005])  # in front of the flange
     scene.set_control(scene.joint_position, feedforward=scene.bias_torque)
-    scene.finish_step()
+    scene.step()
     assert scene.flange.measured[2] == pytest.approx(-9.81, rel=1e-6)
 
 
@@ -73,8 +73,7 @@ def test_an_object_rests_on_the_palm_and_stays_there(share: float, angle: float)
     scene.set_control(arm.home)
     body, path = scene.body_names.index("coin"), []
     for _ in range(500):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         path.append(scene.flange_pose.inverse().apply(scene.body_poses()[0][body][None])[0])
     creep = np.linalg.norm(path[-1] - path[249]) / (250 * scene.tick_s)
     assert creep < 1e-4 / 60.0  # m/s; 60 to 140 times that where friction is no harder than the normal
@@ -100,8 +99,7 @@ def test_what_hardly_touches_the_palm_is_not_drawn_into_it() -> None:
     index = [scene.body_names.index(pebble.name) for pebble in pebbles]
     before = scene.body_poses()[0][index].copy()
     scene.set_control(arm.home)
-    scene.finish_step()
-    scene.begin_step()
+    scene.step()
     moved = (scene.body_poses()[0][index] - before) @ flange.rotation[:, 2]
     assert moved.min() > -1e-10  # m in a tick; -4e-8 where a normal is reversed
 
@@ -122,8 +120,7 @@ def test_a_roll_on_the_palm_lies_still(leaning: float) -> None:
     body, path = scene.body_names.index("roll"), []
     for _ in range(500):
         scene.set_control(arm.home, feedforward=scene.bias_torque)
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         path.append(scene.flange_pose.inverse().apply(scene.body_poses()[0][body][None])[0])
     last = np.array(path[-100:])
     assert np.abs(last[-1] - last[0]).max() / (99 * tick_s) < 3e-6  # m/s; 0.7 to 1.0 here
@@ -149,8 +146,7 @@ def slid_on_palm(rule: str) -> tuple[float, float]:
     body, path = scene.body_names.index("box"), []
     for _ in range(75):
         scene.set_control(arm.home, feedforward=scene.bias_torque)
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         path.append((scene.body_poses()[0][body] - flange.translation) @ across)
     speed = (path[-1] - path[24]) / (50 * scene.tick_s)
     return float(speed), (0.4 - 0.2) * 9.81 * 50 * scene.tick_s  # in the middle of these ticks
@@ -177,8 +173,7 @@ def _slid_m(tick_s: float, contact_time_s: float) -> float:
     )  # fmt: skip
     for _ in range(round(0.2 / tick_s)):
         scene.set_control(arm.home, feedforward=scene.bias_torque)
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     moved = scene.body_poses()[0][scene.body_names.index("box")] - np.array(place)
     return float(moved @ across)
 
@@ -206,8 +201,7 @@ def test_a_light_object_that_is_pressed_on_the_palm_does_not_sink_into_it() -> N
         load = -12.0 * min(1.0, tick / 50) * scene.flange_pose.rotation[:, 2]
         scene.bodies.apply(body, load[None], np.cross(scene.body_poses()[0][body], load))
         scene.set_control(arm.home, feedforward=scene.bias_torque)
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     above = (scene.body_poses()[0][body[0]] - scene.flange_pose.translation) @ scene.flange_pose.rotation[
         :, 2
     ]
@@ -233,8 +227,7 @@ def test_an_object_that_is_clamped_on_a_palm_does_not_shake_the_arm() -> None:
         swing = rate * tick_s * max(tick - 250, 0)
         angle, speed = amplitude * (1.0 - np.cos(swing)), amplitude * rate * np.sin(swing)
         scene.set_control(arm.home + angle * way, speed * way, feedforward=scene.bias_torque)
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         found.append(scene.joint_acceleration.copy())
     jumps = np.abs(np.diff(found[260:], axis=0)).max()
     assert jumps < 2.0 * amplitude * rate**3 * tick_s  # rad/s^2; 1.4 times here, 33 times with 50 points
@@ -262,8 +255,7 @@ def test_an_object_goes_with_a_palm_that_is_shaken() -> None:
         scene.set_control(
             arm.home + angle * first, turn * rate * np.sin(swing) * first, feedforward=scene.bias_torque
         )
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         path.append(scene.flange_pose.inverse().apply(scene.body_poses()[0][body][None])[0, :2])
     slide = np.linalg.norm(np.array(path) - path[round(0.1 / tick_s)], axis=1)
     assert slide.max() < 1e-4  # m; 0.8 mm where contacts are solved without the servos

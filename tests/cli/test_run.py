@@ -274,8 +274,8 @@ def test_the_default_directory_is_new_each_time(
 def test_warming_up_compiles_what_a_run_calls() -> None:
     code = (
         "from cosim.cli.main import main; assert main(['warm-up', 'two_arms_hold_box', 'none_such']) == 2; "
-        "from cosim.coupling import half_ticks; from cosim.coupling.contact import contact_kernels; "
-        "print(*(len(k.overloads) for k in (half_ticks.hand_over, contact_kernels.find_touched)))"
+        "from cosim.coupling import payload; from cosim.coupling.contact import contact_kernels; "
+        "print(*(len(k.overloads) for k in (payload.fill_payload, contact_kernels.find_touched)))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == ["1", "1"]

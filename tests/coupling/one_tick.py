@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.base.frames import Array
-from cosim.coupling.schemes.interface import Coupling
+from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.ticks import Servos
 from cosim.soft.body.loads import Loads

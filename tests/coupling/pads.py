@@ -13,12 +13,13 @@ from cosim.build.arms import find_arm
 from cosim.config.schema.objects import WireTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
-from cosim.coupling.schemes.interface import Coupling, Interface, six_numbers
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.schemes.transfer import six_numbers
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.scene.bodies import NativeScene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -112,8 +113,7 @@ class Grasp:
         if self.coupling is not None:
             one_tick(self.coupling, self._joints, np.zeros(6), self.loads)
             return self.exchange.report
-        self.scene.finish_step()
-        self.scene.begin_step()
+        self.scene.step()
         before = self.soft.state.positions
         planes = self.exchange.find(self.soft.state, self.scene.tick_s)
         self.soft.advance(self.flange, replace(self.loads, contact=planes), self.scene.tick_s)
@@ -154,13 +154,6 @@ class FixedFlange:
     @flange_pose.setter
     def flange_pose(self, pose: Pose) -> None:
         self._origin[:], self._axes[:] = pose.translation, pose.rotation
-
-    def native(self) -> NativeScene:
-        """Return the scene's with the flange where it is; what acts on that moves nothing."""
-        origin, still = self._origin, np.zeros(6)
-        return self._scene.native()._replace(
-            origin=origin, center=origin, axes=self._axes, velocity=still, applied=still.copy()
-        )
 
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Take note of it."""

@@ -14,7 +14,8 @@ import numpy as np
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Mask, Pose
-from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, ServoGains

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.schemes.staggered import StaggeredCoupling, algorithmic_mass, riding_along, rigid_share
+from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, riding_along, rigid_share
+from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.soft_side import answer_weights, exchange_gain
 from cosim.soft.solve.newton_options import NewtonOptions

@@ -62,8 +62,7 @@ def test_mujoco_gets_the_reported_load() -> None:
     velocity = []
     for _ in range(2):
         velocity.append(grasp.cube_position)
-        grasp.scene.finish_step()
-        grasp.scene.begin_step()
+        grasp.scene.step()
     # the load stays while nobody changes it: second difference of the position
     change = grasp.cube_position - 2.0 * velocity[1] + velocity[0]
     expected = (report.force[cube] + np.array([0.0, 0.0, -9.81 * 0.02])) / 0.02 * (2e-3) ** 2

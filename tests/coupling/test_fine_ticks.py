@@ -11,9 +11,8 @@ from cosim.base.frames import Array
 from cosim.build.arm_parts import rigid_substeps
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
-from cosim.coupling.half_ticks import take_rigid_half
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.ticks import CarriedInertia, Servos, Ticks
+from cosim.coupling.ticks import Servos
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 from tests.coupling.pads import CoupledGrasp
@@ -34,30 +33,21 @@ def test_a_tick_of_several_steps_is_these_steps() -> None:
     long, short = dropped(4e-3, 4), dropped(1e-3, 1)
     assert (long.tick_s, long.substeps, short.tick_s) == (4e-3, 4, 1e-3)
     for _ in range(30):
-        long.finish_step()
-        long.begin_step()
+        long.step()
         for _ in range(4):
-            short.finish_step()
-            short.begin_step()
+            short.step()
         assert np.array_equal(long.body_poses()[0], short.body_poses()[0])
     assert long.body_poses()[0][long.body_names.index("ball"), 2] < 1.021  # it has come down
 
 
-def test_kernels_take_the_same_steps_and_servos_go_on_in_them() -> None:
+def test_servos_go_on_within_a_tick() -> None:
     long, short, speed = dropped(4e-3, 4), dropped(1e-3, 1), np.full(6, 0.3)
     place = long.joint_position
-    servos = Servos.knowing_no_payload(place[None], speed[None], np.zeros((1, 6)))
-    ticks = Ticks.room(1, 6, len(long.body_names))
-    side = CoupledGrasp(0.1, 4e-3, StaggeredCoupling).interface.rigid(
-        CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, 6)))
-    )
-    assert take_rigid_half(side._replace(scene=long.native(), mass_kg=0.0), servos, ticks, 0)
+    long.step_arm(place, speed, np.zeros(6))
     for k in range(4):
-        short.set_control(place + k * 1e-3 * speed, speed)
-        short.finish_step()
-        short.begin_step()
-    assert ticks.joints[0] == pytest.approx(short.joint_position, abs=1e-13)
-    assert np.abs(ticks.joints[0] - place).max() > 1e-5
+        short.step_arm(place + k * 1e-3 * speed, speed, np.zeros(6))
+    assert long.joint_position == pytest.approx(short.joint_position, abs=1e-13)
+    assert np.abs(long.joint_position - place).max() > 1e-5
 
 
 @pytest.mark.parametrize("mass_kg", [0.05, 0.1])

@@ -13,7 +13,8 @@ from cosim.base.frames import Array, Pose, Wrench
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.schemes.interface import Coupling, Interface
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.lumped_arm import SoftArm

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import SixNumbers
-from cosim.coupling.schemes.interface import Coupling, Interface, TransferredLoads, six_numbers
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
+from cosim.coupling.schemes.transfer import TransferredLoads, six_numbers
 from tests.coupling.pads import CoupledGrasp
 
 FLANGE = (4.0, 1.0, -2.0, 0.1, 0.2, 0.3)

@@ -69,8 +69,7 @@ def test_action_equals_reaction_on_every_shape(name: str) -> None:
     loads = Loads((PRESSURE_PA,), (), (0.0, 0.0, 0.0))
     pressed = 0.0
     for tick in range(15):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         planes = exchange.find(soft.state, TICK_S)
         flange = Pose(np.eye(3), start - np.array([0.0, 0.0, 2e-4 * (tick + 1)]))
         soft.advance(flange, replace(loads, contact=planes), TICK_S)

@@ -178,8 +178,7 @@ def test_a_contact_that_ends_right_after_the_state_pushes_no_longer() -> None:
     for scene in (first, second):
         scene.bodies.apply(cube[:0], np.zeros((0, 3)), np.zeros((0, 3)))
         for _ in range(3):
-            scene.finish_step()
-            scene.begin_step()
+            scene.step()
         heights.append(scene.body_poses()[0][cube[0], 2])
     assert heights[0] == heights[1] < 1.5
 

@@ -104,8 +104,7 @@ def _not_finite(path: Path) -> str:
     numbers["distances"] = scene.contact_query().distances(points, 0.5).distance
     numbers["shapes"] = [shape.vertices for shape in scene.shapes]
     for _ in range(2):
-        scene.begin_step()
-        scene.finish_step()
+        scene.step()
     numbers["poses after a step"] = scene.body_poses()
     wrong = [
         name

@@ -86,7 +86,7 @@ def test_feedforward_gives_the_wanted_acceleration_with_armature_and_payload(nam
         # As applied torque, not through the servos, whose limits would cut the panda's wrist off.
         scene.set_control(q, v)
         scene.apply_joint_torque(torque)
-        scene.finish_step()
+        scene.step()
         np.testing.assert_allclose(scene.joint_acceleration, a, atol=1e-5)
 
 

@@ -104,8 +104,7 @@ def test_what_pushes_a_drive_does_not_move_it(tmp_path: Path) -> None:
     for _ in range(5):
         scene.bodies.apply(body, np.array([[0.0, 1e3, 0.0]]), np.zeros((1, 3)))
         scene.cell.aim(np.array([0.0, 0.0]), np.zeros(2))
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     assert np.abs(scene.body_poses()[0][body[0], 1]) == 0.0
     assert not scene.bodies.movable(body).any()
 

@@ -25,7 +25,7 @@ def test_object_named_like_a_link_is_refused() -> None:
 def stiffness(scene: RigidScene) -> Array:
     """Return the torque per angle (joints,) [N m/rad] with which the servos pull from where they are."""
     scene.set_control(scene.joint_position + 1e-3)
-    scene.finish_step()
+    scene.step()
     # they damp by the speed at the end of the step
     return 1e3 * (scene.servo_torque + scene.servo_damping * scene.joint_velocity)
 

@@ -30,8 +30,7 @@ def run(scene: RigidScene, seconds: float, *names: str) -> Array:
     bodies = [scene.body_names.index(name) for name in names]
     path = []
     for _ in range(round(seconds / scene.tick_s)):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         path.append(scene.body_poses()[0][bodies])
     return np.array(path)
 

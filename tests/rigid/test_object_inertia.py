@@ -28,8 +28,7 @@ def test_a_given_inertia_answers_torques() -> None:
     body = np.array([scene.body_names.index("arm")])
     for _ in range(100):
         scene.bodies.apply(body, np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     turned = 2.0 * np.arcsin(scene.body_poses()[1][body[0], 3])
     # steps of 1 ms end half a step further than 0.5 a t^2
     assert turned == pytest.approx(0.5 * 0.3 / 0.03 * 0.1**2 * (1.0 + 1.0 / 100.0), rel=1e-6)
@@ -42,8 +41,7 @@ def test_rolling_friction_holds_a_ball_on_a_slope(friction: tuple[float, float] 
     scene = RigidScene(SceneDescription(ARM, objects=(ball,), gravity=(0.981, 0.0, -9.81)))
     start = scene.body_poses()[0][-1, 0]
     for _ in range(250):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     gone = scene.body_poses()[0][-1, 0] - start
     free = 0.5 * 5.0 / 7.0 * 0.981 * 0.5**2  # a solid ball rolls down with 5/7 of the acceleration
     if rolls:
@@ -92,8 +90,7 @@ def test_a_spring_without_damping_swings_on_at_its_frequency(tick_s: float) -> N
     body, drop = scene.body_names.index("s"), 9.81 / circular**2
     height = []
     for _ in range(round(2.0 / tick_s)):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
         height.append(scene.body_poses()[0][body, 2] - 1.0 + drop)  # about where it would rest
     late = np.array(height[len(height) // 2 :])
     assert np.abs(late).max() == pytest.approx(drop, rel=0.02)  # decay below 0.02 per s
@@ -107,6 +104,5 @@ def test_a_spring_far_stiffer_than_the_tick_stays_calm() -> None:
     item = SceneObject("s", "box", (0.02, 0.02, 0.02), (1.0, 0.5, 1.0), mass_kg=0.1, joint=sprung)
     scene = RigidScene(SceneDescription(ARM, objects=(item,), tick_s=4e-3))
     for _ in range(500):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     assert abs(scene.body_poses()[0][scene.body_names.index("s"), 2] - 1.0) < 1e-6

@@ -45,8 +45,7 @@ def test_parts_share_the_mass_by_volume_and_density() -> None:
     center = (weight @ np.array([pot.position_m, leaf.position_m])) / weight.sum()
     # gravity alone, no torque about the centre of mass: the centre falls, and nothing turns
     for _ in range(20):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     positions, quaternions = scene.body_poses()
     fallen = Pose.from_quaternion(quaternions[body[0]], positions[body[0]]).apply(center[None])[0]
     steps = 0.5 * 20 * 21 * 9.81 * scene.tick_s**2  # of the semi-implicit rule
@@ -127,8 +126,7 @@ def test_both_mobilities_are_those_of_a_held_and_of_a_free_body() -> None:
     block = SceneObject("block", "box", (0.02, 0.02, 0.02), (1.0, 0.0, 0.01), mass_kg=0.2)
     scene = scene_of(table, block)
     for _ in range(50):
-        scene.finish_step()
-        scene.begin_step()
+        scene.step()
     bodies = np.array([scene.body_names.index("block")])
     held, free = scene.bodies.mobilities(bodies)
     np.testing.assert_allclose(held, scene.bodies.mobility(bodies, held=True), rtol=1e-9, atol=1e-12)

@@ -45,8 +45,7 @@ def slid(scene: RigidScene, after: int, ticks: int) -> float:
 
     def place(count: int) -> Array:
         for _ in range(count):
-            scene.finish_step()
-            scene.begin_step()
+            scene.step()
         return scene.body_poses()[0][scene.body_names.index("cube"), :2]
 
     return float(np.linalg.norm(-place(after) + place(ticks)))

@@ -21,11 +21,12 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, SixNumbers, Wrench
-from cosim.coupling import half_ticks, ticks
-from cosim.coupling.schemes.interface import Coupling, Interface, InterfaceState, six_numbers
+from cosim.coupling import ticks
+from cosim.coupling.schemes.coupling import Coupling
+from cosim.coupling.schemes.interface import Interface, InterfaceState
+from cosim.coupling.schemes.transfer import LEVER_M, six_numbers
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError, SolverError
-from cosim.reduced.sections.assembly import CENTER, WRENCH
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import StepAim
 
@@ -71,7 +72,7 @@ class QuasiNewton:
         return np.asarray(self._inverse + (moved - self._inverse @ changed) @ solved)
 
 
-_UNIT = np.array([1.0, 1.0, 1.0, half_ticks.LEVER_M, half_ticks.LEVER_M, half_ticks.LEVER_M])
+_UNIT = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 
 
 @final
@@ -96,12 +97,12 @@ class FlangeLoad:
 
     def wrench(self, vector: Array) -> Wrench:
         """Return what of a vector (6,) acts on the flange, at its present origin, world axes."""
-        wrench = Wrench(vector[:3], half_ticks.LEVER_M * vector[3:])
+        wrench = Wrench(vector[:3], LEVER_M * vector[3:])
         return wrench.moved(self._interface.scene.flange_pose.translation - self.point)
 
     def about_world(self, vector: Array) -> Array:
         """Return a vector (6,) as force, and torque about the world's origin."""
-        wrench = Wrench(vector[:3], half_ticks.LEVER_M * vector[3:]).moved(-self.point)
+        wrench = Wrench(vector[:3], LEVER_M * vector[3:]).moved(-self.point)
         return np.concatenate([wrench.force, wrench.torque])
 
     def from_world(self, load: Array) -> Array:
@@ -160,8 +161,7 @@ class InterfaceSearch:
     Args:
         interface: at the start of the tick, servos commanded.
         vector: how the wrench is read and written, begun for this tick.
-        rigid_half: takes that of the tick, with a wrench (6,) at the flange's origin; returns how far what
-            acts on bodies is from what was handed over.
+        step_rigid: takes the rigid step of the tick.
         loads: on the soft body at the end of the tick.
         options: when loads agree.
         inverse: of dr/dl, as the last tick left it; None for none.
@@ -171,13 +171,13 @@ class InterfaceSearch:
         self,
         interface: Interface,
         vector: FlangeLoad,
-        rigid_half: Callable[[Array], float],
+        step_rigid: Callable[[], None],
         loads: Loads,
         options: IterationOptions,
         inverse: Array | None,
     ) -> None:
         self._interface, self._vector, self._soft_loads = interface, vector, loads
-        self._rigid_half, self._options, self.inverse = rigid_half, options, inverse
+        self._step_rigid, self._options, self.inverse = step_rigid, options, inverse
         self._rigid, self._before = interface.scene.save_state(), interface.soft.state
         self._contact = None if interface.contact is None else interface.contact.save_state()
         self._light = None if interface.light is None else interface.light.save_state()
@@ -232,9 +232,10 @@ class InterfaceSearch:
         if self.trials:
             self._go_back()
         self.trials += 1
-        scene.apply_flange_wrench(Wrench(load[:3], half_ticks.LEVER_M * load[3:]))
+        interface.load_flange(Wrench(load[:3], LEVER_M * load[3:]))
         received = scene.received_wrench()
-        on_bodies = self._rigid_half(_UNIT * load)
+        self._step_rigid()
+        on_bodies = interface.error_on_bodies()
         aim = StepAim(_SOFT_SHARE * self._options.tolerance * self._scale, self._reached)
         reply = interface.advance_soft(self._soft_loads, aim)
         self._reached = interface.soft.state.positions
@@ -309,20 +310,16 @@ class IteratedCoupling(Coupling):
         interface, vector = self.interface, FlangeLoad(self.interface)
         if interface.ratio_is_due:
             interface.update_stability_ratio()
-        taken, joints = interface.begin(1), len(servos.position[0])
-        carried = ticks.CarriedInertia(np.zeros((0, 0)), np.ones(1), np.zeros((1, joints)))
+        taken = interface.room(1)
 
-        def rigid_half(wrench: Array) -> float:
-            taken.ticks.figures[0, WRENCH:CENTER] = wrench
-            interface.step_rigid(interface.rigid(carried), servos, taken)
-            return interface.error_on_bodies()
+        def step_rigid() -> None:
+            interface.step_rigid(servos, taken)
 
         last, owed = vector.answered(), vector.from_world(self._left_over)
-        search = InterfaceSearch(interface, vector, rigid_half, loads[0], self._options, self._inverse)
+        search = InterfaceSearch(interface, vector, step_rigid, loads[0], self._options, self._inverse)
         with interface.soft.work:
             found = search.run(self._expected(vector, last) + owed, last, owed)
-        acted = vector.wrench(found.load)
-        interface.take_reply(taken, found.reply, np.concatenate([acted.force, acted.torque]))
+        interface.hand_over(found.reply, taken, vector.wrench(found.load))
         taken.ticks.momentum_error[0] = self._account(vector, found)
         self._inverse = search.inverse
         self._history = (vector.about_world(found.answered), *self._history[:1])

@@ -91,6 +91,8 @@ class SoftArm(soft_side.SoftSide):
         self_contact: law of the films' contact with one another; None where it is not modelled.
     """
 
+    takes_pieces = True
+
     def __init__(
         self,
         body: SoftBody,
@@ -173,17 +175,6 @@ class SoftArm(soft_side.SoftSide):
     def loads(self) -> Loads:
         """Loads at the end of the last step, contacts not counted."""
         return self._loads
-
-    def go_to(self, state: SoftState, residual_N: float, drive: soft_side.Drive) -> None:
-        """Be where steps that were taken elsewhere have ended.
-
-        Args:
-            state: there.
-            residual_N: of the last step.
-            drive: pose of the flange and loads at the end of that.
-        """
-        self.state, self._residual = state, residual_N
-        self._flange, self._loads = drive
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""

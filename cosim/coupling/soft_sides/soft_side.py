@@ -276,6 +276,8 @@ class SoftSide(ABC):
     body: SoftBody
     state: SoftState
     obstacles: Obstacles | None = None
+    takes_pieces: bool = False
+    """Whether a tick may be taken in pieces, see `FineTicks`."""
     effort: newton_options.SearchEffort | None = None
 
     @cached_property
@@ -316,6 +318,11 @@ class SoftSide(ABC):
             before: the state that it began with.
         """
         self.state = before
+
+    @property
+    def loads(self) -> Loads:
+        """Loads at the end of the last step, contacts not counted; of models that take pieces of ticks."""
+        raise NotImplementedError("this model takes whole ticks")
 
     def restart(self) -> None:
         """Let the next step be the first one of a two-step integrator."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Wrench
 from cosim.base.kernel_types import Blocks, Cubes, Flags, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.reduced.sections.section_energy import (
     TERMS,
     PressureSpline,
@@ -105,22 +105,6 @@ def substitute(free: Flags, work: ChainWork, load: Matrix) -> None:
             for j in range(i + 1, 6):
                 total -= low[f, j, i] * step[f, j]
             step[f, i] = total * low[f, i, i]
-
-
-@kernel
-def factorise_tangent(free: Flags, work: ChainWork) -> bool:
-    """Make the factor of the tangent in the workspace; False where its free part is not positive definite."""
-    return factorise(free, work, 0.0, zero_vector(6))
-
-
-@kernel
-def solve_tangent(free: Flags, work: ChainWork, load: Blocks, step: Blocks) -> None:
-    """Solve with the factor for loads (k, f, 6); the steps (k, f, 6) are zero where a frame is held."""
-    for k in range(load.shape[0]):
-        substitute(free, work, load[k])
-        for f in range(free.shape[0]):
-            for i in range(6):
-                step[k, f, i] = work.step[f, i]
 
 
 @kernel(taken_in=True)
@@ -284,11 +268,24 @@ def fill_figures(frames: Blocks, free: Flags, mass: Blocks, gradient: Matrix, ou
                 arm_i, arm_k = frames[f, 0, i] - frames[0, 0, i], frames[f, 0, k] - frames[0, 0, k]
                 out[WRENCH + r] -= gradient[f, r]
                 out[WRENCH + 3 + r] -= gradient[f, 3 + r] + arm_i * gradient[f, k] - arm_k * gradient[f, i]
-    moments, at = small_vector(9), 3
+    moments = small_vector(9)
     total = mass_moments(mass, frames, moments)
+    fill_center_and_inertia(total, moments, frames[0, 0], out)
+
+
+@device_function
+def fill_center_and_inertia(total: float, moments: Vector, place: Vector, out: Vector) -> None:
+    """Fill centre and inertia in figures out (FIGURES,).
+
+    Args:
+        total: mass [kg].
+        moments: (9,), see `mass_moments`.
+        place: (3,) [m]; what weighs nothing may have its centre anywhere.
+        out: filled.
+    """
     for r in range(3):
-        # what weighs nothing may have its centre anywhere
-        out[CENTER + r] = moments[r] / total if total > 0.0 else frames[0, 0, r]
+        out[CENTER + r] = moments[r] / total if total > 0.0 else place[r]
+    at = 3
     for r in range(3):
         for c in range(r, 3):
             product = moments[at] - moments[r] * out[CENTER + c]

@@ -9,6 +9,7 @@ Quasi-static rest of a servo-held arm: where it droops to under a constant load.
 The joints of a cell: they follow their commands whatever pushes them, like drives that do not give way.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -67,7 +68,8 @@ class ArmLayout:
         torque: of the flange's torque sensor in sensordata.
         contacts: in sensordata, how many contacts what is mounted on the flange has.
         carries: whether something rigid is mounted on the flange.
-        object_sensors: see `NativeScene`.
+        object_sensors: (o, 2 + k), a free object of each row, where in sensordata all of its contacts with
+            rigid bodies are counted, and where those with what is mounted on each flange, this one first.
     """
 
     joints: slice
@@ -107,7 +109,7 @@ class ArmLayout:
 
 
 def _object_sensors(model: mujoco.MjModel, mount: int) -> IntArray:
-    """Return where contacts of free objects are counted, see `NativeScene.object_sensors`."""
+    """Return where contacts of free objects are counted, see `ArmLayout.object_sensors`."""
     rows: dict[int, list[int]] = {}
     for sensor in range(model.nsensor):
         if model.sensor(sensor).name.startswith(OBJECT_CONTACTS):
@@ -225,6 +227,16 @@ class MountedFrame:
         self._pose: Pose | None = None
         self._twist: Twist | None = None
 
+    @property
+    def axes(self) -> Array:
+        """(3, 3), a view, world from flange."""
+        return self._axes
+
+    @property
+    def origin(self) -> Array:
+        """(3,) [m], a view, world."""
+        return self._origin
+
     def moved(self) -> None:
         """Forget pose and twist; MuJoCo has computed new ones."""
         self._pose = self._twist = None
@@ -259,6 +271,12 @@ class MountedFrame:
         return jacobian
 
 
+def about_origin(load: Sequence[float], place: Array) -> SixNumbers:
+    """Return a load (6,) about a point (3,) [m] as one about the world's origin: force, then torque."""
+    (x, y, z, u, v, w), (a, b, c) = load, place.tolist()
+    return x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x
+
+
 @final
 class Flange(MountedFrame):
     """The flange of an arm: a frame on a massless body, with a sensor.
@@ -286,17 +304,7 @@ class Flange(MountedFrame):
 
         Read back from MuJoCo, so it holds whatever has been applied by whomever.
         """
-        (x, y, z, u, v, w), (a, b, c) = self._applied.tolist(), self._center.tolist()
-        return x, y, z, u + b * z - c * y, v + c * x - a * z, w + a * y - b * x
-
-    def stepped(self, began: Pose) -> None:
-        """Take note of a step that was taken elsewhere, and read the sensor as it was in it.
-
-        Args:
-            began: pose of the flange at its beginning.
-        """
-        self.moved()
-        self._read_at, self._restored = began, None
+        return about_origin(self._applied.tolist(), self._center)
 
     def read_sensor(self) -> None:
         """Take over what the sensor shows until the next step; it has not `moved` since it was computed."""
@@ -416,7 +424,20 @@ class CellDrives:
         """
         self.goal[:] = position, velocity
 
-    def arrive(self) -> None:
-        """Put the joints where they were to be at the end of the step."""
-        if self.names:
-            self._data.qpos[self.places], self._data.qvel[self.dofs] = self.goal
+    def drive(self, left: int, step_s: float) -> None:
+        """Put the joints on their way to where they are to be at the end of a tick.
+
+        Args:
+            left: steps of MuJoCo until then; the last one has been integrated at the speed of before.
+            step_s: length of one [s].
+        """
+        if not self.names:
+            return
+        position, velocity = self._data.qpos, self._data.qvel
+        if left == 1:
+            position[self.places], velocity[self.dofs] = self.goal
+            return
+        gone = step_s * velocity[self.dofs]
+        way = (self.goal[0] - position[self.places] + gone) / left
+        position[self.places] += way - gone
+        velocity[self.dofs] = way / step_s

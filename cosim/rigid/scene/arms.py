@@ -9,11 +9,12 @@ from typing import final
 import mujoco
 import numpy as np
 
+from cosim.base.frames import Array, IntArray
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene import host_scene, scene
-from cosim.rigid.scene.servos import servo_side, take_second_half
+from cosim.rigid.scene.servos import finish_step
 
 
 @final
@@ -29,11 +30,7 @@ class SharedScene(host_scene.HostScene):
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: scene.RigidScene) -> None:
         super().__init__(model, data, (arm.mounting, None), arm.substeps)
         self._arm = arm
-        own = arm.native()
-        self._native = self._native._replace(
-            position=own.position, speed=own.speed, servos=own.servos, sensed=own.sensed,
-            flange_sensor=own.flange_sensor, object_sensors=own.object_sensors,
-        )  # fmt: skip
+        self.joint_rows, self.mounted = arm.joint_rows, arm.mounted
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         return self._arm.contact_query(fixed_only=fixed_only)
@@ -41,16 +38,25 @@ class SharedScene(host_scene.HostScene):
     def check(self) -> None:
         self._arm.check()
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._arm.joint_names
+
     def begin_tick(self) -> None:
         super().begin_tick()
-        self._native.mounted[:] = 0.0
+        self.mounted[:] = 0.0
 
     def add_mounted(self) -> None:
-        """Add what the flange's sensor shows of a step beyond the soft robot's wrench, see `NativeScene`."""
-        scene, share = self._native, 1.0 / self._steps
-        for k, place in enumerate(scene.flange_sensor[:2].tolist()):
-            shown = scene.axes @ scene.sensed[place : place + 3]
-            scene.mounted[3 * k : 3 * k + 3] -= share * (self.acts[3 * k : 3 * k + 3] + shown)
+        """Add the part of the flange sensor's reading in a step that the soft robot does not explain."""
+        if self._arm.carries:
+            self._arm.add_mounted(self.acts, 1.0 / self._steps)
+
+    def read_touch(self, touch: Array) -> None:
+        self._arm.read_touch(touch)
+
+    def press_with(self, others: IntArray) -> None:
+        """Take note of the bodies (bodies,) on which the soft robots of other arms press, 1 each."""
+        self._arm.others[:] = others
 
     def end_tick(self) -> None:
         self.accelerated()
@@ -77,8 +83,7 @@ class SceneOfArms:
             arm.coupled = exchange
             arm.other_arms = tuple(each.prefix for each in descriptions if each is not arm.description)
         self._control = data.ctrl.reshape(-1, 3)
-        of_arms = [(arm.servos.dofs, arm.servos.damping, arm.servos.limit) for arm in self.arms]
-        self._servos = servo_side(model, data, *map(np.concatenate, zip(*of_arms, strict=True)))
+        self._servos = tuple(arm.servos for arm in self.arms)
 
     def step(self) -> None:
         """Take the rigid half of a tick, for which all arms have begun theirs.
@@ -91,18 +96,14 @@ class SceneOfArms:
         data.qfrc_applied[:] = np.sum([each.torque for each in exchanges], axis=0)
         pressed = np.array([each.load.any(axis=1) for each in exchanges])
         for k, each in enumerate(exchanges):
-            each.native().others[:] = np.delete(pressed, k, axis=0).any(axis=0)
+            each.press_with(np.asarray(np.delete(pressed, k, axis=0).any(axis=0), np.int64))
         for step in range(self.arms[0].substeps):
             if step:
                 self._control[:, 0] += float(model.opt.timestep) * self._control[:, 1]
-            take_second_half(self._servos)
+            finish_step(model, data, self._servos)
             for each in exchanges:
                 each.add_mounted()
             mujoco.mj_step1(model, data)
             self.arms[0].check()
             for each in exchanges:
                 each.carry()
-        first = 0
-        for arm in self.arms:
-            end = first + len(arm.joint_names)
-            arm.servos.torque[:], first = self._servos.torque[first:end], end

@@ -1,26 +1,25 @@
-"""The bodies of a compiled scene as contact sees them, and the whole scene as kernels see it.
+"""The bodies of a compiled scene as contact sees them.
 
 Inertia that the arm carries for a while is added to the joint-space mass matrix, M + A. Unlike extra mass of
 the bodies it weighs nothing and knows no gyroscopic forces.
 
 How bodies of a compiled scene answer impulses.
-
-Stepping by way of Python costs several times what the step itself does.
 """
 
-from typing import Annotated, NamedTuple, final
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple, final
 
 import mujoco
 import numpy as np
-from numba import types
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.errors import InputError
-from cosim.rigid.scene.arm import ArmLayout, CellDrives, Mounting
-from cosim.rigid.scene.servos import ServoSide, addresses
+from cosim.errors import InputError, SceneError
+from cosim.rigid.scene.arm import Mounting
+from cosim.rigid.scene.load_leaves import power_on_bodies
 
 
 @final
@@ -117,20 +116,22 @@ class Bodies:
     MuJoCo's velocities, angular then linear, at the centres of mass `tree_centers` (bodies, 3) [m] of
     their trees, each in row `roots` (bodies,); `positions` (bodies, 3) [m] and `axes` (bodies, 9) are the
     bodies' frames; `flange` is the body that goes with it, `foresight` how all will move.
-    `carried` is what the arm's joints carry.
+    `carried` is what the arm's joints carry, `work_J` the work of contacts on bodies in the last rigid step.
 
     Args:
         model: compiled scene.
         data: its state.
         mounting: of the soft robot.
         driven: (bodies,), which no load moves though they have joints.
-        pace: (2,), see `NativeScene`.
+        pace: (2,), how many steps of MuJoCo the next rigid step takes, and how many are left until its tick
+            of the clock ends.
     """
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, driven: Mask, pace: IntArray
     ) -> None:
         self._model, self._data, self.flange = model, data, mounting.body
+        self.work_J = 0.0
         self._movable: Mask = moved_by_loads(model) & ~driven
         self.applied: Array = data.xfrc_applied
         self.mass_centers: Array = data.xipos
@@ -180,6 +181,18 @@ class Bodies:
     def centers(self, bodies: IntArray) -> Array:
         """Return where the centres of mass of bodies (b,) are (b, 3) [m], world."""
         return np.array(self._data.xipos[bodies])
+
+    def power_W(self, loads: Array) -> float:
+        """Return the power of contacts on bodies.
+
+        Args:
+            loads: (bodies, 6), of which those of loaded bodies count.
+        """
+        if not np.count_nonzero(self.bearing):
+            return 0.0
+        return power_on_bodies(
+            loads, self.bearing, self.spins, self.tree_centers, self.roots, self.mass_centers
+        )
 
     def apply(self, bodies: IntArray, force: Array, torque: Array) -> None:
         """Set the loads on bodies from now on; those that were loaded before and are not named get none.
@@ -294,86 +307,9 @@ def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = Fal
     return np.asarray(np.flatnonzero(collides & ~own), dtype=np.int64)
 
 
-BEGIN, FACTORISE = 0, 1
-"""Places in `NativeScene.steps`: the first half step, and the factorisation of the mass matrix."""
 ACCELERATE, CONSTRAIN, VELOCITIES, REBEGIN, REFACTORISE, REFINISH = range(6)
-"""Places in `Foresight.steps`: accelerations without and with constraints, velocities of bodies; then those
-of `NativeScene.steps`, and the second half step."""
-
-
-class NativeScene(NamedTuple):
-    """Views of one scene; MuJoCo's arrays stay where they are in memory.
-
-    Args:
-        pace: (2,), how many steps of MuJoCo the next rigid half takes, and how many are left until its
-            tick of the clock ends.
-        step_s: the length of one [s].
-        steps: (2,) addresses of the functions of the first half step and of the factorisation of the mass
-            matrix.
-        sides: (2,) addresses of model and state, which are their arguments.
-        control: (joints, 3), position, velocity and feedforward of each servo.
-        position: (joints,) [rad].
-        speed: (joints,) [rad/s].
-        servos: of the arm, which take the second half step.
-        acceleration: (joints,) [rad/s^2].
-        torque: (joints,) [N m], applied besides servos.
-        applied: (6,), load on the flange at its origin, world axes.
-        center: (3,) [m], where MuJoCo has the flange's centre of mass.
-        origin: (3,) [m], of the flange.
-        axes: (3, 3), world from flange.
-        velocity: (6,), angular then linear, of the flange's body at `reference`.
-        reference: (3,) [m].
-        places: (bodies, 3) [m].
-        quaternions: (bodies, 4), world from body.
-        warnings: (kinds,), how often MuJoCo has warned.
-        mass: entries of the sparse mass matrix.
-        mass_places: (joints, joints), where in it the lower triangle of the arm's joints is.
-        coordinates: of all joints, and
-        speeds: of all degrees of freedom.
-        drive_place: (d,), of a cell's joints in the first, and
-        drive_dof: (d,), in the second.
-        drive_aim: (2, d), see `CellDrives.aim`.
-        mounted: (6,), force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at
-            its origin, world axes: weight, inertia and contacts, mean over the last rigid half.
-        sensed: what MuJoCo's sensors show.
-        flange_sensor: (3,), where in it force and torque of the flange's sensor are, and the number of
-            contacts of what is mounted; (0,) with nothing mounted.
-        object_sensors: (o, 2 + k), a free object of each row, where in it all of its contacts with rigid
-            bodies are counted, and where those with what is mounted on each flange, this one first.
-        others: (bodies,), 1 where the soft robots of other arms press.
-    """
-
-    pace: Indices
-    step_s: float
-    steps: Indices
-    sides: Indices
-    control: Matrix
-    position: Vector
-    speed: Vector
-    servos: ServoSide
-    acceleration: Vector
-    torque: Vector
-    applied: Vector
-    center: Vector
-    origin: Vector
-    axes: Matrix
-    velocity: Vector
-    reference: Vector
-    places: Matrix
-    quaternions: Matrix
-    warnings: Annotated[NDArray[np.int32], types.Array(types.int32, 1, "A")]
-    mass: Vector
-    mass_places: IndexTable
-    coordinates: Vector
-    speeds: Vector
-    drive_place: Indices
-    drive_dof: Indices
-    drive_aim: Matrix
-    mounted: Vector
-    sensed: Vector
-    flange_sensor: Indices
-    object_sensors: IndexTable
-    others: Vector
+"""Places in `Foresight.steps`: accelerations without and with constraints, velocities of bodies; then the
+first half step, the factorisation of the mass matrix, and the second half step."""
 
 
 class StateRows(NamedTuple):
@@ -400,7 +336,7 @@ class StepsAhead(NamedTuple):
     """A second state of a scene, in which a tick of several steps is taken ahead.
 
     Args:
-        pace: (2,), see `NativeScene`.
+        pace: (2,), see `Bodies`.
         step_s: length of a step [s].
         sides: (2,) addresses of the model and of the second state.
         here: the scene's own state, and
@@ -408,7 +344,7 @@ class StepsAhead(NamedTuple):
         spin: (bodies, 6), and
         tree: (bodies, 3) [m], of the second state, see `Leads`.
         mass: entries of its sparse mass matrix.
-        mass_places: see `NativeScene`.
+        mass_places: (joints, joints), where in it the lower triangle of the arm's joints is.
         carried: (joints, joints) [kg m^2], that the arm's joints carry.
     """
 
@@ -484,34 +420,6 @@ def _steps_ahead(
     )  # fmt: skip
 
 
-def native_scene(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    layout: ArmLayout,
-    servos: ServoSide,
-    cell: CellDrives,
-    pace: IntArray,
-) -> NativeScene:
-    """Return a compiled scene as kernels see it.
-
-    Raises:
-        SceneError: MuJoCo's library cannot be found.
-    """
-    mount, placed = layout.mount, (layout.force.start, layout.torque.start, layout.contacts)
-    return NativeScene(
-        pace, float(model.opt.timestep), np.array(addresses(_STEPS)),
-        np.array((model._address, data._address)), data.ctrl.reshape(-1, 3)[layout.joints],
-        data.qpos[layout.positions], data.qvel[layout.dofs], servos,
-        data.qacc[layout.dofs], data.qfrc_applied[layout.dofs],
-        data.xfrc_applied[mount], data.xipos[mount], data.site_xpos[layout.site],
-        data.site_xmat[layout.site].reshape(3, 3), data.cvel[mount],
-        data.subtree_com[model.body_rootid[mount]], data.xpos, data.xquat, data.warning.number,
-        data.M, mass_places(model, layout.mounting), data.qpos, data.qvel, np.array(cell.places, np.int64),
-        np.array(cell.dofs, np.int64), cell.goal, np.zeros(6), data.sensordata,
-        np.array(placed if layout.carries else (), np.int64), layout.object_sensors, np.zeros(model.nbody),
-    )  # fmt: skip
-
-
 def mass_places(model: mujoco.MjModel, mounting: Mounting) -> IntArray:
     """Return where MuJoCo keeps M_ij, j <= i, of what moves a mount: each is moved by all before it.
 
@@ -524,6 +432,21 @@ def mass_places(model: mujoco.MjModel, mounting: Mounting) -> IntArray:
         if model.M_rownnz[dof] > i:
             places[i, : i + 1] = np.arange(last - i - 1, last)
     return places
+
+
+@cache
+def addresses(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the addresses of functions of MuJoCo's library.
+
+    Raises:
+        SceneError: MuJoCo's library cannot be found.
+    """
+    folder = Path(mujoco.__file__).parent
+    for path in sorted(folder.glob("*mujoco*")):
+        if path.suffix in (".dll", ".dylib") or ".so." in path.name:
+            library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
+            return tuple(ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names)
+    raise SceneError(f"MuJoCo's library is not in {folder}: install its package (`pip install mujoco`)", None)
 
 
 _STEPS = "mj_step1", "mj_factorM"

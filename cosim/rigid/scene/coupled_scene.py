@@ -9,8 +9,9 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import MountedFrame
-from cosim.rigid.scene.bodies import Bodies, NativeScene, jacobian_of, mobility
+from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
 
+_NO_JOINTS: Final = np.zeros(0)
 _DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 
 
@@ -26,17 +27,21 @@ class CoupledScene(ABC):
         tick_s: length of a tick [s].
     """
 
-    steps_itself = True
-    """Whether the exchange takes the steps of MuJoCo; otherwise somebody else has taken them before."""
     flange: MountedFrame
     bodies: Bodies
+    joint_rows: tuple[Array, Array, Array] = (_NO_JOINTS, _NO_JOINTS, _NO_JOINTS)
+    """Views of positions (joints,) [rad], speeds [rad/s] and torques of servos [N m]."""
     _resisting: Array
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, tick_s: float) -> None:
         self._model, self._data, self._tick_s = model, data, tick_s
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
         # MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy
-        self._place: tuple[Array, Array] = data.xpos, data.xquat
+        self.place_rows: tuple[Array, Array] = data.xpos, data.xquat
+        """Views of positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
+        self.mounted: Array = np.zeros(6)
+        """Force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at its origin,
+        world axes: weight, inertia and contacts, mean over the last rigid step."""
 
     @property
     def tick_s(self) -> float:
@@ -53,16 +58,21 @@ class CoupledScene(ABC):
 
     @property
     @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's joints, base to flange; none where joints are not the exchange's to move."""
+
+    @property
+    @abstractmethod
     def joint_acceleration(self) -> Array:
         """(dofs,) [rad/s^2], of the last finished step."""
 
+    @abstractmethod
     def apply_flange_wrench(self, wrench: Wrench) -> None:
         """Set the load on the flange from now on: at the flange origin, world axes."""
-        raise NotImplementedError("trials of a tick need a scene that steps itself")
 
+    @abstractmethod
     def received_wrench(self) -> SixNumbers:
-        """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
-        raise NotImplementedError("trials of a tick need a scene that steps itself")
+        """Return the load on the flange at present, about the world's origin, read back."""
 
     @abstractmethod
     def apply_joint_torque(self, torque: Array) -> None:
@@ -83,7 +93,7 @@ class CoupledScene(ABC):
     @final
     def body_poses(self) -> tuple[Array, Array]:
         """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
-        position, quaternion = self._place
+        position, quaternion = self.place_rows
         return position.copy(), quaternion.copy()
 
     @final
@@ -99,6 +109,22 @@ class CoupledScene(ABC):
         if bodies is not None:
             jacobian = np.concatenate([jacobian, jacobian_of(self._model, self._data, bodies)])
         return mobility(self._model, self._data, jacobian, added)
+
+    def step_arm(self, position: Array, velocity: Array, torque: Array) -> None:
+        """Take the rigid step of a tick under the loads that are set; everything readable follows.
+
+        Args:
+            position: (joints,) [rad], of the servos.
+            velocity: (joints,) [rad/s], at which that continues within the tick.
+            torque: (joints,) [N m], feedforward.
+
+        Raises:
+            InstabilityError: the state is no longer finite.
+        """
+        raise NotImplementedError("somebody else steps this scene")
+
+    def read_touch(self, touch: Array) -> None:  # noqa: B027  # most scenes have no such sensors
+        """Fill columns 1 and 2 of touch (bodies, 3): what sensors count of contacts, see `Ticks.touch`."""
 
     def check(self) -> None:  # noqa: B027  # whoever else steps a scene sees to it
         """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
@@ -132,20 +158,4 @@ class CoupledScene(ABC):
 
         Raises:
             InputError: the state is of a scene with other bodies or joints.
-        """
-
-    @abstractmethod
-    def native(self) -> NativeScene:
-        """Return the scene for kernels.
-
-        Raises:
-            SceneError: MuJoCo's library cannot be found.
-        """
-
-    @abstractmethod
-    def stepped(self, began: Pose) -> None:
-        """Follow steps that kernels have taken.
-
-        Args:
-            began: pose of the flange at the beginning of the last of them.
         """

@@ -17,14 +17,13 @@ from weakref import finalize
 import mujoco
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose, cross
+from cosim.base.frames import Array, IntArray, SixNumbers, Wrench, cross
 from cosim.errors import InputError, InstabilityError
 from cosim.rigid.build import mjcf_files, object_bodies
 from cosim.rigid.distance.signed_distance import ContactQuery
-from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting
-from cosim.rigid.scene.bodies import Bodies, NativeScene, mass_places, touchable_geoms
+from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting, about_origin
+from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
-from cosim.rigid.scene.servos import no_servos
 from cosim.rigid.scene.step_loads import CarriedInStep, StepLoads, loads_of, steps_in_progress
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -78,8 +77,6 @@ class HostScene(CoupledScene):
         steps: of MuJoCo in a tick.
     """
 
-    steps_itself = False
-
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, ends: tuple[Mounting, Mounting | None], steps: int
     ) -> None:
@@ -95,13 +92,12 @@ class HostScene(CoupledScene):
         dofs = len(self.bodies.carried.on_arm)
         self.acts, self._at = np.zeros(6), np.zeros(3)
         self._given_back, self._acceleration = np.zeros(dofs), np.zeros(dofs)
-        self._speed = np.zeros(dofs)
+        self._speed, self._power_W = np.zeros(dofs), 0.0
         self._applied = data.xfrc_applied, data.qfrc_applied  # they stay where they are
         self._loads, self._robot = loads_of(data), object()
         self._carried = CarriedInStep(model, data, mounting, self.bodies.carried.on_arm)
         finalize(self, _deleted, self._loads, self._robot, self._carried).atexit = False
         self._options, self._ended_s = _StepOptions(model), float(data.time)
-        self._native = self._as_native()
         self.read()
 
     @property
@@ -132,11 +128,11 @@ class HostScene(CoupledScene):
     def apply_joint_torque(self, torque: Array) -> None:
         self._given_back[:] = torque
 
-    def stepped(self, began: Pose) -> None:
-        self.flange.moved()
+    def apply_flange_wrench(self, wrench: Wrench) -> None:
+        self.acts[:3], self.acts[3:] = wrench.force, wrench.torque
 
-    def native(self) -> NativeScene:
-        return self._native
+    def received_wrench(self) -> SixNumbers:
+        return about_origin(self.acts.tolist(), self._at)
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
         """Return the distances to everything that collides (and is fixed), but for what the mount is part of.
@@ -178,6 +174,7 @@ class HostScene(CoupledScene):
         dofs = self._mounting.dofs
         self.torque[dofs] = self._given_back
         self._speed[:] = self._data.qvel[dofs]
+        self._power_W = self.bodies.power_W(self.bodies.applied)
 
     def check_step(self) -> None:
         """Check that a step may begin where the last one has ended.
@@ -263,7 +260,8 @@ class HostScene(CoupledScene):
         self.read()
 
     def accelerated(self) -> None:
-        """Read the acceleration of the tick."""
+        """Find the acceleration in the tick, and the work on bodies."""
+        self.bodies.work_J = 0.5 * self.tick_s * (self._power_W + self.bodies.power_W(self.load))
         data, dofs = self._data, self._mounting.dofs
         if self._steps == 1:
             self._acceleration[:] = data.qacc[dofs]
@@ -317,20 +315,6 @@ class HostScene(CoupledScene):
         self.load[:], self._ended_s = state.load, float(self._data.time)
         self.read()
         self._acceleration[:], self._given_back[:] = state.acceleration, state.given_back
-
-    def _as_native(self) -> NativeScene:
-        """Return what kernels see: joints are not theirs to read, nor steps theirs to take."""
-        model, data, body = self._model, self._data, self._mounting.body
-        origin, axes = self._mounting.frame(data)
-        none, nowhere = np.zeros(0), np.zeros(0, np.int64)
-        return NativeScene(
-            np.full(2, self._steps), float(model.opt.timestep), np.zeros(2, np.int64),
-            np.array((model._address, data._address)), np.zeros((0, 3)), none, none, no_servos(),
-            self._acceleration, self._given_back, self.acts, self._at, origin, axes, data.cvel[body],
-            data.subtree_com[model.body_rootid[body]], data.xpos, data.xquat, data.warning.number, data.M,
-            mass_places(model, self._mounting), data.qpos, data.qvel, nowhere, nowhere, np.zeros((2, 0)),
-            np.zeros(6), none, nowhere, np.zeros((0, 3), np.int64), np.zeros(model.nbody),
-        )  # fmt: skip
 
 
 def _deleted(loads: StepLoads, robot: object, carried: CarriedInStep) -> None:

@@ -1,14 +1,9 @@
 """The rigid scene: an arm with servos, and objects, stepped in two halves by MuJoCo.
 
+A step of MuJoCo is taken from its middle: accelerations and integration, then positions and velocities of the
+new state. So everything readable between two steps belongs to one instant.
+
 What `RigidScene.save_state` returns.
-
-One tick of the coupling reads
-
-    scene.set_control(...); scene.apply_flange_wrench(...)
-    scene.finish_step()     accelerations, integration, flange sensor
-    scene.begin_step()      positions and velocities of the new state
-
-so that, between two ticks, everything readable belongs to one and the same instant.
 
 Where links of the arm are in one another, in an object or in the floor.
 
@@ -34,7 +29,8 @@ from cosim.rigid.build.description import SceneDescription, body_names
 from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene import bodies, coupled_scene
 from cosim.rigid.scene.arm import ArmDynamics, ArmLayout, CellDrives, Flange, Mounting, droop, effort_limit
-from cosim.rigid.scene.servos import servo_side, take_second_half
+from cosim.rigid.scene.load_leaves import add_mounted
+from cosim.rigid.scene.servos import ArmServos, finish_step
 
 _SHAPES: Final[dict[int, SolidShape]] = {
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")): shape
@@ -343,6 +339,7 @@ class RigidScene(coupled_scene.CoupledScene):
         self._v = layout.dofs
         # Views: MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy.
         self._q: Array = self._data.qpos[layout.positions]
+        self._speed: Array = self._data.qvel[self._v]
         self._acceleration: Array = self._data.qacc[self._v]
         self._torque: Array = self._data.qfrc_applied[self._v]
         self._warnings = self._data.warning.number
@@ -360,10 +357,13 @@ class RigidScene(coupled_scene.CoupledScene):
         self._resisting[self._v] += (tick_s - self._step_s) * self.servo_damping
         self._model.dof_armature[self._v] += self._servo_inertia
         self._model.jnt_actfrclimited[layout.joints] = 0  # MuJoCo's limit knows nothing of h K a, `servos` do
-        self.servos = servo_side(
-            self._model, self._data, np.arange(self._model.nv)[self._v], self.servo_damping, self.effort_limit
-        )
-        """The arm's servos as kernels see them."""
+        self.servos = ArmServos(self._model, self._data, self._v, self.servo_damping, self.effort_limit)
+        self.joint_rows = self._q, self._speed, self.servos.torque
+        self.others: IntArray = np.zeros(self._model.nbody, np.int64)
+        """(bodies,), 1 where the soft robots of other arms press."""
+        sensed = self._data.sensordata
+        self._flange_load = self._data.xfrc_applied[layout.mount]
+        self._flange_sensor = sensed[layout.force], sensed[layout.torque]
         self.cell = CellDrives(self._model, self._data)
         self.bodies = bodies.Bodies(self._model, self._data, layout.mounting, self.cell.bodies, self._pace)
         self.links = LinkContacts(self._model, self._data, layout, self.cell.bodies)
@@ -375,6 +375,11 @@ class RigidScene(coupled_scene.CoupledScene):
     def mounting(self) -> Mounting:
         """Where the soft robot hangs."""
         return self._layout.mounting
+
+    @property
+    def carries(self) -> bool:
+        """Whether something rigid is mounted on the flange."""
+        return self._layout.carries
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -505,6 +510,10 @@ class RigidScene(coupled_scene.CoupledScene):
         """Return what acts on the flange now, about the world's origin, read back from MuJoCo."""
         return self.flange.received()
 
+    def set_acceleration(self, acceleration: Array) -> None:
+        """Let an acceleration (joints,) [rad/s^2] count as that of the last step."""
+        self._acceleration[:] = acceleration
+
     def apply_joint_torque(self, torque: Array) -> None:
         """Set a torque (joints,) [N m] on the joints from now on, besides servos and flange load."""
         self._torque[:] = torque
@@ -516,41 +525,56 @@ class RigidScene(coupled_scene.CoupledScene):
         self.check()  # it starts anew from a state that is not finite
         self.bodies.carried.follow()
 
-    def finish_step(self) -> None:
-        """Compute accelerations, advance the state by a tick and read the sensor (second half).
+    def step_arm(self, position: Array, velocity: Array, torque: Array) -> None:
+        self.set_control(position, velocity, torque)
+        self.step()
+
+    def step(self) -> None:
+        """Step MuJoCo by a tick; servos continue within it at the speed that they are asked for.
 
         Raises:
             InstabilityError: the state is no longer finite.
         """
-        for _ in range(self._pace[0] - 1):
-            take_second_half(self.servos)
+        bodies, control, steps = self.bodies, self._control, int(self._pace[0])
+        began = self._speed.copy() if steps > 1 else None
+        work, power = 0.0, bodies.power_W(bodies.applied)
+        self.mounted[:] = 0.0
+        for i in range(steps):
+            if i:
+                control[:, 0] += self._step_s * control[:, 1]
+            self._finish_step(int(self._pace[1]) - i)
             self.begin_step()
-        take_second_half(self.servos)
-        # Site axes still belong to the instant of the reading until `begin_step`.
-        self.flange.read_sensor()
-        self.check()
-        self.cell.arrive()
+            # a constant force changes a body's energy by its mean speed, as its momentum changes evenly
+            before, power = power, bodies.power_W(bodies.applied)
+            work += 0.5 * self._step_s * (before + power)
+        bodies.work_J = work
+        if began is not None:  # inertia is given back by the acceleration of the whole tick
+            self._acceleration[:] = (self._speed - began) / (steps * self._step_s)
+
+    def _finish_step(self, left: int) -> None:
+        """Find accelerations, integrate and read the flange's sensor, with so many steps left in the tick."""
+        finish_step(self._model, self._data, (self.servos,))
+        self.flange.read_sensor()  # site axes still belong to the instant of the reading
+        if self._layout.carries:
+            self.add_mounted(self._flange_load, 1.0 / float(self._pace[0]))
+        self.cell.drive(left, self._step_s)
+
+    def add_mounted(self, load: Array, share: float) -> None:
+        """Add to `mounted` a share of the flange sensor's reading beyond a load (6,) of the soft robot."""
+        add_mounted(load, self.flange.axes, *self._flange_sensor, share, self.mounted)
+
+    def read_touch(self, touch: Array) -> None:
+        layout, sensed = self._layout, self._data.sensordata
+        if layout.carries:
+            touch[0, 1] = sensed[layout.contacts]
+        for body, total, *counted in layout.object_sensors.tolist():
+            shown = [float(sensed[place]) for place in counted]
+            touch[body, 1], touch[body, 2] = self.others[body] + sum(shown), sensed[total] - sum(shown)
 
     def check(self) -> None:
         """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
         if np.count_nonzero(self._warnings):
             mjcf_files.raise_instability(self._data)
-
-    def native(self) -> bodies.NativeScene:
-        """Return the scene for kernels that step it themselves.
-
-        Raises:
-            SceneError: MuJoCo's library cannot be found.
-        """
-        return bodies.native_scene(self._model, self._data, self._layout, self.servos, self.cell, self._pace)
-
-    def stepped(self, began: Pose) -> None:
-        """Follow steps that kernels have taken.
-
-        Args:
-            began: pose of the flange at the beginning of the last of them.
-        """
-        self.flange.stepped(began)
 
     def static_configuration(
         self, reference: Array, feedforward: Array | None = None, wrench: Wrench | None = None

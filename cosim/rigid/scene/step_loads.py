@@ -27,8 +27,7 @@ from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import RecordStore, c_address, call_native, kernel, number_at, record_at
 from cosim.errors import InputError
 from cosim.rigid.scene.arm import Mounting
-from cosim.rigid.scene.bodies import mass_places
-from cosim.rigid.scene.servos import addresses
+from cosim.rigid.scene.bodies import addresses, mass_places
 
 _ROWS: Final = 64  # of the first table
 

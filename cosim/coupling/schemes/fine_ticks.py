@@ -1,0 +1,116 @@
+"""Fine ticks: a tick of the clock in which something light is hit or thrown, as several exchanges.
+
+Where the film comes on to a body that can move, or takes one along on the flange, by more than a bound in a
+tick, a step of that length has the body fly past what it would meet. Such a tick is taken in as many pieces
+as MuJoCo takes steps in it, each an exchange with one step of either side. The film's first step of another
+length is one of implicit Euler; after the last piece it looks back over a whole tick again. Each change
+shakes the film, and a light body turns back within one tick, slow at its end while its load is largest. So
+ticks stay fine until several in a row have been calm.
+
+Servos and loads continue within the tick. What is shown of it belongs to its end, but for sums of work and
+iterations, and means of power and of what acts on bodies. What is left at the end of a piece acts through the
+next one, or the next whole tick.
+"""
+
+import math
+from dataclasses import replace
+from typing import Final, final
+
+import numpy as np
+
+from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.ledger import TickPieces
+from cosim.coupling.schemes.tick import tick
+from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.soft.body.loads import Loads
+
+_FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
+_SETTLED: Final = 0.5  # share of it below which a tick is calm
+_CALM_TICKS: Final = 10  # of such in a row, after which ticks are whole again
+_LAST: Final = (
+    "figures", "origin", "axes", "twist", "joints", "joint_speed", "servo_torque", "places", "quaternions",
+    "residual", "contacts", "contact", "self_contact",
+)  # fmt: skip
+"""Columns of a tick that are those of its last piece."""
+
+
+@final
+class FineTicks:
+    """Takes ticks of the clock in pieces while what the film touches moves far in one.
+
+    `left` says how many ticks from the next one on are such ones at least.
+
+    Args:
+        interface: between the sides.
+    """
+
+    def __init__(self, interface: Interface) -> None:
+        self._interface, self.left = interface, 0
+        scene = interface.scene
+        known = interface.contact is not None and scene.substeps > 1 and interface.soft.takes_pieces
+        self._fast_m_s = _FAR_M / scene.tick_s if known else math.inf
+        """Speed from which on ticks are fine ones; infinite where none are."""
+
+    def look(self) -> None:
+        """Decide on the next tick, after one."""
+        interface = self._interface
+        if self._fast_m_s < math.inf and interface.contact is not None:
+            bound = (_SETTLED if self.left else 1.0) * self._fast_m_s
+            moves = interface.contact.fastest_m_s(interface.soft.state) > bound
+            self._go(_CALM_TICKS if moves else max(0, self.left - 1))
+
+    def restore(self, left: int) -> None:
+        """Be where a saved state was, whose scene and soft side have been restored before."""
+        interface, self.left = self._interface, left
+        scene = interface.scene
+        scene.go_finely(scene.substeps if left else None)
+        if interface.light is not None:
+            interface.light.begin_ticks_of(scene.tick_s)
+
+    def take(self, carried: CarriedInertia, servos: Servos, loads: Loads, taken: TicksTaken) -> None:
+        """Take one tick of the clock in pieces.
+
+        Args:
+            carried: by the joints.
+            servos: what they are asked for in it.
+            loads: on the soft body at its end.
+            taken: its row is filled.
+        """
+        interface = self._interface
+        scene, soft = interface.scene, interface.soft
+        count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
+        fine, shapes = interface.room(count), []
+        for k in range(count):
+            scene.go_finely(count - k)
+            asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
+            tick(interface, carried, asked, begin.interpolated(loads, (k + 1) / count), fine)
+            shapes.append(soft.state.positions)
+        taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin)
+        self._condense(fine, taken)
+        interface.ticks = ticks + 1
+        self.look()
+        if not self.left:  # the next one looks back over this one
+            soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
+
+    def _go(self, left: int) -> None:
+        if bool(left) == bool(self.left):
+            self.left = left
+            return
+        self.restore(left)
+        self._interface.soft.restart()
+
+    def _condense(self, fine: TicksTaken, taken: TicksTaken) -> None:
+        """Fill the row of the tick in progress with what its pieces have left."""
+        k, to, of, soft = taken.done, taken.ticks, fine.ticks, self._interface.soft
+        for name in _LAST:
+            getattr(to, name)[k] = getattr(of, name)[-1]
+        to.touch[k], to.mounted[k] = of.touch[-1], of.mounted.mean(0)
+        to.touch[k, :, 0] = of.touch[:, :, 0].mean(0)
+        to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
+        to.power[k], to.work[k], to.body_force[k] = of.power.mean(0), of.work.sum(0), of.body_force.mean(0)
+        to.contact[k, 0] = of.contact[:, 0].mean()
+        to.hit[k] = max(of.hit.tolist(), key=lambda hit: hit[0] / hit[1] if hit[2] >= 0 else 0.0)
+        taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
+        taken.parts.append([soft.shape_now()])
+        taken.done += 1

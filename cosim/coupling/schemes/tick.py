@@ -1,0 +1,38 @@
+"""One tick of the staggered exchange."""
+
+from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
+from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.soft.body.loads import Loads
+
+
+def tick(
+    interface: Interface, carried: CarriedInertia, servos: Servos, loads: Loads, taken: TicksTaken
+) -> None:
+    """Take a tick: the arm steps under the last loads, then the soft robot with the flange's new pose.
+
+    Args:
+        interface: between arm and soft robot.
+        carried: inertia on the arm's joints.
+        servos: what they are asked for in this tick alone.
+        loads: on the soft robot at the end of the tick, contacts not counted.
+        taken: its next row is filled.
+
+    Raises:
+        InstabilityError: the arm's state is no longer finite.
+        ConvergenceError: the soft step has no solution.
+    """
+    begin_tick(interface, carried)
+    interface.step_rigid(servos, taken)  # MuJoCo
+    end_tick(interface, loads, taken)
+
+
+def begin_tick(interface: Interface, carried: CarriedInertia) -> None:
+    """Load the rigid side; contacts of the last tick load bodies already."""
+    interface.load_flange(interface.wrench)
+    carried.give_back(interface.scene)
+
+
+def end_tick(interface: Interface, loads: Loads, taken: TicksTaken) -> None:
+    """Take the soft step, which finds contacts and loads bodies with them, and hand its wrench over."""
+    interface.hand_over(interface.advance_soft(loads), taken)
