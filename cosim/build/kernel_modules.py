@@ -121,9 +121,10 @@ def kernel_modules(scenario: Scenario) -> tuple[ModuleType, ...]:
         modules += (open_caps,)
     if scenario.fidelity == "section":
         from cosim.reduced.sections import assembly, section_energy
-        from cosim.reduced.solve import chain_step, newton
+        from cosim.reduced.solve import chain_loads, chain_step
+        from cosim.soft.solve import step_begin
 
-        modules += (assembly, section_energy, chain_step, newton)
+        modules += (assembly, section_energy, chain_loads, chain_step, step_begin)
     return modules if scenario.robot == NO_ARM else modules + exchange_modules(scenario)
 
 

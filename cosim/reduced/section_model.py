@@ -409,7 +409,7 @@ class SectionBody:
             InputError: copies are given different ones.
         """
         given = loads.pressures(self.copies)
-        if min(given) != max(given):
+        if self.copies > 1 and min(given) != max(given):
             raise InputError(
                 f"pressures of copies are {min(given):g} to {max(given):g} Pa; section models of copies have "
                 "one for all; use fidelity = 'lumped'"
@@ -422,6 +422,8 @@ class SectionBody:
         Raises:
             InputError: there are copies, whose gases would have their own pressures.
         """
+        if not loads.gas:
+            return None
         gases = loads.gases(self.copies)
         if self.copies > 1 and any(gas is not None for gas in gases):
             raise InputError("section models of copies need given pressures; use fidelity = 'lumped'")

@@ -7,8 +7,8 @@ import pytest
 
 from cosim.base.frames import Array, cross_matrix
 from cosim.reduced.sections.assembly import change_frames
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.clamp import node_motion
-from cosim.reduced.solve.newton import ChainSolver
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface

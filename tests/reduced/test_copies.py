@@ -12,8 +12,9 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.section_arm import SectionArm
 from cosim.errors import InputError
 from cosim.reduced.section_model import SectionBody
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.clamp import FrameClamp
-from cosim.reduced.solve.newton import ChainSolver, ChainTangent
+from cosim.reduced.solve.tangent import ChainPoint, ChainTangent, HeldLengths, whole_tangent
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -90,16 +91,20 @@ def test_copies_have_one_pressure() -> None:
         gripper().pressure(Loads((2e3, 3e3, 3e3)))
 
 
-def test_the_band_of_a_tangent_is_the_whole_of_it() -> None:
+@pytest.mark.parametrize("commanded", [False, True])
+def test_a_factorised_tangent_solves_with_the_whole_of_it(commanded: bool) -> None:
     chain, solver = gripper(), ChainSolver(gripper())
     frames, _ = solved(chain, together())
     free = FrameClamp.of_base(chain).free.copy()
     free[5] = False  # in the middle of a copy
-    whole = np.zeros((6 * len(frames),) * 2)
-    band, dense = (
-        ChainTangent(solver, frames, free, (together(), extra), PRESSURE_Pa) for extra in (None, whole)
-    )
-    load = np.random.default_rng(0).normal(size=(4, len(frames), 6))
-    moved = dense.solve(load)
+    random, moves = np.random.default_rng(0), np.repeat(free, 6)
+    gradient = random.normal(size=(2, 6 * len(frames))) * moves
+    lengths = HeldLengths(gradient, np.array([300.0, 0.0])) if commanded else None
+    at = ChainPoint(frames, together(), PRESSURE_Pa, lengths)
+    load = random.normal(size=(4, len(frames), 6))
+    moved = ChainTangent(solver, at, free).solve(load)
     assert np.abs(moved[:, ~free]).max() == 0.0
-    np.testing.assert_allclose(band.solve(load), moved, atol=1e-9 * float(np.abs(moved).max()))
+    whole = whole_tangent(solver, at)[np.ix_(moves, moves)]
+    expected = np.linalg.solve(whole, load.reshape(4, -1)[:, moves].T).T
+    scale = float(np.abs(expected).max())
+    np.testing.assert_allclose(moved.reshape(4, -1)[:, moves], expected, atol=1e-9 * scale)

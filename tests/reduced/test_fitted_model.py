@@ -13,7 +13,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
 from cosim.reduced.fitting import Effort, build_model
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.solve.newton import ChainSolver
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.equilibrium import EquilibriumSolver

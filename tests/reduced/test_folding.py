@@ -14,7 +14,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
 from cosim.reduced.fitting import Effort
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
-from cosim.reduced.solve.newton import ChainSolver
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable

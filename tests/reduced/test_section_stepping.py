@@ -9,9 +9,9 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.reduced.section_model import RingFrames, carried, points_of
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.chain_step import ChainState
 from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, rigid_motion, twists
-from cosim.reduced.solve.newton import ChainSolver
 from cosim.reduced.solve.time_step import ChainStepper
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import StepOptions

@@ -1,6 +1,5 @@
-"""Equilibria of a chain of frames on a flange, followed from known ones, and the films on its frames."""
+"""Equilibria of a chain of frames on a flange, followed from known ones."""
 
-from collections import deque
 from dataclasses import replace
 from typing import final
 
@@ -10,66 +9,18 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.reduced.solve import chain_step, newton, stability, time_step
-from cosim.reduced.solve.clamp import (
-    INSTEAD,
-    FrameClamp,
-    check_pressure,
-    place_in_range,
-    rates_from_nodes,
-    upright,
-)
+from cosim.reduced.solve import stability
+from cosim.reduced.solve.chain_film import chain_of, film_of
+from cosim.reduced.solve.chain_solver import ChainSolver, ChainTask
+from cosim.reduced.solve.chain_step import ChainScheme, ChainStep
+from cosim.reduced.solve.clamp import INSTEAD, FrameClamp, check_pressure, place_in_range, upright
+from cosim.reduced.solve.commanded_cables import solve_loaded
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.state import Equilibrium, Obstacles
 
-_REMEMBERED = 64  # as many as leaving an unstable equilibrium takes
-_NO_ANGLES = np.zeros(0)  # a chain has no hinges
 _SPLITS_MAX = 8
-
-
-@final
-class ChainFilms:
-    """Makes the film's nodes from frames, and finds the frames of nodes again.
-
-    The latest films are remembered with their chains, so that one that is handed back is taken up exactly;
-    any other is fitted.
-
-    Args:
-        section: whose film it is.
-    """
-
-    def __init__(self, section: SectionBody) -> None:
-        self._section = section
-        self._known: deque[tuple[SoftState, chain_step.ChainState, float]] = deque(maxlen=_REMEMBERED)
-
-    def film(self, chain: chain_step.ChainState, pressure_Pa: float) -> SoftState:
-        """Return the film's nodes on a chain."""
-        section = self._section
-        film = SoftState(
-            section.positions(chain.frames, pressure_Pa),
-            section.positions(chain.rates, pressure_Pa),
-            _NO_ANGLES,
-        )
-        self._known.append((film, chain, pressure_Pa))
-        return film
-
-    def chain(self, film: SoftState, flange: Pose, pressure_Pa: float) -> tuple[chain_step.ChainState, float]:
-        """Return the chain of a film, and the gas pressure it was made with.
-
-        Args:
-            film: the nodes.
-            flange: pose of the first frame.
-            pressure_Pa: returned for a film that is not remembered.
-        """
-        for known, chain, pressure in self._known:
-            if known is film:
-                return chain, pressure
-        layout = self._section.frames
-        frames = layout.fit(film.positions, flange)
-        rates = rates_from_nodes(layout, frames, film.velocities)
-        return chain_step.ChainState(np.array((frames, rates))), pressure_Pa
 
 
 @final
@@ -81,14 +32,11 @@ class ChainEquilibria:
     Args:
         section: the chain.
         solver: of it.
-        films: that make nodes from its frames.
         options: bounds of the iteration.
     """
 
-    def __init__(
-        self, section: SectionBody, solver: newton.ChainSolver, films: ChainFilms, options: NewtonOptions
-    ) -> None:
-        self._section, self._solver, self._films, self._options = section, solver, films, options
+    def __init__(self, section: SectionBody, solver: ChainSolver, options: NewtonOptions) -> None:
+        self._section, self._solver, self._options = section, solver, options
         self.obstacles: Obstacles | None = None
 
     def start(self, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
@@ -145,7 +93,7 @@ class ChainEquilibria:
                 raise OutOfRangeError(text, *spent, end.text)
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
-        film = self._films.film(found.chain, found.pressure_Pa)
+        film = film_of(self._section, found.chain, found.pressure_Pa)
         tangent = stability.ChainStiffness(self._solver, found.frames, clamp.free, loads, found.pressure_Pa)
         return Equilibrium(
             film,
@@ -161,7 +109,7 @@ class ChainEquilibria:
 
     def _settle_contacts(
         self, start: Array, clamp: FrameClamp, loads: Loads, begin_Pa: float
-    ) -> tuple[chain_step.ChainStep, Loads]:
+    ) -> tuple[ChainStep, Loads]:
         """Solve, and repeat while something else is touched than what was found before the solution.
 
         Returns:
@@ -169,16 +117,15 @@ class ChainEquilibria:
         """
         trail = list[Array]()
         options, lever = self._options, self._solver.lever_m
-        task = newton.ChainTask(
-            clamp, chain_step.ChainScheme(0.0, 0.0, 0.0, options.tolerance_N, lever, options.iterations_max)
-        )
+        scheme = ChainScheme.of_statics(options.tolerance_N, lever, options.iterations_max)
+        task = ChainTask(clamp, scheme)
         if self.obstacles is None:
-            return time_step.solve_loaded(self._solver, task, loads, start, begin_Pa), loads
+            return solve_loaded(self._solver, task, loads, start, begin_Pa), loads
         pressure = begin_Pa if self._section.gas(loads) is not None else self._section.pressure(loads)
         spent = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
-            found = time_step.solve_loaded(self._solver, task, loads, start, pressure)
+            found = solve_loaded(self._solver, task, loads, start, pressure)
             settled = round_ > 0 and found.iterations == 0
             spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
             if settled or found.outcome is not Outcome.CONVERGED:
@@ -214,7 +161,7 @@ class ChainEquilibria:
             load_factor = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(flange, load_factor)
             motion = pose @ here.world_from_flange.inverse()
-            chain, pressure = self._films.chain(here.state, here.world_from_flange, pressure_Pa)
+            chain, pressure = chain_of(self._section, here.state, here.world_from_flange, pressure_Pa)
             load, frames = begin.loads.interpolated(loads, load_factor), chain.frames
             if self._section.gas(load) is None:
                 frames = self._section.stretched(frames, pressure, self._section.pressure(load))

@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import final, overload
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.coupling.schemes.ledger import ShapeFigures
@@ -14,9 +13,14 @@ from cosim.coupling.soft_sides import chain_equilibria, soft_side
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
-from cosim.reduced.solve import newton, stability, time_step
+from cosim.reduced.solve import stability, tangent
+from cosim.reduced.solve.chain_film import chain_of, film_of
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, rigid_motion, twists
+from cosim.reduced.solve.commanded_cables import point_of
+from cosim.reduced.solve.reused_factor import SavedFactor
+from cosim.reduced.solve.time_step import ChainStepper
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
@@ -43,14 +47,14 @@ class SectionArmState:
         clamp: frames held by the flange.
         flange: world_from_flange.
         loads: that act.
-        tangent: factor that the next step may begin with; None for none.
+        factor: that the next step may reuse; None for none, or one that the arm holds.
     """
 
     last: ChainStep
     clamp: FrameClamp
     flange: Pose
     loads: Loads
-    tangent: newton.KeptTangentState | None
+    factor: SavedFactor | None = None
 
     def check(self, frames: int) -> None:
         """Check that it is of an arm with so many frames.
@@ -162,48 +166,55 @@ class SectionArm(soft_side.SoftSide):
         self, section: SectionBody, world_from_flange: Pose, statics: NewtonOptions, dynamics: StepOptions
     ) -> None:
         self.section, self.body = section, section.body
-        self._solver = newton.ChainSolver(section)
-        self._dynamics, self._stepper = dynamics, time_step.ChainStepper(self._solver, dynamics)
+        self._solver = ChainSolver(section)
+        self._dynamics, self._stepper = dynamics, ChainStepper(self._solver, dynamics)
+        self._equilibria = chain_equilibria.ChainEquilibria(section, self._solver, statics)
         self.options = statics
         self.effort: SearchEffort = SearchEffort(statics.search_iterations_max)
         self.final: type[ConvergenceError] = TickWorkError
         self._leaves = 0  # of unstable equilibria, one on the way on from another
-        self._film: SoftState | None = None
-        self._films = chain_equilibria.ChainFilms(section)
-        self._equilibria = chain_equilibria.ChainEquilibria(section, self._solver, self._films, statics)
-        self.clamp = FrameClamp.of_base(section)
-        self._flange = world_from_flange
-        self._loads = Loads((), (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
+        clamp = FrameClamp.of_base(section)
+        loads = Loads((), (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
         drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange))
-        self._last = self._standing(drawn, 0.0, np.zeros((len(drawn.frames), 6)))
-        # of the last step: where it began; and where the one that was taken back had ended
-        self._begin = (self._last, self._flange, self._loads)
+        last = self._standing(drawn, 0.0, np.zeros((len(drawn.frames), 6)), clamp)
+        self._now = SectionArmState(last, clamp, world_from_flange, loads)
+        self._film: SoftState | None = None
+        # where the last step began; and where the one that was taken back had ended
+        self._begin = self._now
         self._reached: Array = drawn.frames
+
+    @property
+    def clamp(self) -> FrameClamp:
+        """Frames held by the flange."""
+        return self._now.clamp
 
     @property
     def state(self) -> SoftState:
         """The film's nodes on the frames."""
         if self._film is None:
-            self._film = self._films.film(self._last.chain, self._last.pressure_Pa)
+            self._film = film_of(self.section, self._now.last.chain, self._now.last.pressure_Pa)
         return self._film
 
     @state.setter
     def state(self, film: SoftState) -> None:
-        chain, pressure = self.chain_of(film, self._flange)
-        self._last, self._film = self._standing(chain, pressure, self._last.gradient), film
+        chain, pressure = self.chain_of(film, self._now.flange)
+        last = self._standing(chain, pressure, self._now.last.gradient, self.clamp)
+        self._now, self._film = replace(self._now, last=last), film
 
     def chain_of(self, film: SoftState, flange: Pose) -> tuple[ChainState, float]:
         """Return the chain of a film with the flange at a pose, and the pressure [Pa] it was made with.
 
         Args:
-            film: that this arm has made, or any other, whose frames are then fitted.
+            film: that such an arm has made, or any other, whose frames are then fitted.
             flange: pose of the first frame.
         """
-        return self._films.chain(film, flange, self._last.pressure_Pa)
+        return chain_of(self.section, film, flange, self._now.last.pressure_Pa)
 
-    def _standing(self, chain: ChainState, pressure_Pa: float, gradient: Array) -> ChainStep:
+    def _standing(
+        self, chain: ChainState, pressure_Pa: float, gradient: Array, clamp: FrameClamp
+    ) -> ChainStep:
         """Return a chain as if a step had ended there."""
-        figures = figures_of(chain.frames, self.clamp.free, self.section.mass, gradient)
+        figures = figures_of(chain.frames, clamp.free, self.section.mass, gradient)
         return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0, pressure_Pa)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
@@ -219,58 +230,46 @@ class SectionArm(soft_side.SoftSide):
 
     def restore(self, before: SoftState) -> None:
         """Undo the last step; where it ended is a start for the next one."""
-        self._reached = self._last.frames
-        (self._last, self._flange, self._loads), self._film = self._begin, before
+        self._reached = self._now.last.frames
+        self._now, self._film = self._begin, before
 
-    @property
-    def stepper(self) -> time_step.ChainStepper:
-        """Takes its steps."""
-        return self._stepper
+    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
+        begin = self._begin = self._now
+        stepper, drives = (
+            (self._step, self.restart, self.work),
+            ((begin.flange, begin.loads), (flange, loads)),
+        )
+        self._film = None
+        try:
+            with self.work:
+                iterations = soft_side.step_or_halves(stepper, *drives, step_s, aim, self.final)
+        except BaseException:
+            self._now = begin
+            raise
+        last = self._now.last
+        return soft_side.SoftReply(supplied_wrench(last.figures), last.residual_N, iterations)
 
-    @property
-    def last(self) -> ChainStep:
-        """Where the last step ended."""
-        return self._last
+    def _step(self, _begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
+        now, (flange, loads) = self._now, end
+        task = self._stepper.task(now.last.chain, now.clamp, step_s, flange)
+        try:
+            last = self._stepper.step(task, loads, now.last.pressure_Pa, aim)
+        except ConvergenceError as error:
+            self.work.spend(error.iterations, error.residual_N)
+            raise
+        self.work.iterations += last.iterations
+        self._now = SectionArmState(last, now.clamp, flange, loads)
+        return last.iterations
 
-    def go_to(self, last: ChainStep, world_from_flange: Pose, loads: Loads) -> None:
-        """Be where steps that were taken elsewhere have ended."""
-        self._begin = (self._last, self._flange, self._loads)
-        self._last, self._film = last, None
-        self._flange, self._loads = world_from_flange, loads
+    def restart(self) -> None:
+        """Let the next step be the first one of a two-step integrator."""
+        last = self._now.last
+        self._now = replace(self._now, last=replace(last, chain=replace(last.chain, earlier=None)))
 
     @property
     def answer_weights(self) -> tuple[float, ...]:
         """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
         return soft_side.answer_weights(self._dynamics.integrator)
-
-    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
-        self._begin = (self._last, self._flange, self._loads)
-        try:
-            drives, stepper = (self._begin[1:], (flange, loads)), (self._step, self.restart, self.work)
-            with self.work:
-                iterations = soft_side.step_or_halves(stepper, *drives, step_s, aim, self.final)
-        except BaseException:
-            self._last = self._begin[0]
-            raise
-        finally:
-            self._film = None
-        self._flange, self._loads = flange, loads
-        return soft_side.SoftReply(supplied_wrench(self._last.figures), self._last.residual_N, iterations)
-
-    def _step(self, _begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
-        flange, loads = end
-        task = self._stepper.task(self._last.chain, self.clamp, step_s, flange)
-        try:
-            self._last = self._stepper.step(task, loads, self._last.pressure_Pa, aim)
-        except ConvergenceError as error:
-            self.work.spend(error.iterations, error.residual_N)
-            raise
-        self.work.iterations += self._last.iterations
-        return self._last.iterations
-
-    def restart(self) -> None:
-        """Let the next step be the first one of a two-step integrator."""
-        self._last = replace(self._last, chain=replace(self._last.chain, earlier=None))
 
     def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
@@ -286,7 +285,7 @@ class SectionArm(soft_side.SoftSide):
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
-        pressure = self._last.pressure_Pa
+        pressure = self._now.last.pressure_Pa
         found = self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
         return self.leave(begin, found)
 
@@ -318,8 +317,8 @@ class SectionArm(soft_side.SoftSide):
 
     def undecided(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
-        tangent = self._stiffness(shape, loads)
-        return tangent.unstable if tangent.negative_pivots else None
+        stiffness = self._stiffness(shape, loads)
+        return stiffness.unstable if stiffness.negative_pivots else None
 
     def footing(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Footing:
         """Return how firmly a shape stands, as if it was at rest."""
@@ -332,11 +331,11 @@ class SectionArm(soft_side.SoftSide):
     def _stiffness(self, shape: ChainShape, loads: Loads) -> stability.ChainStiffness:
         return stability.ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)
 
-    def sensitivity(self, here: Equilibrium) -> newton.ChainSensitivity:
+    def sensitivity(self, here: Equilibrium) -> tangent.ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
         chain, pressure = self.chain_of(here.state, here.world_from_flange)
-        acting = time_step.given_tensions(self._solver, chain.frames, here.loads, pressure)
-        return newton.ChainSensitivity(self._solver, chain.frames, self.clamp.free, acting, pressure)
+        at = point_of(self._solver, chain.frames, here.loads, pressure)
+        return tangent.ChainSensitivity(self._solver, at, self.clamp.free)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
@@ -351,11 +350,12 @@ class SectionArm(soft_side.SoftSide):
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         chain, pressure = self.chain_of(found.state, found.world_from_flange)
-        given, _ = time_step.given_tensions(self._solver, chain.frames, found.loads, pressure)
+        given = point_of(self._solver, chain.frames, found.loads, pressure).loads
         gradient = self._solver.evaluate(chain.frames, given, pressure)
-        self._last, self._film = self._standing(chain, pressure, gradient), found.state
-        # what touches is found anew in every step
-        self._flange, self._loads = found.world_from_flange, replace(found.loads, contact=None)
+        # what touches is found again in every step
+        loads = replace(found.loads, contact=None)
+        last = self._standing(chain, pressure, gradient, self.clamp)
+        self._now, self._film = SectionArmState(last, self.clamp, found.world_from_flange, loads), found.state
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
@@ -363,23 +363,23 @@ class SectionArm(soft_side.SoftSide):
 
     def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they go with the flange."""
-        frames = self._last.frames
-        self.clamp = self.clamp.holding(self.section, held, frames, world_from_flange)
+        now = self._now
+        clamp = now.clamp.holding(self.section, held, now.last.frames, world_from_flange)
+        self._now = replace(now, clamp=clamp)
 
     def let_go(self, nodes: IntArray) -> None:
         """Hold the rings of the given nodes (m,) no longer."""
-        self.clamp = self.clamp.without(self.section, nodes)
+        self._now = replace(self._now, clamp=self.clamp.without(self.section, nodes))
 
     def linear_step(self, step_s: float) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest."""
-        last = self._last
-        resting = stability.RestingChain(self._solver, self.clamp, last.frames, self._loads, last.pressure_Pa)
+        last, loads = self._now.last, self._now.loads
+        resting = stability.RestingChain(self._solver, self.clamp, last.frames, loads, last.pressure_Pa)
         return resting.linear_step(self._dynamics.bed(step_s))
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""
-        tangent = self._stepper.tangent.save_state(self.clamp)
-        return SectionArmState(self._last, self.clamp, self._flange, self._loads, tangent)
+        return replace(self._now, factor=self._stepper.factor.save_state(self.clamp))
 
     def restore_state(self, state: SectionArmState) -> None:
         """Return to a state of `save_state`, of this arm or of one with the same frames.
@@ -388,14 +388,13 @@ class SectionArm(soft_side.SoftSide):
             InputError: the state is of an arm with another number of frames.
         """
         state.check(len(self.section.frames))
-        self._last, self._film, self.clamp = state.last, None, state.clamp
-        self._flange, self._loads = state.flange, state.loads
-        self._stepper.tangent.restore_state(state.tangent, state.clamp)
+        self._now, self._film = replace(state, factor=None), None
+        self._stepper.factor.restore_state(state.factor, state.clamp)
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
-        task = self._stepper.task(self._last.chain, self.clamp, step_s)
-        return inertia_weight(task.span, self._dynamics.air_drag_per_s)
+        bed = self._dynamics.bed(step_s, first=self._now.last.chain.earlier is None)
+        return inertia_weight(bed.span, self._dynamics.air_drag_per_s)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""
@@ -403,23 +402,24 @@ class SectionArm(soft_side.SoftSide):
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
         """Return how far small forces would have moved the nodes within the last step."""
-        bed = self._stepper.task(self._last.chain, self.clamp, step_s).bed
-        frames, pressure, solver = self._last.frames, self._last.pressure_Pa, self._solver
-        acting = time_step.given_tensions(solver, frames, replace(self._loads, contact=contact), pressure)
+        last, solver = self._now.last, self._solver
+        frames, pressure = last.frames, last.pressure_Pa
+        inertia = self._stepper.task(last.chain, self.clamp, step_s).inertia
+        at = point_of(solver, frames, replace(self._now.loads, contact=contact), pressure)
         try:
-            tangent = newton.ChainTangent(solver, frames, self.clamp.free, acting, pressure, bed)
-        except LinAlgError:
+            answer = tangent.ChainTangent(solver, at, self.clamp.free, inertia)
+        except tangent.TangentError:
             return None
         weights, before = self.section.node_weights(pressure), self.section.frames.before
         # nodes are on the frames on both sides of them; few bear forces, all move
         pressed, pushed = np.flatnonzero(forces.any(axis=(0, 2))), np.zeros((len(frames), len(forces), 6))
         force = forces[:, pressed].swapaxes(0, 1)
         for side in (0, 1):
-            w, at = weights[pressed, side], before[pressed] + side
-            arm = np.einsum("na,nar->nr", w[:, 1:], frames[at, 1:])
+            w, frame = weights[pressed, side], before[pressed] + side
+            arm = np.einsum("na,nar->nr", w[:, 1:], frames[frame, 1:])
             torque = cross(np.broadcast_to(arm[:, None], force.shape), force)
-            np.add.at(pushed, at, np.concatenate([w[:, :1, None] * force, torque], axis=2))
-        step, rates = tangent.solve(pushed.swapaxes(0, 1)), np.empty((len(forces), *frames.shape))
+            np.add.at(pushed, frame, np.concatenate([w[:, :1, None] * force, torque], axis=2))
+        step, rates = answer.solve(pushed.swapaxes(0, 1)), np.empty((len(forces), *frames.shape))
         axes = np.broadcast_to(frames[:, 1:], rates[:, :, 1:].shape)
         rates[:, :, 0] = step[:, :, :3]
         rates[:, :, 1:] = cross(np.broadcast_to(step[:, :, None, 3:], axes.shape), axes)
@@ -427,19 +427,19 @@ class SectionArm(soft_side.SoftSide):
 
     def work_taken_in(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
-        rates = rates_from_nodes(self.section.frames, self._last.frames, displacement)
-        frames, bases = self._last.frames, self.section.frames.bases
+        rates = rates_from_nodes(self.section.frames, self._now.last.frames, displacement)
+        frames, bases = self._now.last.frames, self.section.frames.bases
         moved = twists(frames, rates)
         flange = rigid_motion(
-            self.body.positions[self.body.base] @ self._flange.rotation.T, displacement[self.body.base]
+            self.body.positions[self.body.base] @ self._now.flange.rotation.T, displacement[self.body.base]
         )
         moved[bases, :3] = flange[:3] + np.cross(flange[3:], frames[bases, 0] - frames[0, 0])
         moved[bases, 3:] = flange[3:]
-        return float(np.einsum("fi,fi->", self._last.gradient[self.clamp.held], moved[self.clamp.held]))
+        return float(np.einsum("fi,fi->", self._now.last.gradient[self.clamp.held], moved[self.clamp.held]))
 
     def shape_now(self) -> ChainShape:
         """Return the present frames, and the pressure that the nodes on them depend on."""
-        return ChainShape(self._last.frames, self._last.pressure_Pa)
+        return ChainShape(self._now.last.frames, self._now.last.pressure_Pa)
 
     def shape_reader(self) -> ChainReader:
         """Return what reads frames."""
@@ -452,7 +452,7 @@ class SectionArm(soft_side.SoftSide):
     @property
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps of each copy at the present shape."""
-        return tuple(self._solver.volume(self._last.frames, self._last.pressure_Pa).tolist())
+        return tuple(self._solver.volume(self._now.last.frames, self._now.last.pressure_Pa).tolist())
 
     @property
     def reach_m(self) -> float:
@@ -462,7 +462,7 @@ class SectionArm(soft_side.SoftSide):
     @property
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in the chambers: the given one, or that of the sealed gas at the present volume."""
-        return (self._last.pressure_Pa,) * self.section.copies
+        return (self._now.last.pressure_Pa,) * self.section.copies
 
     @property
     def mass_kg(self) -> float:
@@ -471,4 +471,4 @@ class SectionArm(soft_side.SoftSide):
 
     def mass_properties(self) -> soft_side.MassProperties:
         """Return mass, centre and inertia at the present shape."""
-        return soft_side.MassProperties(self.section.mass_kg, *center_and_inertia(self._last.figures))
+        return soft_side.MassProperties(self.section.mass_kg, *center_and_inertia(self._now.last.figures))

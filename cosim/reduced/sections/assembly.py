@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Wrench
 from cosim.base.kernel_types import Blocks, Cubes, Flags, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector
 from cosim.reduced.sections.section_energy import (
     TERMS,
     PressureSpline,
@@ -105,6 +105,22 @@ def substitute(free: Flags, work: ChainWork, load: Matrix) -> None:
             for j in range(i + 1, 6):
                 total -= low[f, j, i] * step[f, j]
             step[f, i] = total * low[f, i, i]
+
+
+@kernel
+def factorise_tangent(free: Flags, work: ChainWork) -> bool:
+    """Make the factor of the tangent in the workspace; False where its free part is not positive definite."""
+    return factorise(free, work, 0.0, zero_vector(6))
+
+
+@kernel
+def solve_tangent(free: Flags, work: ChainWork, load: Blocks, step: Blocks) -> None:
+    """Solve with the factor for loads (k, f, 6); the steps (k, f, 6) are zero where a frame is held."""
+    for k in range(load.shape[0]):
+        substitute(free, work, load[k])
+        for f in range(free.shape[0]):
+            for i in range(6):
+                step[k, f, i] = work.step[f, i]
 
 
 @kernel(taken_in=True)

@@ -1,9 +1,7 @@
-"""Newton's method for a chain of frames, in one kernel: statics, and implicit steps from start to wrench.
+"""One leaf: an implicit step of a chain of frames, or its equilibrium, by Newton's method on a small tangent.
 
-The schemes are those of `cosim.soft.solve.time_step` on the frames' points: with v = (x - base) / span,
-acceleration = (v - speed) / span, losses c = alpha + beta and the velocity u of points that would go along
-with the flange, inertia is an elastic bed of coefficient (1 + c span) / span^2 about the target
-base + span / (1 + c span) (speed + alpha span u). Statics are without it.
+Inertia and damping of a step are the elastic bed of `cosim.soft.solve.state` on the frames' points; statics
+are without it. The factor of an earlier tangent may be reused; nothing else is kept from call to call.
 """
 
 from dataclasses import dataclass
@@ -17,20 +15,19 @@ from cosim.base.kernels import copy, device_function, kernel, small_matrix, smal
 from cosim.reduced.sections import assembly
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
+from cosim.soft.solve.step_begin import BedNumbers, fill_bed
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT, GOES_ON = range(6)
-_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
-_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
-_HALVINGS_MAX = 20
-
-FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
-"""Where Newton's method starts: as if nothing acted, where the frames are, as if rigid on the flange, or from
-what is in the result already."""
-
 OUTCOMES: Final = (
     Outcome.CONVERGED, Outcome.ITERATION_LIMIT, Outcome.NOT_FINITE, Outcome.INDEFINITE, Outcome.NO_DESCENT,
 )  # fmt: skip
-"""In the order of the kernel's numbers."""
+"""In the order of the leaf's numbers."""
+FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
+"""Where Newton's method starts: as if nothing acted, where the frames are, as if rigid on the flange, or from
+what is in the result already."""
+_SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
+_STEP_MAX_M, _TURN_MAX = 0.05, 0.4
+_HALVINGS_MAX = 20
 
 
 @final
@@ -104,7 +101,7 @@ class ChainSide(NamedTuple):
         chain: and what acts on it.
         free: (f,) frames that can move.
         offsets: (f, 4, 3), of held frames in the flange's; in statics without meaning.
-        work: holds a factor that may be kept.
+        work: scratch, and a factor that may be reused.
     """
 
     chain: LoadedChain
@@ -114,23 +111,28 @@ class ChainSide(NamedTuple):
 
 
 class ChainScheme(NamedTuple):
-    """How solutions are found.
+    """How a solution is found.
 
     Args:
-        h: length of a step [s]; 0 for statics.
-        damping: alpha [1/s], see `StepOptions`.
-        air_drag: beta [1/s].
+        h: length of a step [s].
+        bed: numbers of the bed that inertia and damping are.
+        inertia: its coefficient over the mass [1/s^2]; 0 for an equilibrium, which has neither step nor bed.
         tolerance_N: residual at which it is done.
         lever_m: by which moments are divided.
         iterations_max: linear solves.
     """
 
     h: float
-    damping: float
-    air_drag: float
+    bed: BedNumbers
+    inertia: float
     tolerance_N: float
     lever_m: float
     iterations_max: int
+
+    @classmethod
+    def of_statics(cls, tolerance_N: float, lever_m: float, iterations_max: int) -> "ChainScheme":
+        """Return that of equilibria."""
+        return cls(0.0, BedNumbers(False, 1.0, 0.0, 0.0), 0.0, tolerance_N, lever_m, iterations_max)
 
 
 class ChainEnds(NamedTuple):
@@ -194,29 +196,29 @@ def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -
 
 @device_function
 def _minimise(
-    side: ChainSide, scheme: ChainScheme, bed: Bed, ends: ChainEnds, kept: bool
+    side: ChainSide, scheme: ChainScheme, bed: Bed, ends: ChainEnds, reused: bool
 ) -> tuple[int, int, float, bool, float, int]:
     """Find the minimum of the potential near the frames at the end, which are moved there.
 
-    The factor of an earlier tangent, where one is kept, serves while the residual falls fast enough.
+    The factor of an earlier tangent is used, where there is one, while the residual falls fast enough.
     """
     frames, gradient, work, tolerance = ends.there[0], ends.gradient, side.work, scheme.tolerance_N
     copy(frames.reshape(-1), work.trial.reshape(-1))
-    iterations = shifted = tries = reused = 0
+    iterations = shifted = tries = uses = 0
     energy = residual = slope = factor = 0.0
     # numba would compile all anew for a literal
-    wanted, judging, old, outcome = not kept, iterations > 0, kept, GOES_ON
+    renew, judged, old, definite, outcome = not reused, iterations > 0, reused, reused, GOES_ON
     while outcome == GOES_ON:
-        value = assembly.assemble(work.trial, side.chain, bed, gradient, work, wanted)
+        value = assembly.assemble(work.trial, side.chain, bed, gradient, work, renew)
         before, residual = residual, _residual(gradient, side.free, scheme.lever_m)
-        # a step serves that has lowered the potential as it should, or the residual by far
+        # a step is accepted that has lowered the potential as it should, or the residual by far
         most = energy + 1e-4 * (factor * slope) + 1e-13 * (1.0 + abs(energy))
-        serves = np.isfinite(value) and (value <= most or residual < 0.1 * before)
-        if judging and not serves:
+        accepted = np.isfinite(value) and (value <= most or residual < 0.1 * before)
+        if judged and not accepted:
             residual, tries, factor = before, tries + 1, 0.5 * factor
             if old:  # a new tangent, where the step began
                 copy(frames.reshape(-1), work.trial.reshape(-1))
-                wanted, judging, old = True, False, False
+                renew, judged, old = True, False, False
             elif tries < _HALVINGS_MAX:
                 assembly.change_frames(frames, work.step, factor, work.trial)
             else:
@@ -232,17 +234,17 @@ def _minimise(
             outcome = LIMIT
         if outcome != GOES_ON:
             break
-        if judging and not (old and residual * residual <= tolerance * before):
-            wanted, judging, old = True, False, False
+        if judged and not (old and residual * residual <= tolerance * before):
+            renew, judged, old = True, False, False
             continue
         iterations += 1
-        shift, slope, factor = _fill_step(side, gradient, scheme.lever_m, wanted)
+        shift, slope, factor = _fill_step(side, gradient, scheme.lever_m, renew)
         outcome = INDEFINITE if shift > _SHIFT_MAX else GOES_ON
-        kept, reused = shift == 0.0 if wanted else kept, 0 if wanted else reused + 1
+        definite, uses = shift == 0.0 if renew else definite, 0 if renew else uses + 1
         shifted += shift > 0.0
-        wanted, judging, tries = False, True, 0
+        renew, judged, tries = False, True, 0
         assembly.change_frames(frames, work.step, factor, work.trial)
-    return outcome, iterations, residual, outcome == CONVERGED and kept and reused < 2, energy, shifted
+    return outcome, iterations, residual, outcome == CONVERGED and definite and uses < 2, energy, shifted
 
 
 @device_function
@@ -278,8 +280,8 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
 
 
 @device_function
-def _add_carried(before: Blocks, after: Blocks, held: int, share: float, along: Blocks) -> None:
-    """Add a share of how far points are carried by the motion of a held frame between two shapes."""
+def _fill_carried(before: Blocks, after: Blocks, held: int, moved: Blocks) -> None:
+    """Fill moved (f, 4, 3): how far the motion of a held frame between two shapes carries the points."""
     turn = small_matrix(3, 3)
     for r in range(3):
         for c in range(3):
@@ -289,27 +291,33 @@ def _add_carried(before: Blocks, after: Blocks, held: int, share: float, along: 
     for f in range(before.shape[0]):
         for a in range(4):
             for r in range(3):
-                moved = -before[f, a, r] + (after[held, 0, r] if a == 0 else 0.0)
+                moved[f, a, r] = -before[f, a, r] + (after[held, 0, r] if a == 0 else 0.0)
                 for c in range(3):
-                    moved += turn[r, c] * (before[f, a, c] - (before[held, 0, c] if a == 0 else 0.0))
-                along[f, a, r] += share * moved
+                    moved[f, a, r] += turn[r, c] * (before[f, a, c] - (before[held, 0, c] if a == 0 else 0.0))
 
 
 @device_function
-def _follow_flange(free: Flags, ends: ChainEnds, two_steps: bool, span: float, along: Blocks) -> None:
-    """Fill along (f, 4, 3) with the velocity of points that would go along with the flange."""
-    held = -1
-    for f in range(free.shape[0]):
-        if held < 0 and not free[f]:
-            held = f
+def _follow_flange(side: ChainSide, ends: ChainEnds, bed: BedNumbers) -> None:
+    """Fill `along` in the workspace with the velocity of points that would go along with the flange.
+
+    It is (X - a) / s with X and a made in the same way from carried points and from points.
+    """
+    along, one, two = side.work.along, side.work.trial, side.work.target
+    held = 0
+    while held < side.free.shape[0] and side.free[held]:
+        held += 1
+    if held == side.free.shape[0]:
+        return
+    _fill_carried(ends.here[0], ends.there[0], held, one)
+    if bed.two_steps:
+        _fill_carried(ends.earlier[0], ends.there[0], held, two)
+    points = 4 * along.shape[0], 3
+    moved, before = one.reshape(points), two.reshape(points)
+    fill_bed(moved, moved, before, before, moved, bed, along.reshape(points), moved)
+    for f in range(along.shape[0]):
         for a in range(4):
             for r in range(3):
-                along[f, a, r] = 0.0
-    if held < 0:
-        return
-    _add_carried(ends.here[0], ends.there[0], held, (4.0 / 3.0 if two_steps else 1.0) / span, along)
-    if two_steps:
-        _add_carried(ends.earlier[0], ends.there[0], held, -1.0 / (3.0 * span), along)
+                along[f, a, r] /= bed.span
 
 
 @device_function
@@ -334,7 +342,7 @@ def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
 
 @kernel
 def solve_chain(
-    side: ChainSide, scheme: ChainScheme, ends: ChainEnds, start: int, two_steps: bool, kept: bool
+    side: ChainSide, scheme: ChainScheme, ends: ChainEnds, start: int, reused: bool
 ) -> tuple[int, int, float, bool, float, int]:
     """Find an equilibrium near the frames that are at the end, or take one step in time.
 
@@ -343,40 +351,30 @@ def solve_chain(
         scheme: how.
         ends: where it begins and ends.
         start: of a step, such as FREE_FLIGHT.
-        two_steps: whether a step looks back over two.
-        kept: whether the factor of an earlier tangent is there to begin with.
+        reused: whether it begins with the factor of an earlier tangent.
 
     Returns:
-        Outcome, iterations, residual [N], whether the factor that is left may be used for the next solution,
+        Outcome, iterations, residual [N], whether the factor that is left may be reused by the next solution,
         potential [J], iterations that met an indefinite tangent.
     """
     here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]
-    target, h = side.work.target, scheme.h
-    span, along = 2.0 * h / 3.0 if two_steps else h, side.work.along
-    losses = scheme.damping + scheme.air_drag
-    share = span / (1.0 + losses * span)
-    if h > 0.0:
-        _start(side, ends, h, start)
-    if scheme.damping > 0.0 and h > 0.0:
-        _follow_flange(side.free, ends, two_steps, span, along)
+    bed, work, steps = scheme.bed, side.work, scheme.inertia > 0.0
+    if steps:
+        _start(side, ends, scheme.h, start)
+        if bed.share > 0.0:
+            _follow_flange(side, ends, bed)
+        points = 4 * base.shape[0], 3
+        fill_bed(
+            here[0].reshape(points), here[1].reshape(points), earlier[0].reshape(points),
+            earlier[1].reshape(points), work.along.reshape(points), bed, base.reshape(points),
+            work.target.reshape(points),
+        )  # fmt: skip
+    found = _minimise(side, scheme, Bed(scheme.inertia, work.target), ends, reused)
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
-                x, speed = here[0, f, a, r], here[1, f, a, r]
-                if two_steps:
-                    x = (4.0 * x - earlier[0, f, a, r]) / 3.0
-                    speed = (4.0 * speed - earlier[1, f, a, r]) / 3.0
-                base[f, a, r] = x
-                target[f, a, r] = x + share * (speed + scheme.damping * span * along[f, a, r])
-    coefficient = 0.0
-    if h > 0.0:
-        coefficient = (1.0 + losses * span) / (span * span)
-    found = _minimise(side, scheme, Bed(coefficient, target), ends, kept)
-    for f in range(base.shape[0]):
-        for a in range(4):
-            for r in range(3):
-                base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / span if h > 0.0 else 0.0
+                base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / bed.span if steps else 0.0
     assembly.fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
-    if scheme.damping > 0.0 and h > 0.0:
-        _add_damping(side, ends, scheme.damping)
+    if steps and bed.share > 0.0:
+        _add_damping(side, ends, bed.share / bed.span)
     return found

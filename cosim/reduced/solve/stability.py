@@ -10,9 +10,10 @@ from scipy.linalg import eigh
 from cosim.base.frames import Array, Mask, cross_matrix
 from cosim.reduced.sections.assembly import CENTER, FIGURES, change_frames, figures_of
 from cosim.reduced.sections.section_strains import Bed
+from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.clamp import FrameClamp, node_motion
-from cosim.reduced.solve.newton import ChainSolver, whole_tangent
-from cosim.reduced.solve.time_step import commanded, given_tensions, with_tensions
+from cosim.reduced.solve.commanded_cables import commanded, point_of, with_tensions
+from cosim.reduced.solve.tangent import whole_tangent
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.film.film import FilmPotential
@@ -23,6 +24,7 @@ from cosim.soft.solve.stability import driven, margin_by, natural_frequencies, n
 _PROBE_Pa: Final = 1.0
 _SHARE: Final = 1e-3  # of the loads, in a look ahead
 _ROUNDS: Final = 4  # until a gas has its pressure to rounding
+_MOTION_PROBE: Final = 1e-5  # of a motion, for centre and inertia
 
 
 def chain_stiffness(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
@@ -34,20 +36,27 @@ def chain_stiffness(solver: ChainSolver, frames: Array, loads: Loads, pressure_P
         loads: that act.
         pressure_Pa: of the gas.
     """
-    given = given_tensions(solver, frames, loads, pressure_Pa)
-    whole = whole_tangent(solver, frames, given, pressure_Pa)
+    at = point_of(solver, frames, loads, pressure_Pa)
+    whole = whole_tangent(solver, at)
     gas = solver.section.gas(loads)
     if gas is None:
         return whole
     # energy at a pressure is less by p V: its slope is -V, of its gradient -dV
     ends = [
-        (float(solver.volume(frames, p)[0]), solver.evaluate(frames, given[0], p).ravel())
+        (float(solver.volume(frames, p)[0]), solver.evaluate(frames, at.loads, p).ravel())
         for p in (pressure_Pa + _PROBE_Pa, pressure_Pa - _PROBE_Pa)
     ]
     swelling, slope = ((a - b) / (2.0 * _PROBE_Pa) for a, b in zip(*ends, strict=True))
     volume = float(solver.volume(frames, pressure_Pa)[0])
     falls = gas.exponent * gas.absolute_pressure(volume) / volume
     return whole + falls / (1.0 + falls * swelling) * np.outer(slope, slope)
+
+
+def mass_matrix(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
+    """Return the mass matrix (6 f, 6 f) of a chain; arguments as for `chain_stiffness`."""
+    at = point_of(solver, frames, loads, pressure_Pa)
+    moving, still = (whole_tangent(solver, at, Bed(factor, frames)) for factor in (1.0, 0.0))
+    return moving - still
 
 
 @final
@@ -87,11 +96,11 @@ class ChainStiffness:
 
     def named(self, lowest: stability.Softest, ways: int) -> branching.Branching:
         """Return what is known of where it gives way along a mode, in so many independent directions."""
-        tensions = given_tensions(self._solver, self._frames, self._loads, self._pressure)[0].cable_tension_N
+        tensions = point_of(self._solver, self._frames, self._loads, self._pressure).loads.cable_tension_N
         pressures = (self._pressure,) * self._solver.section.copies
         return branching.Branching(
             1.0, pressures, tensions, lowest.place, lowest.direction, lowest.extent,
-            ways, None, None, branching.UNDECIDED, losses_held=self._solver.losses_follow_shape,
+            ways, None, None, branching.UNDECIDED, losses_held=self._solver.loads.losses_follow_shape,
         )  # fmt: skip
 
     def footing(self, film: FilmPotential) -> branching.Footing:
@@ -100,7 +109,7 @@ class ChainStiffness:
         Args:
             film: of the film.
         """
-        held, unstable = self._solver.losses_follow_shape, self.unstable
+        held, unstable = self._solver.loads.losses_follow_shape, self.unstable
         if unstable is not None:
             return branching.Footing(None, np.inf, 0.0, losses_held=held, unstable=unstable)
         section, frames, count = self._solver.section, self._frames, len(self._frames)
@@ -133,12 +142,8 @@ class ChainStiffness:
     @cached_property
     def _mass(self) -> Array:
         """Mass matrix of what can move."""
-        still, moving = Bed(0.0, self._frames), Bed(1.0, self._frames)
-        given = given_tensions(self._solver, self._frames, self._loads, self._pressure)
-        found = [
-            whole_tangent(self._solver, self._frames, given, self._pressure, bed) for bed in (moving, still)
-        ]
-        return (found[0] - found[1])[np.ix_(self._free, self._free)]
+        found = mass_matrix(self._solver, self._frames, self._loads, self._pressure)
+        return np.asarray(found[np.ix_(self._free, self._free)])
 
     @cached_property
     def _motion(self) -> Array:
@@ -177,17 +182,13 @@ class ChainStiffness:
         """Return the forces [N, N m] that loads grown by a share add on what can move."""
         found = []
         for loads, pressure in (self._grown(0.0, self._frames), self._grown(share, self._frames)):
-            given, _ = given_tensions(self._solver, self._frames, loads, pressure)
+            given = point_of(self._solver, self._frames, loads, pressure).loads
             found.append(self._solver.evaluate(self._frames, given, pressure).ravel()[self._free])
         return np.asarray(found[0] - found[1])
 
     def _tangent(self, frames: Array, loads: Loads, pressure_Pa: float) -> Array:
         whole = chain_stiffness(self._solver, frames, loads, pressure_Pa)
         return np.asarray(whole[np.ix_(self._free, self._free)])
-
-
-_GAS_PROBE_Pa = 1.0
-_MOTION_PROBE = 1e-5  # of a motion, for centre and inertia
 
 
 @final
@@ -220,8 +221,9 @@ class RestingChain:
         nodes = node_motion(self.solver.section, self.frames, self.pressure_Pa)
         nodes = nodes.reshape(len(nodes), 3, size)
         tangent = chain_stiffness(self.solver, self.frames, self.loads, self.pressure_Pa)
+        mass = mass_matrix(self.solver, self.frames, self.loads, self.pressure_Pa)
         body = RestingBody(
-            tangent, self._mass(), np.zeros((size, size)), self._carried(), slopes,
+            tangent, mass, np.zeros((size, size)), self._carried(), slopes,
             np.repeat(self.clamp.held, 6), self._supplied, self._moments(), names, self._tip(nodes, names),
             nodes,
         )  # fmt: skip
@@ -235,26 +237,16 @@ class RestingChain:
             own[:3, 3:] = -cross_matrix(frame[0] - self.frames[0, 0])
         return found.reshape(-1, 6)
 
-    def _mass(self) -> Array:
-        """Return the mass matrix (6 f, 6 f)."""
-        given = given_tensions(self.solver, self.frames, self.loads, self.pressure_Pa)
-        moving, still = (
-            whole_tangent(self.solver, self.frames, given, self.pressure_Pa, Bed(share, self.frames))
-            for share in (1.0, 0.0)
-        )
-        return moving - still
-
     def _by_loads(self) -> tuple[tuple[LoadName, ...], Array]:
         """Return what loads can be commanded, and the gradient's derivatives (6 f, loads) by them."""
         solver, names, columns = self.solver, list[LoadName](), list[Array]()
-        given, _ = given_tensions(solver, self.frames, self.loads, self.pressure_Pa)
+        given = point_of(solver, self.frames, self.loads, self.pressure_Pa).loads
         if solver.section.gas(self.loads) is None:
             up, down = (
-                solver.evaluate(self.frames, given, self.pressure_Pa + off)
-                for off in (_GAS_PROBE_Pa, -_GAS_PROBE_Pa)
+                solver.evaluate(self.frames, given, self.pressure_Pa + off) for off in (_PROBE_Pa, -_PROBE_Pa)
             )
             names.append(("pressure_Pa", 0))
-            columns.append((up - down) / (2.0 * _GAS_PROBE_Pa))
+            columns.append((up - down) / (2.0 * _PROBE_Pa))
         still = solver.evaluate(self.frames, given, self.pressure_Pa)
         for c in sorted({*range(len(given.cable_tension_N))} - {*commanded(self.loads)}):
             more = tuple(pull + (c == d) for d, pull in enumerate(given.cable_tension_N))
@@ -270,7 +262,7 @@ class RestingChain:
         The gradient by (dr, phi) of a turned frame is that of before, its change by the symmetric tangent,
         and phi x g / 2, as turns do not commute. A lever turns with its frame.
         """
-        given, _ = given_tensions(self.solver, self.frames, self.loads, self.pressure_Pa)
+        given = point_of(self.solver, self.frames, self.loads, self.pressure_Pa).loads
         still, found = self.solver.evaluate(self.frames, given, self.pressure_Pa), np.zeros((6, end.shape[1]))
         for f in np.flatnonzero(self.clamp.held):
             own, moved = gradient[6 * f : 6 * f + 6], end[6 * f : 6 * f + 6]
@@ -301,7 +293,7 @@ class RestingChain:
         if names and names[0] == ("pressure_Pa", 0):
             up, down = (
                 section.positions(self.frames, self.pressure_Pa + off)[tip].mean(axis=0)
-                for off in (_GAS_PROBE_Pa, -_GAS_PROBE_Pa)
+                for off in (_PROBE_Pa, -_PROBE_Pa)
             )
-            found[:, nodes.shape[2]] = (up - down) / (2.0 * _GAS_PROBE_Pa)
+            found[:, nodes.shape[2]] = (up - down) / (2.0 * _PROBE_Pa)
         return found

@@ -38,7 +38,7 @@ class BedNumbers(NamedTuple):
     share: float
 
 
-@kernel
+@kernel(taken_in=True)
 def fill_bed(
     x: Matrix,
     velocity: Matrix,

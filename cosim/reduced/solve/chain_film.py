@@ -1,0 +1,50 @@
+"""The film's nodes on a chain of frames, and the chain of a film.
+
+A film that was made from a chain remembers it: pressure, points and their velocities, and those one step
+before. Where nodes or velocities are no longer those of what it remembers, frames are fitted.
+"""
+
+import numpy as np
+
+from cosim.base.frames import Pose
+from cosim.reduced.section_model import SectionBody
+from cosim.reduced.solve.chain_step import ChainState
+from cosim.reduced.solve.clamp import rates_from_nodes
+from cosim.soft.solve.state import SoftState
+
+
+def film_of(section: SectionBody, chain: ChainState, pressure_Pa: float) -> SoftState:
+    """Return the film's nodes on a chain, with gas at a gauge pressure."""
+    parts = [chain.motion] if chain.earlier is None else [chain.motion, chain.earlier]
+    return SoftState(
+        section.positions(chain.frames, pressure_Pa),
+        section.positions(chain.rates, pressure_Pa),
+        np.concatenate([(pressure_Pa,), *(part.reshape(-1) for part in parts)]),
+    )
+
+
+def chain_of(
+    section: SectionBody, film: SoftState, flange: Pose, pressure_Pa: float
+) -> tuple[ChainState, float]:
+    """Return the chain of a film, and the pressure [Pa] that it was made with.
+
+    Args:
+        section: whose film it is.
+        film: made by `film_of`, or any other.
+        flange: pose of the first frame, where frames are fitted.
+        pressure_Pa: returned for a film that remembers none.
+    """
+    frames, shape = None, (2, *section.frames.drawn.shape)
+    if len(film.memory) % int(np.prod(shape)) == 1:
+        pressure_Pa = float(film.memory[0])
+        known = ChainState(*film.memory[1:].reshape(-1, *shape))
+        made = film_of(section, known, pressure_Pa)
+        if np.array_equal(made.positions, film.positions):
+            if np.array_equal(made.velocities, film.velocities):
+                return known, pressure_Pa
+            frames = known.frames
+    if frames is None:
+        frames = section.frames.fit(film.positions, flange)
+    return ChainState(
+        np.array((frames, rates_from_nodes(section.frames, frames, film.velocities)))
+    ), pressure_Pa

@@ -1,0 +1,169 @@
+"""What acts on a chain of frames: its sections at a pressure, dead loads, cables, contacts of its film.
+
+A contact point is a combination of the nodes of one triangle, these are combinations of the points of the
+frames beside them, and no triangle reaches across an outer ring: y = sum_s (w_s0 r_s + q_s), q_s = sum_i w_si
+a_si, s the two frames. A change of the frames moves it by sum_s (w_s0 dr_s + phi_s x q_s) = J (dr, phi); its
+energy adds J^T g to the gradient, J^T K J and the second order of the rotations to the Hessian, g and K by y.
+"""
+
+from itertools import pairwise
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import Blocks, Indices, Matrix
+from cosim.base.kernels import kernel
+from cosim.errors import InputError
+from cosim.reduced.section_model import SectionBody
+from cosim.reduced.sections.section_strains import (
+    ANCHOR,
+    COLUMNS,
+    FRICTION,
+    NORMAL,
+    OFFSET,
+    STIFFNESS,
+    LoadedChain,
+)
+from cosim.soft.body.loads import Loads
+from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
+
+
+@kernel
+def fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: Indices, rows: Matrix) -> bool:
+    """Fill contacts of the film's nodes as contacts of the frames, as a `LoadedChain` has them.
+
+    Args:
+        planes: k contacts.
+        before: (n,), the first of the two frames that each node is between.
+        combination: (n, 2, 4), each as a combination of their points.
+        first: (k,), filled.
+        rows: (k, COLUMNS), filled.
+
+    Returns:
+        False where a triangle reaches across a frame.
+    """
+    for k in range(planes.nodes.shape[0]):
+        nodes = planes.nodes[k]
+        f = min(before[nodes[0]], before[nodes[1]], before[nodes[2]])
+        first[k] = f
+        for i in range(NORMAL):
+            rows[k, i] = 0.0
+        for a in range(3):
+            # a node on the second frame of its contact is the first of its own two, and of that one alone
+            node, weight = nodes[a], planes.weights[k, a]
+            shift = before[node] - f
+            for i in range(4):
+                rows[k, 4 * min(shift, 1) + i] += weight * combination[node, 0, i]
+                beyond = weight * combination[node, 1, i]
+                if shift == 0:
+                    rows[k, 4 + i] += beyond
+                elif shift > 1 or beyond != 0.0:
+                    return False
+        rows[k, OFFSET], rows[k, STIFFNESS] = planes.offset[k], planes.stiffness[k]
+        rows[k, FRICTION] = planes.friction[k]
+        for r in range(3):
+            rows[k, NORMAL + r], rows[k, ANCHOR + r] = planes.normal[k, r], planes.anchor[k, r]
+    return True
+
+
+def nothing_touched() -> tuple[IntArray, Array, Array]:
+    """Return what represents no contact in a `LoadedChain`."""
+    return np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2)
+
+
+@final
+class ChainLoads:
+    """Keeps what acts on one chain; only what has changed is computed again.
+
+    `losses_follow_shape` says whether the tension of a cable's segments depends on the shape.
+
+    Args:
+        section: whose chain it is.
+
+    Raises:
+        InputError: a cable does not run from unit to next unit.
+    """
+
+    def __init__(self, section: SectionBody) -> None:
+        self._section = section
+        body, frames = section.body, section.frames
+        segments = np.concatenate([np.zeros((0, 2), np.int64), *(cable.segments for cable in body.cables)])
+        own = frames.before + (frames.fraction > 0.5)
+        far = own[segments[:, 1]].astype(np.int64)
+        # eyelets sit on rings of neighbouring units
+        on_rings = np.isin(frames.fraction[segments], (0.0, 1.0)).all()
+        if not on_rings or (own[segments[:, 0]] != far - 1).any():
+            raise InputError(
+                "section models need every cable to run from unit to next unit through outer rings; "
+                "use fidelity = 'lumped'"
+            )
+        side = (frames.fraction[segments] > 0.5).astype(int)
+        table = section.model.nodes[:, segments, side, 1:]
+        self._eyelet_table = np.ascontiguousarray(table).reshape(len(table), -1)
+        self.losses_follow_shape = any(cable.friction_coefficient for cable in body.cables)
+        self._ratios = [cable.tension_ratio(body.positions) for cable in body.cables]
+        load, eyelets, tension = np.zeros((len(frames), 4, 3)), np.zeros((len(far), 2, 3)), np.zeros(len(far))
+        self._chain = LoadedChain(*section.chain, load, far, eyelets, tension, *nothing_touched())
+        ends = np.cumsum([0, *map(len, self._ratios)]).tolist()
+        self._tensions = [tension[a:b] for a, b in pairwise(ends)]
+        self._loads: Loads | None = None
+        self._pressure = np.nan
+
+    def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> LoadedChain:
+        """Bring the section to a pressure and return what acts on it, in arrays that the next call changes.
+
+        Args:
+            loads: given on the film.
+            pressure_Pa: of the gas.
+            frames: (f, 4, 3) near the solution; losses of cables that rub follow the shape.
+
+        Raises:
+            InputError: a cable's length is commanded, or a triangle that may touch reaches across a frame.
+        """
+        self._section.set_pressure(pressure_Pa)
+        if loads is not self._loads or pressure_Pa != self._pressure:
+            self._update(loads, pressure_Pa)
+        if self.losses_follow_shape:
+            x = self._section.positions(frames, pressure_Pa)
+            self._pull(loads, [cable.tension_ratio(x) for cable in self._section.body.cables])
+        return self._chain if loads.contact is None else self._touching(loads.contact, pressure_Pa)
+
+    def _update(self, loads: Loads, pressure_Pa: float) -> None:
+        """Bring dead loads, eyelets and tensions up to date."""
+        if any(length is not None for length in loads.cable_length_m):
+            raise InputError("a chain is solved at tensions; `solve_loaded` finds those of given lengths")
+        before, other_pressure = self._loads, pressure_Pa != self._pressure
+        self._loads, self._pressure = loads, pressure_Pa
+        if (
+            before is None
+            or before.gravity != loads.gravity
+            or before.nodal_force is not loads.nodal_force
+            or (other_pressure and loads.nodal_force is not None)
+        ):
+            self._chain.load[:] = self._section.mass[:, 0, :, None] * np.array(loads.gravity)
+            if loads.nodal_force is not None:
+                self._chain.load[:] += self._section.spread(loads.nodal_force, pressure_Pa)
+        if other_pressure and self._ratios:
+            self._section.terms.values(self._eyelet_table, self._chain.eyelets.reshape(-1))
+        self._pull(loads, self._ratios)
+
+    def _pull(self, loads: Loads, ratios: list[Array]) -> None:
+        """Bring the tension of all segments up to date, from those over the tension at each base end."""
+        for own, ratio, tension_N in zip(
+            self._tensions, ratios, loads.cable_tension_N if ratios else (), strict=True
+        ):
+            np.multiply(ratio, tension_N, out=own)
+
+    def _touching(self, planes: ContactPlanes, pressure_Pa: float) -> LoadedChain:
+        """Return the chain with contacts of the film's nodes as contacts of the frames."""
+        section, first, rows = (
+            self._section,
+            np.empty(len(planes), np.int64),
+            np.empty((len(planes), COLUMNS)),
+        )
+        weights = section.node_weights(pressure_Pa)
+        if not fill_rows(planes.rows, section.frames.before, weights, first, rows):
+            raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
+        widths = np.array((planes.law.smoothing_m, planes.law.stick_m))
+        return self._chain._replace(touching=first, rows=rows, widths=widths)

@@ -1,0 +1,61 @@
+"""The factor of a step's tangent that the next step may begin with."""
+
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.reduced.sections.section_strains import ChainWork
+from cosim.reduced.solve.clamp import FrameClamp
+from cosim.soft.solve.step_begin import BedNumbers
+
+
+@final
+@dataclass(frozen=True)
+class SavedFactor:
+    """A factor that may be reused.
+
+    Args:
+        low: (f, 6, 6), of the Cholesky factor.
+        side: (f, 6, 6).
+        bed: numbers of the step that it was made in.
+    """
+
+    low: Annotated[Array, ("frames", 6, 6)]
+    side: Annotated[Array, ("frames", 6, 6)]
+    bed: BedNumbers
+
+
+@final
+class ReusedFactor:
+    """Owns a factor, in `work`; it is for steps with one bed in one clamp.
+
+    Args:
+        work: whose other arrays it shares.
+    """
+
+    def __init__(self, work: ChainWork) -> None:
+        self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
+        self._of: tuple[FrameClamp, BedNumbers] | None = None
+
+    def is_of(self, clamp: FrameClamp, bed: BedNumbers) -> bool:
+        """Whether there is a factor that such a step may begin with."""
+        return self._of is not None and self._of[0] is clamp and self._of[1] == bed
+
+    def keep(self, reusable: bool, clamp: FrameClamp, bed: BedNumbers) -> None:
+        """Note the step in which the factor was made or used last, and whether the next one may reuse it."""
+        self._of = (clamp, bed) if reusable else None
+
+    def save_state(self, clamp: FrameClamp) -> SavedFactor | None:
+        """Return the factor; None where there is none for a clamp."""
+        if self._of is None or self._of[0] is not clamp:
+            return None
+        return SavedFactor(self.work.low.copy(), self.work.side.copy(), self._of[1])
+
+    def restore_state(self, state: SavedFactor | None, clamp: FrameClamp) -> None:
+        """Return to a state of `save_state`, with the clamp of that moment."""
+        self._of = None
+        if state is not None:
+            self.work.low[:], self.work.side[:] = state.low, state.side
+            self._of = clamp, state.bed
