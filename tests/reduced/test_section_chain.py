@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cosim.reduced.solve.chain_loads import nothing_touched
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.reduced.section_model import carried
 from cosim.reduced.sections.assembly import assemble, change_frames
 from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
 from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
+from cosim.reduced.solve.chain_loads import nothing_touched
 
 FRAMES = 4
 SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
