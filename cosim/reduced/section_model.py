@@ -377,16 +377,6 @@ class SectionBody:
         """Coefficients (s, c), 1 / L (s,) [1/m], near (s,), rims and masses (f, 4, 4) for the kernels."""
         return self.coefficients, self.inverse_length, self.frames.near, self.frames.rims, self.mass
 
-    @property
-    def tables(self) -> tuple[Array, Array]:
-        """Coefficients (size, s c) and lengths (size, s) [m] over the spline of pressure."""
-        return self._energies, self._lengths
-
-    @property
-    def node_table(self) -> Array:
-        """(size, 8 n), what `node_weights` are over the spline of pressure."""
-        return self._films
-
     def set_pressure(self, pressure_Pa: float) -> None:
         """Bring coefficients and lengths to a pressure."""
         if pressure_Pa == self._pressure:

@@ -23,6 +23,7 @@ from cosim.base.kernels import (
     kernel,
     record_at,
     small_matrix,
+    unchecked,
     zero_vector,
 )
 from cosim.base.numba_insides import call_native, caller, same_bits
@@ -241,3 +242,14 @@ print(len(points_near.overloads))
     done = run_forked(run, ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[-1] == "0"
+
+
+def test_a_call_without_a_look_at_types_does_the_same() -> None:
+    random = np.random.default_rng(5)
+    x, mass, gravity = random.normal(size=(4, 3)), random.uniform(size=4), random.normal(size=3)
+    found = []
+    for call in (add_gravity, unchecked(add_gravity)):
+        gradient = np.zeros((4, 3))
+        energy = call(x, mass, gravity, gradient)
+        found.append((energy, gradient.tobytes()))
+    assert found[0] == found[1]

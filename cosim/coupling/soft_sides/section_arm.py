@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final, overload
+from typing import final
 
 import numpy as np
 
@@ -67,15 +67,6 @@ class SectionArmState:
 
 
 @final
-@dataclass(frozen=True)
-class ChainShape:
-    """Shape of a section arm: frames (f, 4, 3) and the gauge pressure [Pa] that its nodes depend on."""
-
-    frames: Array
-    pressure_Pa: float
-
-
-@final
 class ChainReader(soft_side.ShapeReader):
     """Reads chains; figures need the nodes of the tip and the centres of the hole rings, and no others.
 
@@ -94,56 +85,28 @@ class ChainReader(soft_side.ShapeReader):
         own = np.ascontiguousarray(weights[:, : len(tip)].reshape(len(weights), -1))
         self._of_tip = own, self._before[: len(tip)]
 
-    def positions(self, shape: ChainShape) -> Array:
+    def positions(self, shape: ChainStep) -> Array:
         """Return the film's nodes (n, 3) [m] on the frames."""
         return self._section.positions(shape.frames, shape.pressure_Pa)
 
-    def films(self, shapes: Sequence[ChainShape]) -> Array:
+    def films(self, shapes: Sequence[ChainStep]) -> Array:
         """Return the film's nodes (k, n, 3) [m] of some shapes."""
         return self._section.films(*_stacked(shapes))
 
-    def figures(self, shapes: Sequence[ChainShape]) -> ShapeFigures:
+    def figures(self, shapes: Sequence[ChainStep]) -> ShapeFigures:
         """Return the figures; see `ShapeReader.figures`."""
         frames, pressure_Pa = _stacked(shapes)
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
         return soft_side.figures_at(found, self._tip, volumes)
 
-    def tips(self, shapes: Sequence[ChainShape]) -> Array:
+    def tips(self, shapes: Sequence[ChainStep]) -> Array:
         """Return the tips; see `ShapeReader.tips`."""
         return soft_side.centers_of(self._section.points(*_stacked(shapes), *self._of_tip))
 
 
-@final
-class ChainShapes(Sequence[ChainShape]):
-    """Shapes of some ticks in a row, in arrays that nothing changes any more.
-
-    Args:
-        frames: (k, f, 4, 3).
-        pressure_Pa: (k,), gauge.
-    """
-
-    def __init__(self, frames: Array, pressure_Pa: Array) -> None:
-        self.frames, self.pressure_Pa = np.ascontiguousarray(frames), np.ascontiguousarray(pressure_Pa)
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    @overload
-    def __getitem__(self, row: int) -> ChainShape: ...
-    @overload
-    def __getitem__(self, row: slice) -> "ChainShapes": ...
-    def __getitem__(self, row: int | slice) -> "ChainShape | ChainShapes":
-        """Return a shape, in its own arrays, or some."""
-        if isinstance(row, slice):
-            return ChainShapes(self.frames[row], self.pressure_Pa[row])
-        return ChainShape(self.frames[row].copy(), float(self.pressure_Pa[row]))
-
-
-def _stacked(shapes: Sequence[ChainShape]) -> tuple[Array, Array]:
+def _stacked(shapes: Sequence[ChainStep]) -> tuple[Array, Array]:
     """Return frames (k, f, 4, 3) and pressures (k,) of some shapes."""
-    if isinstance(shapes, ChainShapes):
-        return shapes.frames, shapes.pressure_Pa
     frames = np.concatenate([shape.frames for shape in shapes]).reshape(len(shapes), -1, 4, 3)
     return frames, np.array([shape.pressure_Pa for shape in shapes])
 
@@ -313,23 +276,23 @@ class SectionArm(soft_side.SoftSide):
 
     def _stiffness_at(self, here: Equilibrium) -> stability.ChainStiffness:
         chain, pressure = self.chain_of(here.state, here.world_from_flange)
-        return self._stiffness(ChainShape(chain.frames, pressure), here.loads)
+        return self._stiffness(chain.frames, here.loads, pressure)
 
-    def undecided(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Branching | None:
+    def undecided(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
-        stiffness = self._stiffness(shape, loads)
+        stiffness = self._stiffness(shape.frames, loads, shape.pressure_Pa)
         return stiffness.unstable if stiffness.negative_pivots else None
 
-    def footing(self, shape: ChainShape, world_from_flange: Pose, loads: Loads) -> Footing:
+    def footing(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Footing:
         """Return how firmly a shape stands, as if it was at rest."""
-        return self._stiffness(shape, loads).footing(self._system)
+        return self._stiffness(shape.frames, loads, shape.pressure_Pa).footing(self._system)
 
     @cached_property
     def _system(self) -> FilmPotential:
         return FilmPotential(self.body)
 
-    def _stiffness(self, shape: ChainShape, loads: Loads) -> stability.ChainStiffness:
-        return stability.ChainStiffness(self._solver, shape.frames, self.clamp.free, loads, shape.pressure_Pa)
+    def _stiffness(self, frames: Array, loads: Loads, pressure_Pa: float) -> stability.ChainStiffness:
+        return stability.ChainStiffness(self._solver, frames, self.clamp.free, loads, pressure_Pa)
 
     def sensitivity(self, here: Equilibrium) -> tangent.ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
@@ -437,9 +400,9 @@ class SectionArm(soft_side.SoftSide):
         moved[bases, 3:] = flange[3:]
         return float(np.einsum("fi,fi->", self._now.last.gradient[self.clamp.held], moved[self.clamp.held]))
 
-    def shape_now(self) -> ChainShape:
-        """Return the present frames, and the pressure that the nodes on them depend on."""
-        return ChainShape(self._now.last.frames, self._now.last.pressure_Pa)
+    def shape_now(self) -> ChainStep:
+        """Return where the last step ended: its frames, and the pressure that the nodes on them depend on."""
+        return self._now.last
 
     def shape_reader(self) -> ChainReader:
         """Return what reads frames."""

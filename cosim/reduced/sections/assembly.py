@@ -284,24 +284,11 @@ def fill_figures(frames: Blocks, free: Flags, mass: Blocks, gradient: Matrix, ou
                 arm_i, arm_k = frames[f, 0, i] - frames[0, 0, i], frames[f, 0, k] - frames[0, 0, k]
                 out[WRENCH + r] -= gradient[f, r]
                 out[WRENCH + 3 + r] -= gradient[f, 3 + r] + arm_i * gradient[f, k] - arm_k * gradient[f, i]
-    moments = small_vector(9)
+    moments, at = small_vector(9), 3
     total = mass_moments(mass, frames, moments)
-    fill_center_and_inertia(total, moments, frames[0, 0], out)
-
-
-@device_function
-def fill_center_and_inertia(total: float, moments: Vector, place: Vector, out: Vector) -> None:
-    """Fill centre and inertia in figures out (FIGURES,).
-
-    Args:
-        total: mass [kg].
-        moments: (9,), see `mass_moments`.
-        place: (3,) [m]; what weighs nothing may have its centre anywhere.
-        out: filled.
-    """
     for r in range(3):
-        out[CENTER + r] = moments[r] / total if total > 0.0 else place[r]
-    at = 3
+        # what weighs nothing may have its centre anywhere
+        out[CENTER + r] = moments[r] / total if total > 0.0 else frames[0, 0, r]
     for r in range(3):
         for c in range(r, 3):
             product = moments[at] - moments[r] * out[CENTER + c]

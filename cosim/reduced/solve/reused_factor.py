@@ -19,17 +19,19 @@ class SavedFactor:
     Args:
         low: (f, 6, 6), of the Cholesky factor.
         side: (f, 6, 6).
-        bed: numbers of the step that it was made in.
+        two_steps: whether the step that it was made in looks back over two.
+        span_s: span of that step, see `BedNumbers`.
     """
 
     low: Annotated[Array, ("frames", 6, 6)]
     side: Annotated[Array, ("frames", 6, 6)]
-    bed: BedNumbers
+    two_steps: bool
+    span_s: float
 
 
 @final
 class ReusedFactor:
-    """Owns a factor, in `work`; it is for steps with one bed in one clamp.
+    """Owns a factor, in `work`; it is for steps of one length and scheme in one clamp.
 
     Args:
         work: whose other arrays it shares.
@@ -37,25 +39,26 @@ class ReusedFactor:
 
     def __init__(self, work: ChainWork) -> None:
         self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
-        self._of: tuple[FrameClamp, BedNumbers] | None = None
+        self._of: tuple[FrameClamp, bool, float] | None = None
 
     def is_of(self, clamp: FrameClamp, bed: BedNumbers) -> bool:
         """Whether there is a factor that such a step may begin with."""
-        return self._of is not None and self._of[0] is clamp and self._of[1] == bed
+        of = self._of
+        return of is not None and of[0] is clamp and of[1] == bed.two_steps and of[2] == bed.span
 
     def keep(self, reusable: bool, clamp: FrameClamp, bed: BedNumbers) -> None:
         """Note the step in which the factor was made or used last, and whether the next one may reuse it."""
-        self._of = (clamp, bed) if reusable else None
+        self._of = (clamp, bed.two_steps, bed.span) if reusable else None
 
     def save_state(self, clamp: FrameClamp) -> SavedFactor | None:
         """Return the factor; None where there is none for a clamp."""
         if self._of is None or self._of[0] is not clamp:
             return None
-        return SavedFactor(self.work.low.copy(), self.work.side.copy(), self._of[1])
+        return SavedFactor(self.work.low.copy(), self.work.side.copy(), *self._of[1:])
 
     def restore_state(self, state: SavedFactor | None, clamp: FrameClamp) -> None:
         """Return to a state of `save_state`, with the clamp of that moment."""
         self._of = None
         if state is not None:
             self.work.low[:], self.work.side[:] = state.low, state.side
-            self._of = clamp, state.bed
+            self._of = clamp, state.two_steps, state.span_s
