@@ -60,6 +60,18 @@ class _Chamber(NamedTuple):
     ring_slots: list[IntArray]
 
 
+class _DenseTerm(NamedTuple):
+    """A term c v v^T of a tangent.
+
+    Args:
+        coefficient: c.
+        vector: (n, 3), v.
+    """
+
+    coefficient: float
+    vector: Array
+
+
 class _Winch(NamedTuple):
     """A cable whose length is commanded, see `cable`.
 
@@ -317,11 +329,13 @@ class FilmPotential:
     def sum_tangent(self, x: Array, acting: FilmLoads) -> float:
         """Fill the tangent as well; return the potential [J]."""
         self.blocks.fill(0.0)
-        dense: list[tuple[float, Array]] = []
+        dense: list[_DenseTerm] = []
         energy = self._sum(x, acting, acting.tangent_calls, dense)
         low_rank, pairs = None, acting.loads.self_contact
         if dense:
-            low_rank = LowRank(np.array([vector for _, vector in dense]), np.array([c for c, _ in dense]))
+            low_rank = LowRank(
+                np.array([term.vector for term in dense]), np.array([term.coefficient for term in dense])
+            )
         pattern, blocks = self.pattern, self.blocks
         if pairs is not None and len(pairs.acting):
             pattern, blocks = self._widened(x, pairs)
@@ -335,9 +349,7 @@ class FilmPotential:
         add_pair_blocks(x, pairs.rows, pattern.rows, np.zeros(pattern.blocks, np.int64), blocks)
         return pattern, blocks
 
-    def _sum(
-        self, x: Array, acting: FilmLoads, calls: list[Call], dense: list[tuple[float, Array]] | None
-    ) -> float:
+    def _sum(self, x: Array, acting: FilmLoads, calls: list[Call], dense: list[_DenseTerm] | None) -> float:
         """Add all terms; dense ones of a tangent to that list, which is None for the gradient alone."""
         np.copyto(self.memory, self.before)
         self.gradient.fill(0.0)
@@ -413,9 +425,9 @@ class FilmPotential:
         angles = Remembered(self.before[rates.angles], self.memory[rates.angles])
         if len(blocks):
             slots = [self.pattern.slots(each.coupled) for each in self.body.membranes]
-            return rates.calls(angles, (slots, self.pattern.slots(rates.hinges)), self.gradient, blocks)
+            return rates.calls(angles, slots, self.pattern.slots(rates.hinges), self.gradient, blocks)
         none = [_NO_TABLE] * len(self.body.membranes)
-        return rates.calls(angles, (none, _NO_TABLE), self.gradient, blocks)
+        return rates.calls(angles, none, _NO_TABLE, self.gradient, blocks)
 
     @cached_property
     def _still_calls(self) -> list[Call]:
@@ -456,7 +468,7 @@ class FilmPotential:
                 found.append(_Winch(own, weights, cable.stiffness_N_m * float(mean), length, q))
         return found
 
-    def _add_cables(self, x: Array, acting: FilmLoads, dense: list[tuple[float, Array]] | None) -> float:
+    def _add_cables(self, x: Array, acting: FilmLoads, dense: list[_DenseTerm] | None) -> float:
         """Add cables of commanded length and such as remember how they slid; return their energy [J]."""
         pull, rows, energy, blocks = self._pull, acting.rows, 0.0, self.blocks
         np.copyto(pull, acting.pull)
@@ -470,7 +482,7 @@ class FilmPotential:
         slots, blocks = (_NO_TABLE, _NO_BLOCKS) if dense is None else (self._segment_slots, blocks)
         return energy + add_segments(x, self.eyelets.segments, pull, slots, self.gradient, blocks)
 
-    def _wind(self, x: Array, winch: _Winch, pull: Array, dense: list[tuple[float, Array]] | None) -> float:
+    def _wind(self, x: Array, winch: _Winch, pull: Array, dense: list[_DenseTerm] | None) -> float:
         """Fill what a commanded length pulls with; return its energy less sum T_i L_i."""
         segments, q = self.eyelets.segments[winch.segments], winch.stiffening
         weighted = weighted_length(x, segments, winch.weights)
@@ -479,12 +491,10 @@ class FilmPotential:
         if dense is not None and slope > 0.0:
             vector = np.zeros_like(self.gradient)
             add_segments(x, segments, winch.weights, _NO_TABLE, vector, _NO_BLOCKS)
-            dense.append((winch.spring * q * slope, vector))
+            dense.append(_DenseTerm(winch.spring * q * slope, vector))
         return winch.spring * (level / q - force * weighted)
 
-    def _add_gas(
-        self, number: int, x: Array, acting: FilmLoads, dense: list[tuple[float, Array]] | None
-    ) -> float:
+    def _add_gas(self, number: int, x: Array, acting: FilmLoads, dense: list[_DenseTerm] | None) -> float:
         """Add the gas of a chamber; return its potential [J], infinite where sealed gas has no volume."""
         plain, given = self._plain_chambers[number], acting.pressures[number]
         gas = acting.gases[number] if acting.gases else None
@@ -495,7 +505,7 @@ class FilmPotential:
             if not given < np.inf:
                 return np.inf
             if dense is not None:
-                dense.append((gas.exponent * (given + gas.ambient_Pa) / volume, vector))
+                dense.append(_DenseTerm(gas.exponent * (given + gas.ambient_Pa) / volume, vector))
         if dense is None:
             volume = _press(plain, x, given, self.gradient, _NO_BLOCKS)
         else:

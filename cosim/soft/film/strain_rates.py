@@ -80,22 +80,27 @@ class StrainRates:
         fill_hinge_rates(before, self.hinges, memory[self.angles], two_steps, self._angle)
 
     def calls(
-        self, angles: Remembered, slots: tuple[Sequence[IntArray], IntArray], gradient: Array, blocks: Array
+        self,
+        angles: Remembered,
+        triangle_slots: Sequence[IntArray],
+        hinge_slots: IntArray,
+        gradient: Array,
+        blocks: Array,
     ) -> list[Call]:
         """Return the leaves that add what resists rates: their sum is half of the power lost, times s.
 
         Args:
             angles: of the hinges.
-            slots: (m, 6) of each film's triangles, and (h, 10) of the hinges; empty for the gradient alone.
+            triangle_slots: (m, 6) of each film; empty for the gradient alone.
+            hinge_slots: (h, 10); empty for the gradient alone.
             gradient: (n, 3) [N].
             blocks: (b, 3, 3) [N/m].
         """
-        triangles, hinges = slots
         found = [
-            Call(add_triangle_rates, (film.rows, film.rates, triangles[film.number], gradient, blocks))
+            Call(add_triangle_rates, (film.rows, film.rates, triangle_slots[film.number], gradient, blocks))
             for film in self._films
         ]
-        return [*found, Call(add_hinges, (self._springs, angles, hinges, gradient, blocks))]
+        return [*found, Call(add_hinges, (self._springs, angles, hinge_slots, gradient, blocks))]
 
     def begin(self, x: Array, earlier_x: Array | None, span: float) -> None:
         """Let a step begin whose elements' memory is not known; see `fill`."""
@@ -116,8 +121,8 @@ class StrainRates:
 
     def _at(self, x: Array) -> tuple[float, Array]:
         before, gradient = self._memory[self.angles], np.zeros_like(x)
-        slots = [_NO_TABLE] * (1 + self._films[-1].number), _NO_TABLE
-        calls = self.calls(Remembered(before, np.empty_like(before)), slots, gradient, _NO_BLOCKS)
+        none, angles = [_NO_TABLE] * (1 + self._films[-1].number), Remembered(before, np.empty_like(before))
+        calls = self.calls(angles, none, _NO_TABLE, gradient, _NO_BLOCKS)
         return sum(leaf(x, *given) for leaf, given in calls), gradient
 
 

@@ -10,7 +10,7 @@ Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Final, final
+from typing import Annotated, Final, NamedTuple, final
 
 import numpy as np
 
@@ -36,6 +36,23 @@ _ROUNDING: Final = 1e-13  # of a potential: what rounding can hide in a sum of t
 _STRAIGHT: Final = np.eye(3)
 
 
+class Evaluation(NamedTuple):
+    """A point that was evaluated.
+
+    Args:
+        energy: potential [J].
+        residual: largest out-of-balance component [N].
+    """
+
+    energy: float
+    residual: float
+
+    @property
+    def finite(self) -> bool:
+        """Whether both are numbers."""
+        return math.isfinite(self.energy) and math.isfinite(self.residual)
+
+
 @final
 class Problem:
     """What is solved: a film under what acts on it, of which some components are free.
@@ -51,11 +68,11 @@ class Problem:
     def __init__(self, film: FilmPotential, acting: FilmLoads, free: Mask, kind: float, frame: Array) -> None:
         self.film, self.acting, self.free, self.kind, self.frame = film, acting, free, kind, frame
 
-    def evaluate(self, x: Array) -> tuple[float, float]:
-        """Fill the film's gradient at x (n, 3) [m]; return potential [J] and residual [N]."""
+    def evaluate(self, x: Array) -> Evaluation:
+        """Fill the film's gradient at x (n, 3) [m]; return potential and residual."""
         film = self.film
         energy = film.sum_gradient(x, self.acting)
-        return energy, largest_residual(x, film.gradient, self.free)
+        return Evaluation(energy, largest_residual(x, film.gradient, self.free))
 
     def tangent(self, x: Array, serving: BlockPattern) -> Tangent:
         """Return the tangent at x (n, 3) [m], in a pattern that served before where that still fits."""
@@ -89,6 +106,11 @@ class NewtonProgress:
     shifted: int = 0
     run: int = 0
 
+    def ended(self, outcome: Outcome) -> "NewtonProgress":
+        """Return itself, with an outcome."""
+        self.outcome = outcome
+        return self
+
     @property
     def iterations(self) -> int:
         """Of both kinds."""
@@ -108,11 +130,9 @@ def newton(
     factor: Factor,
     options: NewtonOptions,
     tell: Callable[[NewtonProgress], None] = say_nothing,
-    began: tuple[float, float] | None = None,
+    began: Evaluation | None = None,
 ) -> NewtonProgress:
     """Bring x to a stationary point of the potential.
-
-    On the way elements count from what they tracked at the last point that serves, `FilmPotential.before`.
 
     Args:
         problem: what is solved.
@@ -120,138 +140,145 @@ def newton(
         factor: used, and made again where it does not serve.
         options: bounds.
         tell: told how far it is after each new tangent.
-        began: potential [J] and residual [N] at x, where that was evaluated last.
+        began: at x, where that was evaluated last.
     """
-    film = problem.film
     done = NewtonProgress(*(began or problem.evaluate(x)))
     if not (math.isfinite(done.energy) and math.isfinite(done.residual)):
-        done.outcome = Outcome.NOT_FINITE
-        return done
-    factor.begin()
-    here, slope, step = x.copy(), film.gradient.copy(), np.empty_like(x)
-    np.copyto(film.before, film.memory)
+        return done.ended(Outcome.NOT_FINITE)
+    search = _Search(problem, x, factor, options, done)
     if done.residual < options.start_tolerance_N:
         return done
-
-    def accept(tried: tuple[float, float]) -> bool:
-        """Let the point that was tried be the one that serves; return whether that is all."""
-        done.energy, done.residual = tried
-        np.copyto(here, x)
-        np.copyto(slope, film.gradient)
-        np.copyto(film.before, film.memory)
-        return done.residual < options.tolerance_N
-
-    def back() -> None:
-        """Return to the last point that serves."""
-        np.copyto(x, here)
-        np.copyto(film.memory, film.before)
-
-    while not _reuse(problem, (x, here, slope, step), factor, options, done, accept):
-        back()
+    while not search.reuse_factor():
+        search.go_back()
         if done.tangents >= options.iterations_max:
-            done.outcome = Outcome.ITERATION_LIMIT
-            return done
-        shifts = options.shift_start_N_m, options.shift_max_N_m
-        attempts = factor.make(problem.tangent(x, factor.pattern), problem.kind, problem.frame, shifts)
-        done.failed += abs(attempts) - (attempts > 0)
-        done.shifted += abs(attempts) > 1
-        if attempts < 0:
-            done.outcome = Outcome.INDEFINITE
-            return done
-        tried = _line_search(problem, (x, here, step), factor, options, done)
+            return done.ended(Outcome.ITERATION_LIMIT)
+        if not search.make_factor():  # shifted until positive definite
+            return done.ended(Outcome.INDEFINITE)
+        tried = search.line_search()
         if tried is None:
-            back()
-            done.outcome = Outcome.NO_DESCENT
-            return done
-        done.tangents += 1
-        done.run = 0
-        if accept(tried):
+            search.go_back()
+            return done.ended(Outcome.NO_DESCENT)
+        done.tangents, done.run = done.tangents + 1, 0
+        if search.accept(tried):
             return done
         tell(done)
     return done
 
 
-def _reuse(
-    problem: Problem,
-    points: tuple[Array, Array, Array, Array],
-    factor: Factor,
-    options: NewtonOptions,
-    done: NewtonProgress,
-    accept: Callable[[tuple[float, float]], bool],
-) -> bool:
-    """Iterate with the factorisation that is there, as long as it serves; return whether that is all.
+@final
+class _Search:
+    """The last point that serves, and the ways from there.
+
+    Elements count from what they tracked at that point, `FilmPotential.before`.
 
     Args:
-        problem: what is solved.
-        points: x, the last point that serves [m], its gradient [N], and room for a step.
-        factor: used.
+        problem: what is solved, evaluated at x.
+        x: (n, 3) [m], the point that is tried.
+        factor: of a tangent.
         options: bounds.
-        done: kept up to date.
-        accept: takes in a point that serves; returns whether that is all.
+        done: where the solution is; kept up to date.
     """
-    film, (x, here, slope, step) = problem.film, points
-    again = False
-    while (
-        factor.serves(problem.kind)
-        and done.reused < options.reuse_max
-        and done.residual < options.reuse_below_N
-        and factor.step(slope, problem.frame, step) <= options.step_max_m
-    ):
-        advance(here, 1.0, step, x)
-        energy, residual = problem.evaluate(x)
-        finite, shows = math.isfinite(energy) and math.isfinite(residual), False
-        if finite and residual <= FAR * done.residual and film.conservative:
-            shows = factor.show(step, slope, film.gradient)
-        # rounding may keep a residual from falling that the step's own bound accepts
-        serves = residual < options.tolerance_N or residual <= options.reuse_rate * done.residual
-        if finite and serves:
-            again, done.reused, done.run = False, done.reused + 1, done.run + 1
-            if accept((energy, residual)):
-                factor.count_extra(done.run)
-                return True
-        elif again or not shows:
-            break
-        else:
-            again = True  # once more from there, by what the step has shown
-    factor.count_extra(done.run)
-    return False
 
+    def __init__(
+        self, problem: Problem, x: Array, factor: Factor, options: NewtonOptions, done: NewtonProgress
+    ) -> None:
+        self._problem, self._film, self._factor = problem, problem.film, factor
+        self._x, self._options, self._done = x, options, done
+        self._here, self._gradient, self._step = x.copy(), self._film.gradient.copy(), np.empty_like(x)
+        np.copyto(self._film.before, self._film.memory)
+        factor.begin()
 
-def _line_search(
-    problem: Problem,
-    points: tuple[Array, Array, Array],
-    factor: Factor,
-    options: NewtonOptions,
-    done: NewtonProgress,
-) -> tuple[float, float] | None:
-    """Halve the step along a new tangent until it serves; return potential and residual there.
+    def accept(self, tried: Evaluation) -> bool:
+        """Let the point that was tried be the one that serves; return whether that is all."""
+        film, done = self._film, self._done
+        done.energy, done.residual = tried
+        np.copyto(self._here, self._x)
+        np.copyto(self._gradient, film.gradient)
+        np.copyto(film.before, film.memory)
+        return done.residual < self._options.tolerance_N
 
-    None where no fraction of it serves.
+    def go_back(self) -> None:
+        """Return to the last point that serves."""
+        np.copyto(self._x, self._here)
+        np.copyto(self._film.memory, self._film.before)
 
-    Args:
-        problem: at the last point that serves, with its gradient in the film.
-        points: x, that point [m], and room for a step.
-        factor: of the tangent there.
-        options: bounds.
-        done: where the solution is.
-    """
-    film, (x, here, step) = problem.film, points
-    longest = factor.step(film.gradient, problem.frame, step)
-    slope = work_along(film.gradient, step)
-    fraction = options.step_max_m / longest if longest > options.step_max_m else 1.0
-    for _ in range(options.halvings_max):
-        advance(here, fraction, step, x)
-        energy, residual = problem.evaluate(x)
-        if film.conservative:
-            rounding = _ROUNDING * (1.0 + abs(done.energy))
-            serves = energy <= done.energy + _ARMIJO * fraction * slope + rounding
-        else:  # Crisfield's line search, of which a short step takes little away
-            left = abs(work_along(film.gradient, step))
-            serves = left <= (1.0 - 0.1 * fraction) * abs(slope) and math.isfinite(energy)
-        if serves or (math.isfinite(energy) and residual < _MUCH_LESS * done.residual):
-            return energy, residual
-        fraction *= 0.5
-    return None
+    def reuse_factor(self) -> bool:
+        """Iterate with the factorisation that is there, as long as it serves; return whether that is all."""
+        again, factor, done = False, self._factor, self._done
+        while self._may_reuse():
+            advance(self._here, 1.0, self._step, self._x)
+            tried = self._problem.evaluate(self._x)
+            shows = self._shows(tried)
+            if self._serves(tried):
+                again, done.reused, done.run = False, done.reused + 1, done.run + 1
+                if self.accept(tried):
+                    factor.count_extra(done.run)
+                    return True
+            elif again or not shows:
+                break
+            else:
+                again = True  # once more from there, by what the step has shown
+        factor.count_extra(done.run)
+        return False
+
+    def _may_reuse(self) -> bool:
+        """Return whether one more iteration with the factorisation may serve; fill its step."""
+        options, problem, done = self._options, self._problem, self._done
+        if not self._factor.serves(problem.kind) or done.reused >= options.reuse_max:
+            return False
+        if not done.residual < options.reuse_below_N:
+            return False
+        return self._factor.step(self._gradient, problem.frame, self._step) <= options.step_max_m
+
+    def _shows(self, tried: Evaluation) -> bool:
+        """Take in what a step has shown of the tangent; return whether it has shown something."""
+        near = tried.finite and tried.residual <= FAR * self._done.residual
+        film = self._film
+        return near and film.conservative and self._factor.show(self._step, self._gradient, film.gradient)
+
+    def _serves(self, tried: Evaluation) -> bool:
+        """Return whether the residual has fallen; rounding may keep it from that below its own bound."""
+        options = self._options
+        falls = tried.residual <= options.reuse_rate * self._done.residual
+        return tried.finite and (falls or tried.residual < options.tolerance_N)
+
+    def make_factor(self) -> bool:
+        """Factorise the tangent at the last point that serves; return whether that is possible."""
+        problem, options, done = self._problem, self._options, self._done
+        tangent = problem.tangent(self._x, self._factor.pattern)
+        shifts = options.shift_start_N_m, options.shift_max_N_m
+        attempts = self._factor.make(tangent, problem.kind, problem.frame, shifts)
+        done.failed += abs(attempts) - (attempts > 0)
+        done.shifted += abs(attempts) > 1
+        return attempts > 0
+
+    def line_search(self) -> Evaluation | None:
+        """Halve the step along a new tangent until it serves; None where no fraction of it does."""
+        problem, film, options, step = self._problem, self._film, self._options, self._step
+        longest = self._factor.step(film.gradient, problem.frame, step)
+        slope = work_along(film.gradient, step)
+        fraction = options.step_max_m / longest if longest > options.step_max_m else 1.0
+        for _ in range(options.halvings_max):
+            advance(self._here, fraction, step, self._x)
+            tried = problem.evaluate(self._x)
+            much_less = tried.residual < _MUCH_LESS * self._done.residual
+            if self._descends(tried, fraction, slope) or (math.isfinite(tried.energy) and much_less):
+                return tried
+            fraction *= 0.5
+        return None
+
+    def _descends(self, tried: Evaluation, fraction: float, slope: float) -> bool:
+        """Return whether a fraction of a step along which the potential falls by slope [J] serves.
+
+        Without a potential the work of what is out of balance counts, of which a short step takes little
+        away. Source: Crisfield, Int. J. Numer. Meth. Eng. 19 (1983) 1269.
+        """
+        if self._film.conservative:
+            before = self._done.energy
+            rounding = _ROUNDING * (1.0 + abs(before))
+            return tried.energy <= before + _ARMIJO * fraction * slope + rounding
+        left = abs(work_along(self._film.gradient, self._step))
+        return left <= (1.0 - 0.1 * fraction) * abs(slope) and math.isfinite(tried.energy)
 
 
 @final
@@ -334,7 +361,7 @@ class NewtonSolver:
         return Problem(film, acting, self.free, kind, _STRAIGHT if frame is None else frame)
 
     def run(
-        self, problem: Problem, x: Array, options: NewtonOptions, began: tuple[float, float] | None = None
+        self, problem: Problem, x: Array, options: NewtonOptions, began: Evaluation | None = None
     ) -> NewtonProgress:
         """Bring x to where the gradient vanishes; see `newton`.
 
@@ -342,7 +369,7 @@ class NewtonSolver:
             problem: what is solved.
             x: (n, 3) [m], where it starts; changed.
             options: bounds.
-            began: potential [J] and residual [N] at x, where that was evaluated last.
+            began: at x, where that was evaluated last.
 
         Raises:
             TickWorkError: the tick has taken too many iterations.

@@ -17,7 +17,7 @@ from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve.newton import NewtonProgress, NewtonSolver, Problem
+from cosim.soft.solve.newton import Evaluation, NewtonProgress, NewtonSolver, Problem
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.state import (
@@ -142,7 +142,7 @@ class Stepper:
             place_held(self.clamp.held, flange, x)
             problem = self._problem(state, x, flange, loads, inertia)
             began = self._open_folds(problem, state, flange, x) if start is flight else None
-            result = self._solve(problem, state, x, (aim, jumps), began)
+            result = self._solve(problem, state, x, aim, jumps, began)
             spent += result.iterations
             if result.converged or self._acceptable(result, aim):
                 return self._end(state, result, scheme, loads), replace(result, iterations=spent)
@@ -189,7 +189,7 @@ class Stepper:
         memory = self.solver.film.fresh(state.memory) if inertia.closely else state.memory
         return self.solver.problem(frozen_at, memory, loads, inertia, frame)
 
-    def _open_folds(self, problem: Problem, state: SoftState, flange: Array, x: Array) -> tuple[float, float]:
+    def _open_folds(self, problem: Problem, state: SoftState, flange: Array, x: Array) -> Evaluation:
         """Let nodes of folds that close in free flight move as one; return potential and residual there."""
         film, barrier = problem.film, problem.film.body.hinges.fold_barrier_rad
         began = problem.evaluate(x)
@@ -206,8 +206,9 @@ class Stepper:
         problem: Problem,
         state: SoftState,
         x: Array,
-        asked: tuple[StepAim | None, bool],
-        began: tuple[float, float] | None,
+        aim: StepAim | None,
+        jumps: bool,
+        began: Evaluation | None,
     ) -> NewtonResult:
         """Solve a step, shortly at first where it may end above its tolerance.
 
@@ -217,10 +218,11 @@ class Stepper:
             problem: of the step.
             state: where it begins.
             x: (n, 3) [m], where Newton's method starts; changed.
-            asked: how closely, and whether the flange jumps.
-            began: potential [J] and residual [N] at x, where that was evaluated last.
+            aim: how closely; as an ordinary step unless given.
+            jumps: whether the flange does.
+            began: at x, where that was evaluated last.
         """
-        (aim, jumps), loads, film = asked, problem.acting.loads, problem.film
+        loads, film = problem.acting.loads, problem.film
         if aim is not None:
             bounds: tuple[NewtonOptions, ...] = aim.newton(self.options)
         elif jumps or loads.contact is not None or loads.self_contact is not None:
