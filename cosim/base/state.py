@@ -214,12 +214,12 @@ class _StatePlace:
             self._check_value(found, present)
         elif isinstance(found, np.ndarray):
             self._check_array(found, present if isinstance(present, np.ndarray) else None)
+        elif is_dataclass(found) or is_record(type(found)):
+            self._check_instance(found, present)
         elif isinstance(found, tuple | list):
             self._check_sequence(found, present)
         elif isinstance(found, Mapping):
             self._check_mapping(found, present)
-        elif is_dataclass(found):
-            self._check_instance(found, present)
         else:
             self._check_value(found, present)
 

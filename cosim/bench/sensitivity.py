@@ -24,7 +24,6 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.errors import InputError, SensitivityError
 from cosim.soft.body.loads import Loads
-from cosim.soft.film.bdf2 import two_step_base
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
@@ -114,7 +113,7 @@ class RunSlopes:
         states, self._found = self._states, list(zip(moved, self._shape.by(moved), strict=True))
         self._here, self._states = after, []
         for (x, v, earlier_x, _), (_, slope) in zip(states, self._found, strict=True):
-            base = two_step_base(x, earlier_x) if bed.two_steps else x
+            base = (4.0 * x - earlier_x) / 3.0 if bed.two_steps else x
             self._states.append((slope.motion, (slope.motion - base) / bed.span, x, v))
 
     def read(self, outputs: Sequence[Output]) -> tuple[Array, Array]:

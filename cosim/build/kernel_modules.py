@@ -147,11 +147,12 @@ def _is_wide(robot: AnySoftRobot) -> bool:
 
 def contact_modules() -> tuple[ModuleType, ...]:
     """Return the modules with kernels of contact with a scene; whether there is any, the plan says."""
-    from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
+    from cosim.coupling.contact import contact_kernels, near_search
     from cosim.rigid.distance import film_distance, shapes, signed_distance
+    from cosim.rigid.scene import body_motion
     from cosim.soft.contact import obstacle_contact
 
-    near = contact_kernels, contact_arrays, search_kernels, obstacle_contact
+    near = contact_kernels, near_search, obstacle_contact, body_motion
     return (*near, shapes, film_distance, signed_distance)
 
 
@@ -162,8 +163,11 @@ def compile_contact(tell: Callable[[str], None], scenario: Scenario) -> None:
     are compiled by the first search that finds something near.
     """
     from cosim.base.compilation import compile_modules  # here, so that wrong input needs no engine
-    from cosim.coupling.contact.contact_kernels import find_touched
+    from cosim.coupling.contact.contact_kernels import assume, fastest_body, place_shapes
     from cosim.rigid.distance import shapes
+    from cosim.rigid.scene import body_motion
 
     more = scenario.objects or scenario.wires or scenario.scene is not None
-    compile_modules(tell, contact_modules() if more else (find_touched, shapes))
+    compile_modules(
+        tell, contact_modules() if more else (place_shapes, fastest_body, assume, body_motion, shapes)
+    )

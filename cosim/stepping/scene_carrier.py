@@ -434,13 +434,13 @@ class HostCarrier(SceneCarrier):
         query = scene.nothing_touched() if self._contact_law is None else scene.contact_query()
         glued = soft.body.tip, far
         found = ContactExchange(query, scene.bodies, soft.contact_surface(), self._contact_law, glued)
-        found.glue(soft.state.positions)
+        found.glue_at(soft.state.positions)
         return found
 
     @property
     def _glued(self) -> Array:
         contact = self._staggered.interface.contact
-        return np.zeros((0, 3)) if contact is None else contact.arrays.glue.place
+        return np.zeros((0, 3)) if contact is None else contact.glue.place
 
     @property
     def far_wrench(self) -> Wrench:

@@ -27,7 +27,6 @@ from cosim.base.kernels import device_function, kernel
 from cosim.base.names import TERMS, WORKS
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
-from cosim.soft.film.bdf2 import base_of_two, span_of_step
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
 
@@ -66,15 +65,15 @@ def fill_motion(
     """
     for t in range(x.shape[0]):
         both = pace.two_steps and pace.taken + t > 0
-        span = span_of_step(pace.h, both)
+        span = 2.0 * pace.h / 3.0 if both else pace.h
         kinetic = done = damped = dragged = falling = 0.0
         for i in range(x.shape[1]):
             for r in range(3):
                 j, k = (r + 1) % 3, (r + 2) % 3
                 base, speed = motion[0, i, r], motion[2, i, r]
                 if both:
-                    base = base_of_two(base, motion[1, i, r])
-                    speed = base_of_two(speed, motion[3, i, r])
+                    base = (4.0 * base - motion[1, i, r]) / 3.0
+                    speed = (4.0 * speed - motion[3, i, r]) / 3.0
                 v = (x[t, i, r] - base) / span
                 a = (v - speed) / span
                 u = twist[t, r] + twist[t, 3 + j] * (x[t, i, k] - origin[t, k])

@@ -275,7 +275,7 @@ def test_warming_up_compiles_what_a_run_calls() -> None:
     code = (
         "from cosim.cli.main import main; assert main(['warm-up', 'two_arms_hold_box', 'none_such']) == 2; "
         "from cosim.coupling import payload; from cosim.coupling.contact import contact_kernels; "
-        "print(*(len(k.overloads) for k in (payload.fill_payload, contact_kernels.find_touched)))"
+        "print(*(len(k.overloads) for k in (payload.fill_payload, contact_kernels.place_shapes)))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == ["1", "1"]

@@ -74,21 +74,21 @@ def test_a_load_that_grows_steadily_is_met_where_it_will_be_and_one_that_alterna
     grasp = Grasp(0.02, 2e-3)
     for _ in range(20):
         grasp.tick()
-    bodies, arrays = grasp.exchange.bodies, grasp.exchange.arrays
+    bodies, exchange = grasp.exchange.bodies, grasp.exchange
     cube = int(bodies.loaded[0])
-    assert arrays.past[cube].any()  # kept at the ends of ticks
+    assert exchange.past[cube].any()  # kept at the ends of ticks
     force, change = np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3])
     torque, turned = 1e-2 * force, 1e-3 * change
     bodies.applied[cube] = np.concatenate([force, torque])
-    arrays.past[cube] = np.concatenate([force - change, torque - turned, force - 2.0 * change, torque])
-    grasp.exchange.find(grasp.soft.state, 2e-3)
-    np.testing.assert_allclose(arrays.assumed[cube, :3], force + change)
-    np.testing.assert_allclose(arrays.assumed[cube, 3:], torque)  # it has gone there and back
+    exchange.past[cube] = np.concatenate([force - change, torque - turned, force - 2.0 * change, torque])
+    exchange.find(grasp.soft.state, 2e-3)
+    np.testing.assert_allclose(exchange.assumed[cube, :3], force + change)
+    np.testing.assert_allclose(exchange.assumed[cube, 3:], torque)  # it has gone there and back
     np.testing.assert_allclose(bodies.applied[cube, :3], force)  # the load that acts stays
-    again = grasp.exchange.save_state()
-    arrays.past[:] = 0.0
-    grasp.exchange.restore_state(again)
-    assert arrays.past[cube, 0] == force[0] - change[0]
+    again = exchange.state
+    exchange.past[:] = 0.0
+    exchange.state = again
+    assert exchange.past[cube, 0] == force[0] - change[0]
 
 
 def test_a_cube_is_held_without_creep() -> None:
@@ -174,10 +174,10 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
     assert set(brushing) == {-1}
     held = exchange.memory.triangle[exchange.memory.triangle >= 0]
     assert int(found.triangle[0]) in held.tolist()
-    state = exchange.save_state()
+    state = exchange.state
     exchange.check_state(state)
     triangle = np.where(state.memory.triangle >= 0, 10**6, -1)
-    wrong = replace(state, memory=replace(state.memory, triangle=triangle))
+    wrong = replace(state, memory=state.memory._replace(triangle=triangle))
     with pytest.raises(InputError, match="triangles"):
         exchange.check_state(wrong)
 

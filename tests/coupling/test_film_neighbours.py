@@ -7,8 +7,8 @@ import pytest
 
 from cosim.base.frames import Pose, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.contact.search_kernels import find_near
+from cosim.coupling.contact.contact_report import ContactMemory
+from cosim.coupling.contact.near_search import NearSearch
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
 from cosim.rigid.scene.scene import RigidScene
@@ -38,8 +38,8 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
     surface = ContactSurface.of(body, FilmPotential(body).pattern)
     scene = RigidScene(SceneDescription(find_arm("ur5e"), objects=OBJECTS))
     query = scene.contact_query()
-    exchange = ContactExchange(query, scene.bodies, surface)
-    rng, start, search, made = np.random.default_rng(0), query.position.copy(), exchange.arrays.search, 0
+    search, nothing = NearSearch(query, surface), ContactMemory.room(0)
+    rng, start, made = np.random.default_rng(0), query.position.copy(), 0
     counts = np.zeros(2)
     for step in range(60):
         # the ball of film rolls over the objects while they are carried along and shaken
@@ -52,27 +52,26 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
         active = query.near(extent.low, extent.high, REACH_M)
         if not len(active):
             continue
-        asked = x, extent.low, extent.high, active, REACH_M, BEHIND_M
-        search.held[:] = -1
-        near = find_near(*asked, search)
-        if near[0] < 0:  # the lists serve no longer
-            search, made = (
-                exchange.search_around(x, extent, REACH_M + MARGIN_M, BEHIND_M + MARGIN_M),
-                made + 1,
-            )
-            search.held[:] = -1
-            near = find_near(*asked, search)
-        rows = search.near.first(*near)
+        asked = x, extent, active, (REACH_M, BEHIND_M), nothing
+        near = search.find(*asked)
+        if near is None:  # the lists are not valid
+            search.make_lists(x, extent, REACH_M + MARGIN_M, BEHIND_M + MARGIN_M)
+            made += 1
+            near = search.find(*asked)
+        assert near is not None
+        points, rows = near.points, near.features
         hits = query.distances(surface.points(x), REACH_M, active)
-        for found, wanted in zip(rows[:4], (hits.point, hits.shape, hits.distance, hits.normal), strict=True):
-            np.testing.assert_array_equal(found, wanted)
+        np.testing.assert_array_equal(points.point, hits.point)
+        np.testing.assert_array_equal(points.shape, hits.shape)
+        np.testing.assert_array_equal(points.found[:, 0], hits.distance)
+        np.testing.assert_array_equal(points.found[:, 1:], hits.normal)
         chosen = query.features.of(active)
         places = query.feature_positions(chosen)
         within = FilmReach(REACH_M, BEHIND_M, extent.low - REACH_M, extent.high + REACH_M)
         seen = nearest_film(places, FilmTriangles(x, surface.triangles), within)
         np.testing.assert_array_equal(rows.feature, chosen[seen.point])
         np.testing.assert_array_equal(rows.triangle, seen.triangle)
-        np.testing.assert_array_equal(rows.film_distance, seen.distance)
-        counts += len(rows.point), len(rows.feature)
+        np.testing.assert_array_equal(rows.found[:, 0], seen.distance)
+        counts += len(points.point), len(rows.feature)
     assert (counts > 300).all()
     assert 1 < made < 39

@@ -152,7 +152,7 @@ def test_a_grasp_repeats_itself_with_friction_and_a_body_that_gives_way() -> Non
     assert same(grasped(other, 25), expected)
     # the anchors of the stick springs matter
     contact = states[2].interface.contact
-    untied = replace(contact, memory=replace(memory, offset=np.zeros_like(memory.offset)))
+    untied = replace(contact, memory=memory._replace(offset=np.zeros_like(memory.offset)))
     restore(here, (*states[:2], replace(states[2], interface=replace(states[2].interface, contact=untied))))
     assert not same(grasped(here, 25), expected)
 

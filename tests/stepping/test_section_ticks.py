@@ -16,7 +16,6 @@ from cosim.app.simulation import Simulation
 from cosim.build import soft_model
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.contact.contact_kernels import follow_touched
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
 from cosim.stepping.scene_carrier import ArmCarrier
@@ -69,33 +68,6 @@ def together(run: SteppedRun, many: int = 64, most: int | None = None) -> list[S
 
 TABLE = {"name": "table", "shape": "box", "size_m": [0.4, 0.4, 0.05], "position_m": [0.4, 0.0, 0.4095]}
 PLATE = {"name": "plate", "shape": "box", "size_m": [0.3, 0.3, 0.004], "position_m": [0.4, 0.0, 0.4366]}
-
-
-def test_contacts_follow_a_body_by_its_share_of_the_way(path: Path) -> None:
-    """Share and way are at its centre of mass; with the body go all that ties contacts to it."""
-    wanted = scenario(path, object=[TABLE, PLATE | {"mass_kg": 0.05}], solver__damping_per_s=5.0)
-    run: Any = build_simulation(wanted)
-    plate, last = run.stage.body_names.index("plate"), together(run, most=40)[-1]
-    exchange, x = run._parts.carrier._coupling.interface.contact, np.ascontiguousarray(last.node_position)
-    before, arrays = exchange.find(run._parts.soft.state, run.stage.tick_s), exchange.arrays
-    mine, center = before.body == plate, arrays.bodies.centers[plate].copy()
-    assert mine.any()
-    share, way = np.linspace(-0.3, 0.9, 36).reshape(6, 6), np.arange(1.0, 7.0) * 1e-4
-    met, lead = arrays.met[plate], arrays.bodies.leads.lead[plate].copy()
-    met[:3], met[3:6] = way[:3] - np.cross(way[3:], center), way[3:]
-    arrays.yields[plate] = share
-    follow_touched(exchange.at, x)
-    exchange.forget()
-    gone = share @ way
-    points = np.einsum("ka,kar->kr", before.weights, x[before.nodes])
-    shift = (gone[:3] + np.cross(gone[3:], points - center)) * mine[:, None]
-    assert exchange.planes.anchor - before.anchor == pytest.approx(shift, abs=1e-12)
-    rises = np.einsum("kr,kr->k", before.normal, shift)
-    assert exchange.planes.offset - before.offset == pytest.approx(rises, abs=1e-12)
-    assert arrays.bodies.centers[plate] - center == pytest.approx(gone[:3], abs=1e-12)
-    led = arrays.bodies.leads.lead[plate] - lead
-    assert led[:3] + np.cross(led[3:], center) == pytest.approx(gone[:3], abs=1e-12)
-    assert led[3:] == pytest.approx(gone[3:], abs=1e-12)
 
 
 def test_devices_act_tick_by_tick(path: Path) -> None:

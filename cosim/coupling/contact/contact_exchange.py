@@ -3,9 +3,7 @@
 Per tick, after MuJoCo's step: the surfaces near the film are found at the new poses and frozen as tangent
 planes; the soft step solves with them; what its contact points press with acts on the bodies in MuJoCo's
 next step, at the same points, with the opposite sign. Each contact keeps where its stick spring is tied on
-the obstacle, and its normal force, which bounds the friction of the next tick. Kernels do all of this, for
-ticks that they take by themselves as well; here is what they act on, and the lists of what is near, made
-again where they are no longer valid.
+the obstacle, and its normal force, which bounds the friction of the next tick.
 """
 
 import logging
@@ -15,36 +13,39 @@ from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base import compilation
+from cosim.base import compilation, state
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_types import nothing_of
-from cosim.base.kernels import RecordStore, address_of
-from cosim.base.state import check_indices
-from cosim.coupling.contact import contact_arrays, contact_kernels, search_kernels
-from cosim.coupling.contact.contact_arrays import AGE, REMEMBERED, TOUCHES, ContactArrays, MemoryRows, Search
-from cosim.coupling.contact.contact_kernels import contact_calls, find_touched, settle_touched
+from cosim.coupling.contact import contact_arrays, contact_kernels, near_search
+from cosim.coupling.contact.contact_arrays import Contacts
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
+from cosim.coupling.contact.near_search import NearFilm, NearSearch
 from cosim.rigid.distance import film_distance, signed_distance
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact import obstacle_contact
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
-from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows, TouchedPlanes, add_contacts
+from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
 from cosim.soft.solve.state import SoftState
 
+AHEAD_TICKS: Final = 2.0
+"""How many ticks' way of the fastest node a film looks ahead."""
+AGREED_M: Final = 2e-6
+"""How far bodies may go from where the film has met them; the next tick answers it, and more than that."""
+TURN_LEVER_M: Final = 0.02
+"""Lever at which angles count as ways."""
+UNKNOWN: Final = 1e30
+"""Of `ContactExchange.gives`: how such bodies give way is not known."""
 BEHIND_M: Final = 5e-3
 """How far behind the film a corner still counts as one that came through it."""
 FEATURE_AREA_M2: Final = 5e-5
 """What each represents: a corner must hold back the film around it by itself."""
-RENEW_ABOVE: Final = 1.2
-"""Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 HIT_WAY_M: Final = 1e-3
 """Way of a body in a step, beyond which its hit is not resolved: forces hang on the step."""
 HIT_SHARE: Final = 0.1
 """The same as a share of the body's size."""
 GLUE_N_m: Final = 1e5
 """Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
-_WHERE_NEAR = contact_arrays, contact_kernels, film_distance, obstacle_contact, search_kernels  # kernels
+_WHERE_NEAR = contact_kernels, film_distance, signed_distance, obstacle_contact, near_search  # leaves
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
@@ -61,7 +62,8 @@ class ContactState:
         age: ticks of contact since bodies were weighed.
         centers: (bodies, 3) [m], of masses, where the film has met them.
         force: (touched nodes, 3) [N], on the film.
-        past: (bodies, 12), loads on bodies before those that act, see `ContactArrays`.
+        past: (bodies, 12), loads on bodies before those that act, see `ContactExchange`.
+        pressing: (bodies,) [N], sum of the normal forces on each.
     """
 
     memory: ContactMemory
@@ -77,8 +79,14 @@ class ContactState:
 class ContactExchange:
     """Finds contacts, remembers them, and loads the bodies.
 
-    After a step, `planes` are the contacts that it was taken with, and `sticking` the same with slack stick
-    springs; `report` says what they did.
+    After a step, `planes` are the contacts that it was taken with, None for none; `sticking` the same as they
+    answer a small motion from rest; `report` says what they did, `memory` which press.
+
+    Of bodies: `loads` are what acts on them, `past` (bodies, 12) the loads one tick before those that act,
+    and two, `assumed` (bodies, 6) those with which the film meets them; `movable` (f,) can be touched and
+    moved by loads; `gives` (bodies, 2) [1/N, 1/(N m)] is by how much a body goes from where the film has met
+    it for a change of its load in a tick, over what may be. `age` counts ticks of contact since heavy bodies
+    were weighed, `met` those that touched bodies which gave way since these were.
 
     Args:
         query: distances to what can be touched.
@@ -101,38 +109,62 @@ class ContactExchange:
         nodes, body = glued or (np.zeros(0, np.int64), 0)
         # the surface's first points are its nodes, ascending
         points = np.searchsorted(surface.nodes[surface.weights[:, 0] == 1.0, 0], nodes)
-        self._glue = contact_arrays.Glue(
+        self.glue = contact_arrays.Glue(
             points, np.zeros((len(nodes), 3)), np.array([body]), GLUE_N_m, bodies.positions, bodies.axes
         )
-        self._places = np.zeros((len(surface), 3))
-        nothing: contact_arrays.ListRows = nothing_of(contact_arrays.ListRows)
-        nowhere = nothing._replace(row=np.full(len(query), -1))
-        self._store = RecordStore(ContactArrays)
-        self._meets = len(nodes) > 0
-        self.arrays = self._first_arrays(self._searching(nowhere))
+        self.search = NearSearch(query, surface)
+        self._compiled = len(nodes) > 0
+        self._prepare_surface()
+        self._prepare_bodies()
+        self.memory = ContactMemory.room(0)
+        self.planes: ContactPlanes | None = None
+        self._contacts: Contacts | None = None
+        self._concluded: Array | None = None  # nodes for which the law has been evaluated
+        self._ends = contact_arrays.ContactEnds.room(0)
+        self._body_ends = contact_arrays.BodyEnds.room(bodies.count)
+        self.age = self.met = 0
+        self._acts = False  # whether something is left to be ended in a tick in which nothing is touched
+        self.report = NOTHING_TOUCHED
 
-    @property
-    def at(self) -> int:
-        """Address at which kernels read `arrays`, until these change."""
-        return self._store.address(self.arrays)
+    def _prepare_surface(self) -> None:
+        law, surface, query = self.law, self.surface, self.query
+        stiffness = law.stiffness_N_m3 * surface.area
+        self._surface = contact_arrays.SurfaceRows(
+            surface.nodes, surface.weights, surface.slots, stiffness, surface.triangles,
+            surface.triangle_slots,
+        )  # fmt: skip
+        self._shapes = contact_arrays.ShapeRows(query.position, query.rotation, query.friction, query.body)
+        self._feature_N_m = law.stiffness_N_m3 * FEATURE_AREA_M2
+        self._widths = np.array([law.smoothing_m, law.stick_m])
+        nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
+        self._force = np.zeros((nodes, 3))
 
-    def glue(self, positions: Array) -> None:
+    def _prepare_bodies(self) -> None:
+        bodies, count = self.bodies, self.bodies.count
+        touchable = np.union1d(self.query.body, self.glue.body[: len(self.glue.point)])
+        self.movable: IntArray = touchable[bodies.movable(touchable)]
+        self.loads = contact_arrays.BodyLoads.of(bodies, ahead=True)
+        self.past, self.assumed = np.zeros((count, 12)), np.zeros((count, 6))
+        self.gives = np.full((count, 2), UNKNOWN)
+        self._resolved = np.full(count, np.inf)
+        sizes = bodies.sizes_m(self.movable)
+        self._resolved[self.movable] = np.minimum(HIT_WAY_M, HIT_SHARE * sizes)
+
+    def glue_at(self, positions: Array) -> None:
         """Glue the film's nodes where they are at positions (n, 3) [m]."""
-        glue = self._glue
+        glue = self.glue
         body = glue.body[0]
         here = positions[self.surface.nodes[glue.point, 0]]
         glue.place[:] = (here - glue.position[body]) @ glue.axes[body].reshape(3, 3)
 
-    def find(self, state: SoftState, tick_s: float) -> ContactPlanes | None:
+    def find(self, before: SoftState, tick_s: float) -> ContactPlanes | None:
         """Return what the film may touch in the coming step; None for nothing.
 
         Args:
-            state: of the soft body before the step.
+            before: state of the soft body before the step.
             tick_s: length of the step [s].
         """
-        return self._found(
-            state.positions, state.velocities, self.rest_reach_m, contact_arrays.AHEAD_TICKS * tick_s
-        )
+        return self._find(before.positions, before.velocities, self.rest_reach_m, AHEAD_TICKS * tick_s)
 
     def still(self, positions: Array) -> ContactPlanes | None:
         """Return what the film may touch near an equilibrium, without friction; None for nothing.
@@ -140,54 +172,112 @@ class ContactExchange:
         Args:
             positions: (n, 3) [m], of the nodes.
         """
-        return self._found(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
+        return self._find(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
 
-    def may_give_way(self) -> tuple[bool, bool]:
-        """Return whether a body that was found may give way, and whether it is known how all of them do."""
-        arrays = self.arrays
-        near = arrays.touched.planes.body[: arrays.counts[TOUCHES]]
-        near = near[arrays.bodies.leads.ahead[near] > 0]
-        if not len(near):
-            return False, True
-        unknown = (arrays.gives[near, 0] == contact_arrays.UNKNOWN) & (arrays.bodies.loaded[near] != 0)
-        return True, not unknown.any()
+    def _find(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
+        self.planes = self._contacts = self._concluded = None
+        if len(self.query) + len(self.glue.point) == 0:
+            return None
+        near = self._near(x, velocity, rest_m, ahead_s)
+        glued = len(self.glue.point)
+        if near is None and not glued:
+            self.memory = ContactMemory.room(0)
+            return None
+        points = 0 if near is None else len(near.points.point)
+        count = points + glued + (0 if near is None else len(near.features.feature))
+        if not count:
+            self.memory = ContactMemory.room(0)
+            return None
+        contacts = Contacts(PlaneRows.room(count), contact_arrays.Ties.room(count))
+        self._describe(x, velocity, near, contacts)
+        self._take(contacts)
+        return self.planes
 
-    def settle(self, before: Array, positions: Array) -> ContactReport:
-        """Take in the end of the soft step: remember the contacts and load the bodies.
+    def _near(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> NearFilm | None:
+        """Return what is near the film, None for nothing; shapes are where the film will meet them."""
+        bodies, tick_s, query = self.bodies, ahead_s / AHEAD_TICKS, self.query
+        sight = bodies.foresight
+        sight.at_velocities(tick_s)
+        self._place_shapes()
+        extent = Extent.of(x, velocity)
+        # a body that comes on is met a tick before it is there, so its hit finds ticks in pieces
+        coming_m = tick_s * contact_kernels.fastest_body(sight.motions, self.movable)
+        reach_m = rest_m + ahead_s * extent.speed_m_s + coming_m
+        active = query.near(extent.low, extent.high, reach_m)
+        contact_kernels.assume(self.loads, self.past, self.assumed)
+        if ahead_s > 0.0 and self._meets_ahead(active):
+            sight.under_loads(self.assumed, tick_s)
+            self._place_shapes()
+            active = query.near(extent.low, extent.high, reach_m)
+        if not len(active):
+            return None
+        self._compile()
+        asked = x, extent, active, (reach_m, BEHIND_M), self.memory
+        found = self.search.find(*asked)
+        if found is None:
+            self.search.make_lists(x, extent, reach_m + _MARGIN_M, BEHIND_M + _MARGIN_M)
+            found = self.search.find(*asked)
+        return found
 
-        Args:
-            before: (n, 3) [m], of the nodes at the beginning of the step.
-            positions: (n, 3) [m], the same at its end.
-        """
-        if self._meets:
-            settle_touched(self.at, before, positions)
-        planes = self.planes
-        self.forget()
-        self.planes = planes
-        return self.report
+    def _meets_ahead(self, active: IntArray) -> bool:
+        """Return whether one of the bodies of shapes, or that which nodes are glued to, may give way."""
+        ahead = self.bodies.foresight.ahead
+        if len(self.glue.point) and ahead[self.glue.body[0]] > 0:
+            return True
+        return bool((ahead[self.query.body[active]] > 0).any())
 
-    def move(self, contacts: IntArray, shift: Array) -> None:
-        """Let contacts (k,) of what was found go by a shift (k, 3) [m] with their bodies."""
-        self.forget()
-        planes = self.arrays.touched.planes
-        planes.offset[contacts] += np.einsum("kr,kr->k", planes.normal[contacts], shift)
-        planes.anchor[contacts] += shift
-        self.arrays.ties.carrier[contacts] += shift
+    def _place_shapes(self) -> None:
+        sight, query = self.bodies.foresight, self.query
+        centers = self.bodies.mass_centers, sight.lead
+        contact_kernels.place_shapes(query.geom_poses, *centers, query.poses, self.loads.centers)
+
+    def _describe(self, x: Array, velocity: Array, near: NearFilm | None, contacts: Contacts) -> None:
+        """Fill tangent planes and what they are tied to; what pressed before keeps force and anchor."""
+        surface, shapes, sight = self._surface, self._shapes, self.bodies.foresight
+        if near is not None:
+            begin, features = len(near.points.point), near.features
+            contact_kernels.describe_points(near.points, self.search.places, surface, shapes, contacts)
+            if len(features.feature):
+                contact_kernels.describe_features(x, features, surface, shapes, begin, contacts)
+                contacts.planes.stiffness[begin : begin + len(features.feature)] = self._feature_N_m
+        if len(self.glue.point):
+            contact_kernels.describe_glue(self.glue, surface, sight.lead, contacts)
+        if len(self.movable):
+            contact_kernels.fill_approach(contacts, velocity, self._resolved, sight.motions)
+        if len(self.memory.key):
+            contact_kernels.recall(self.memory, shapes, contacts)
+
+    def _take(self, contacts: Contacts) -> None:
+        self._contacts = contacts
+        rows = contacts.planes
+        self.planes = ContactPlanes(*rows[:-1], law=self.law, body=rows.body)
+
+    def move(self, contacts: IntArray, shift: Array) -> ContactPlanes:
+        """Return what was found with contacts (k,) gone by a shift (k, 3) [m] with their bodies."""
+        assert self._contacts is not None, "contacts were found"
+        planes, ties = self._contacts
+        offset, anchor, carrier = planes.offset.copy(), planes.anchor.copy(), ties.carrier.copy()
+        offset[contacts] += np.einsum("kr,kr->k", planes.normal[contacts], shift)
+        anchor[contacts] += shift
+        carrier[contacts] += shift
+        planes, ties = planes._replace(offset=offset, anchor=anchor), ties._replace(carrier=carrier)
+        self._take(Contacts(planes, ties))
+        self._concluded = None
+        assert self.planes is not None, "contacts were taken"
+        return self.planes
 
     def ahead(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
-        """Return how far bodies will be ahead (b, 6), see `Leads.lead`.
+        """Return how far bodies will be ahead (b, 6), see `Foresight`.
 
         Args:
-            bodies: (b,).
+            bodies: (b,) that are met ahead.
             loads: (6 b,), about their centres of mass, instead of those that act now.
             tick_s: length of MuJoCo's step [s].
         """
-        leads, applied = self.arrays.bodies.leads, self.bodies.applied
-        before = applied[bodies]
-        applied[bodies] = loads.reshape(-1, 6)
-        contact_arrays.foresee(leads, tick_s)
-        applied[bodies] = before
-        return leads.lead[bodies]
+        borne = self.bodies.applied.copy()
+        borne[bodies] = loads.reshape(-1, 6)
+        self.bodies.foresight.under_loads(borne, tick_s)
+        return self.bodies.foresight.lead[bodies]
 
     def held_way(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
         """Return how bodies give way (6 b, 6 b) under loads, see `ahead`, with all that holds them then."""
@@ -198,11 +288,117 @@ class ContactExchange:
         applied[bodies] = before
         return mobility
 
-    def fastest_m_s(self, state: SoftState) -> float:
+    def may_give_way(self) -> tuple[bool, bool]:
+        """Return whether a body that was found may give way, and whether it is known how all of them do."""
+        if self.planes is None or not len(self.movable):
+            return False, True
+        ahead, body = self.bodies.foresight.ahead > 0, self.planes.body
+        if not ahead[body].any():
+            return False, True
+        unknown = ahead & (self.gives[:, 0] == UNKNOWN) & (self.loads.loaded != 0)
+        return True, not unknown[body].any()
+
+    def disagreement(self, x: Array, tolerance_N: float, tick_s: float) -> float:
+        """Return how far bodies go from where a step has met them, under its loads, over what they may.
+
+        At most 1 where that is agreed, infinite where it is not known. Where free ones would, held ones do;
+        otherwise MuJoCo's next step is looked at.
+
+        Args:
+            x: (n, 3) [m], nodes at the end of the step.
+            tolerance_N: of the film's forces.
+            tick_s: length of MuJoCo's step [s].
+        """
+        self._conclude(x)
+        ends, loads, sight = self._body_ends, self.loads, self.bodies.foresight
+        most = contact_kernels.disagreement(ends, loads, self.assumed, sight.ahead, self.gives, tolerance_N)
+        if not most <= 1.0:
+            most = self._away_m(tick_s) / AGREED_M if most < np.inf else most
+        if most <= 1.0 and ends.acting[sight.ahead > 0].any():
+            self.met += 1
+        return float(most)
+
+    def _away_m(self, tick_s: float) -> float:
+        """Return how far bodies go from where the film has met them under the loads at the end of a step."""
+        sight, borne = self.bodies.foresight, np.empty_like(self.assumed)
+        before = sight.lead.copy()
+        contact_kernels.fill_borne(self._body_ends, self.loads, borne)
+        sight.under_loads(borne, tick_s)
+        found = sight.lead, before, self.loads.centers, sight.ahead
+        away_m = contact_kernels.farthest_led(*found, TURN_LEVER_M)
+        sight.lead[:] = before
+        return float(away_m)
+
+    def _conclude(self, x: Array) -> None:
+        """Evaluate the law at the end of a step, once."""
+        contacts = self._contacts
+        if self._concluded is x or contacts is None:
+            return
+        self._ends = contact_arrays.ContactEnds.room(len(contacts.planes.body))
+        friction, bodies = self.query.friction, self._body_ends
+        contact_kernels.conclude(x, contacts, self._widths, friction, self._ends, bodies)
+        self._concluded = x
+
+    def settle(self, before: Array, x: Array) -> ContactReport:
+        """Take in the end of the soft step: remember the contacts and load the bodies.
+
+        Args:
+            before: (n, 3) [m], of the nodes at the beginning of the step.
+            x: (n, 3) [m], the same at its end.
+        """
+        contacts = self._contacts
+        if contacts is None and not self._acts:
+            self.report = NOTHING_TOUCHED
+            return self.report
+        if contacts is None:
+            self._body_ends.clear()
+            self.memory, ends, planes = ContactMemory.room(0), self._ends.own[:0], PlaneRows.room(0)
+        else:
+            self._conclude(x)
+            self.memory, ends, planes = self._remembered(contacts), self._ends.own, contacts.planes
+            self.age += 1
+        work_J = contact_kernels.add_work(planes, ends, before, x, self._force)
+        contact_kernels.load_bodies(self._body_ends, self.loads, self.past)
+        self._acts = contacts is not None
+        self.report = self._reported(float(work_J))
+        self.__dict__.pop("sticking", None)
+        return self.report
+
+    def _remembered(self, contacts: Contacts) -> ContactMemory:
+        """Return the contacts that press at the end of a step."""
+        push = self._ends.push
+        memory = ContactMemory.room(int(np.count_nonzero(push > 0.0)))
+        if len(memory.key):
+            contact_kernels.remember(contacts, self._ends, self._widths, self._shapes, memory)
+            if len(self.movable):
+                figures = self._body_ends.figures
+                contact_kernels.see_hits(contacts, push, self._resolved, figures)
+        return memory
+
+    def _reported(self, work_J: float) -> ContactReport:
+        if self._contacts is None:
+            return replace(NOTHING_TOUCHED, work_J=work_J)
+        ends = self._body_ends
+        acting = np.flatnonzero(ends.acting)
+        normal_N, depth_m, hit_m_s, hit_way_m, hit_body = ends.figures.tolist()
+        return ContactReport(
+            acting, ends.loads[acting, :3], ends.loads[acting, 3:], len(self.memory.key), normal_N, depth_m,
+            work_J, hit_m_s, hit_way_m, int(hit_body),
+        )  # fmt: skip
+
+    @cached_property
+    def sticking(self) -> ContactPlanes | None:
+        """The contacts as they answer a small motion from rest, at the end of the step."""
+        planes, ends = self.planes, self._ends
+        return None if planes is None else planes.sticking(ends.point, ends.slack_friction)
+
+    def fastest_m_s(self, after: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
-        if not self._meets:
+        if self.planes is None or not len(self.movable):
             return 0.0
-        return float(contact_kernels.fastest_touched(self.at, state.positions, state.velocities))
+        bodies, touched = self.bodies.foresight.motions, self.loads.loaded
+        film = after.positions, after.velocities
+        return float(contact_kernels.fastest_touched(self.planes.rows, bodies, self.movable, touched, *film))
 
     @property
     def rest_reach_m(self) -> float:
@@ -210,213 +406,46 @@ class ContactExchange:
         return 0.5 * self.law.smoothing_m + _REACH_M
 
     @property
-    def asks_for_weighing(self) -> bool:
-        """Whether `LightBodies` has to weigh bodies after the last step."""
-        return self.asks_for_heavy or bool(
-            self.arrays.counts[contact_arrays.MET] >= self.arrays.numbers.renewed_after
-        )
-
-    @property
-    def asks_for_heavy(self) -> bool:
-        """Whether these are heavy ones."""
-        return bool(self.arrays.counts[contact_arrays.ASKS])
-
-    def ask_for_weighing_after(self, ticks: int) -> None:
-        """Let heavy bodies be weighed after so many ticks of contact, where nothing else asks for it."""
-        self.arrays = self.arrays._replace(numbers=self.arrays.numbers._replace(renewed_after=ticks))
-
-    def forget(self) -> None:
-        """Read again what kernels have filled meanwhile."""
-        for name in ("planes", "sticking", "report"):
-            self.__dict__.pop(name, None)
-
-    @cached_property
-    def planes(self) -> ContactPlanes | None:
-        """Contacts of the last step; None for none."""
-        count = int(self.arrays.counts[TOUCHES])
-        if not count:
-            return None
-        rows = PlaneRows(*(part[:count].copy() for part in self.arrays.touched.planes))  # type: ignore[arg-type]
-        return ContactPlanes(*rows[:-1], law=self.law, body=rows.body)
-
-    @cached_property
-    def sticking(self) -> ContactPlanes | None:
-        """The same as they answer a small motion from rest, at the end of the step."""
-        planes, end = self.planes, self.arrays.end
-        if planes is None:
-            return None
-        return planes.sticking(end.point[: len(planes)].copy(), end.slack_friction[: len(planes)].copy())
-
-    @cached_property
-    def report(self) -> ContactReport:
-        """What the contacts did in the last step."""
-        end, counts = self.arrays.end, self.arrays.counts
-        if not counts[TOUCHES]:
-            return replace(NOTHING_TOUCHED, work_J=float(end.figures[2]))
-        acting = np.flatnonzero(end.acting)
-        force, torque = end.loads[acting, :3], end.loads[acting, 3:]
-        normal_N, depth_m, work_J, hit_m_s, hit_way_m, hit_body = end.figures.tolist()
-        return ContactReport(
-            acting, force, torque, int(counts[REMEMBERED]), normal_N, depth_m, work_J, hit_m_s, hit_way_m,
-            int(hit_body),
-        )  # fmt: skip
-
-    @property
     def held_N_m(self) -> Array:
         """(bodies,) [N/m], trace of the stiffness of the contacts with each body, stick springs slack."""
-        return self.arrays.end.held
+        return self._body_ends.held
 
     @property
-    def memory(self) -> ContactMemory:
-        """The contacts that press."""
-        count = int(self.arrays.counts[REMEMBERED])
-        return ContactMemory(*(part[:count].copy() for part in self.arrays.memory))  # type: ignore[arg-type]
+    def state(self) -> ContactState:
+        """What the next tick depends on."""
+        loads = self.loads.centers.copy(), self._force.copy(), self.past.copy(), self.loads.pressing.copy()
+        return ContactState(self.memory, self.planes, self.age, *loads)
 
-    def save_state(self) -> ContactState:
-        """Return what the next tick depends on."""
-        centers = self.arrays.bodies.centers.copy()
-        age, force = int(self.arrays.counts[AGE]), self.arrays.end.force.copy()
-        past, pressing = self.arrays.past.copy(), self.arrays.bodies.pressing.copy()
-        return ContactState(self.memory, self.planes, age, centers, force, past, pressing)
+    @state.setter
+    def state(self, found: ContactState) -> None:
+        # the scene has been restored before
+        self.memory, self.planes, self.age = found.memory, found.planes, found.age
+        self._contacts = self._concluded = None
+        self.__dict__.pop("sticking", None)
+        if len(found.memory.key) or found.planes is not None or self.bodies.applied[self.query.body].any():
+            self._compile()
+        self.loads.centers[:], self.loads.pressing[:] = found.centers, found.pressing
+        self._force[:], self.past[:] = found.force, found.past
+        self._acts = self._compiled  # bodies may bear what the next step is to end
 
-    def restore_state(self, state: ContactState) -> None:
-        """Return to a state of `save_state`; the scene has been restored before."""
-        self.forget()
-        self.planes, count = state.planes, len(state.memory.key)
-        if count or state.planes is not None or self.bodies.applied[self.query.body].any():
-            self._meet()
-        if count > len(self.arrays.memory.key):
-            self.arrays = self._with_room(self.arrays.search, count)
-        for name, part in zip(MemoryRows._fields, self.arrays.memory, strict=True):
-            part[:count] = getattr(state.memory, name)
-        self.arrays.bodies.centers[:] = state.centers
-        self.arrays.end.force[:], self.arrays.past[:] = state.force, state.past
-        self.arrays.bodies.pressing[:] = state.pressing
-        counts = self.arrays.counts
-        counts[:] = 0
-        # bodies may bear what the next step is to end
-        counts[REMEMBERED], counts[AGE], counts[contact_arrays.LEFT] = count, state.age, self._meets
-
-    def check_state(self, state: ContactState) -> None:
-        """Check what a saved state names: `restore_state` takes it for granted.
+    def check_state(self, found: ContactState) -> None:
+        """Check what a saved state names, before it is set.
 
         Raises:
             InputError: there is no such node or shape.
         """
-        memory, query, surface = state.memory, self.query, self.surface
+        memory, query, surface = found.memory, self.query, self.surface
         of_features = memory.face >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
-        check_indices(features, len(query.features.shape), "features")
+        state.check_indices(features, len(query.features.shape), "features")
         for triangle in (memory.face[of_features], memory.triangle[memory.triangle >= 0]):
-            check_indices(triangle, len(surface.triangles), "triangles")
-        if state.planes is not None:
-            check_indices(state.planes.body, self.bodies.count, "bodies")
-            surface.check_planes(state.planes)
+            state.check_indices(triangle, len(surface.triangles), "triangles")
+        if found.planes is not None:
+            state.check_indices(found.planes.body, self.bodies.count, "bodies")
+            surface.check_planes(found.planes)
 
-    def _found(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
-        self.forget()
-        if find_touched(self.at, x, velocity, rest_m, ahead_s) < 0:  # the lists serve no longer
-            extent = Extent.of(x, velocity)
-            coming_m = ahead_s / contact_arrays.AHEAD_TICKS * float(self.arrays.speed[1])
-            reach = rest_m + ahead_s * extent.speed_m_s + coming_m
-            search = self.search_around(x, extent, reach + _MARGIN_M, BEHIND_M + _MARGIN_M)
-            self.arrays = self._with_room(search, len(search.lists.listed) + len(search.lists.features))
-            find_touched(self.at, x, velocity, rest_m, ahead_s)
-        return self.planes
-
-    def _meet(self) -> None:
-        """Have all kernels compiled, as something is near: many a film never comes so far."""
-        if not self._meets:
+    def _compile(self) -> None:
+        """Have all leaves compiled, as something is near: many a film never comes so far."""
+        if not self._compiled:
             compilation.compile_modules(logging.getLogger("cosim").warning, _WHERE_NEAR)
-            self._meets = True
-
-    def search_around(self, positions: Array, extent: Extent, reach_m: float, behind_m: float) -> Search:
-        """Return a search by lists that hold to such distances at present.
-
-        Args:
-            positions: (n, 3) [m], of the nodes.
-            extent: of the film.
-            reach_m: bound on the distance.
-            behind_m: how far behind the film a feature still counts.
-        """
-        self._meet()
-        query, room = self.query, max(reach_m, behind_m)
-        shapes = query.near(extent.low, extent.high, reach_m)
-        frames = [(positions - query.position[g]) @ query.rotation[g] for g in shapes]
-        points = query.points_around(self.surface.points(positions), reach_m, shapes)
-        row = np.full(len(query), -1)
-        row[shapes] = np.arange(len(shapes))
-        features = query.features.of(shapes)
-        places = query.feature_positions(features)
-        near = ((places > extent.low - room) & (places < extent.high + room)).all(axis=1)
-        features, places = features[near], places[near]
-        found = film_distance.TriangleLists.around(places, positions, self.surface.triangles, room)
-        local = np.array(frames).reshape(-1, *positions.shape)
-        lists = contact_arrays.ListRows(
-            row, local, reach_m, behind_m, points.spans, points.listed, features, found.first, found.listed,
-        )  # fmt: skip
-        return self._searching(lists)
-
-    def _searching(self, lists: contact_arrays.ListRows) -> Search:
-        query, surface = self.query, self.surface
-        rows = contact_arrays.SurfaceRows(
-            *(getattr(surface, name) for name in contact_arrays.SurfaceRows._fields)
-        )
-        features = query.features.shape, query.features.position
-        near = contact_arrays.NearPoints.room(len(lists.listed), len(lists.features))
-        scratch = np.empty((max(len(lists.listed), len(lists.features)), 4)), np.empty((2, 3))
-        return Search(
-            query.bounds, *features, rows, lists, near, np.empty_like(lists.features), self._places,
-            np.empty_like(lists.spans), np.empty((len(lists.features), 3)), np.empty_like(lists.features),
-            *scratch, search_kernels.search_calls(),
-        )  # fmt: skip
-
-    def _first_arrays(self, search: Search) -> ContactArrays:
-        law, bodies, query, surface = self.law, self.bodies, self.query, self.surface
-        stiffness, room = law.stiffness_N_m3, len(self._glue.point)
-        touchable = np.union1d(query.body, self._glue.body[:room])
-        nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
-        movable = touchable[bodies.movable(touchable)]
-        numbers = contact_arrays.ContactNumbers(
-            BEHIND_M, stiffness, stiffness * FEATURE_AREA_M2, RENEW_ABOVE, 0
-        )
-        touched = TouchedPlanes(
-            address_of(add_contacts), PlaneRows.room(room), np.array([law.smoothing_m, law.stick_m]),
-            np.empty((room, 3)), np.empty(room),
-        )  # fmt: skip
-        return ContactArrays(
-            search,
-            contact_arrays.ShapeRows(*(getattr(query, name) for name in contact_arrays.ShapeRows._fields)),
-            numbers, MemoryRows.room(room), MemoryRows.room(room), touched, contact_arrays.Ties.room(room),
-            self._glue, contact_arrays.EndRows.room(room, bodies.count, np.zeros((nodes, 3))),
-            contact_arrays.BodyLoads(
-                bodies.applied, bodies.mass_centers.copy(), bodies.bearing, np.zeros(bodies.count),
-                np.zeros(8), contact_arrays.leads_of(bodies),
-            ),
-            movable, np.zeros(len(movable), np.int64), np.zeros(len(movable)),
-            np.full((bodies.count, 2), contact_arrays.UNKNOWN), np.zeros((bodies.count, 6, 6)),
-            np.zeros((bodies.count, 12)), np.zeros((bodies.count, 6)), np.zeros((bodies.count, 18)),
-            np.zeros(2), self._resolved(movable), np.zeros(7, np.int64), contact_calls(),
-        )  # fmt: skip
-
-    def _resolved(self, movable: IntArray) -> Array:
-        """Return the ways (bodies,) [m] of bodies in a step with which that resolves a hit."""
-        ways = np.full(self.bodies.count, np.inf)
-        ways[movable] = np.minimum(HIT_WAY_M, HIT_SHARE * self.bodies.sizes_m(movable))
-        return ways
-
-    def _with_room(self, search: Search, room: int) -> ContactArrays:
-        """Return the arrays with room for so many contacts, what is remembered taken along."""
-        before, remembered = self.arrays, int(self.arrays.counts[REMEMBERED])
-        room = max(room, remembered) + len(self._glue.point)
-        memory = MemoryRows.room(room)
-        for old, new in zip(before.memory, memory, strict=True):
-            new[:remembered] = old[:remembered]
-        touched = before.touched._replace(
-            planes=PlaneRows.room(room), own=np.empty((room, 3)), pressing=np.empty(room)
-        )
-        return before._replace(
-            search=search, memory=memory, kept=MemoryRows.room(room),
-            touched=touched, ties=contact_arrays.Ties.room(room),
-            end=contact_arrays.EndRows.room(room, self.bodies.count, before.end.force),
-        )  # fmt: skip
+            self._compiled = True

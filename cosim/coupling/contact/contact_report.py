@@ -1,17 +1,16 @@
 """What the contacts of the film with the scene did in a tick, and what they carry to the next one."""
 
 from dataclasses import dataclass
-from typing import Annotated, Final, final
+from typing import Annotated, Final, NamedTuple, final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import INDICES, MATRIX, VECTOR
 from cosim.soft.contact.obstacle_contact import ContactForces, ContactPlanes
 
 
-@final
-@dataclass(frozen=True)
-class ContactMemory:
+class ContactMemory(NamedTuple):
     """The contacts that pressed at the end of a tick.
 
     Args:
@@ -24,20 +23,18 @@ class ContactMemory:
         face: (k,) of the film, on which a feature pressed, brushed ones as well; -1 for points of the film.
     """
 
-    key: Annotated[IntArray, ("k",)]
-    normal_force: Annotated[Array, ("k",)]
-    offset: Annotated[Array, ("k", 3)]
-    place: Annotated[Array, ("k", 3)]
-    triangle: Annotated[IntArray, ("k",)]
-    face: Annotated[IntArray, ("k",)]
+    key: Annotated[IntArray, ("k",), INDICES]
+    normal_force: Annotated[Array, ("k",), VECTOR]
+    offset: Annotated[Array, ("k", 3), MATRIX]
+    place: Annotated[Array, ("k", 3), MATRIX]
+    triangle: Annotated[IntArray, ("k",), INDICES]
+    face: Annotated[IntArray, ("k",), INDICES]
 
     @classmethod
-    def empty(cls) -> "ContactMemory":
-        """Return the memory of no contact."""
-        return cls(
-            np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64),
-            np.zeros(0, np.int64),
-        )  # fmt: skip
+    def room(cls, count: int) -> "ContactMemory":
+        """Return room for so many."""
+        key, triangle, face = (np.zeros(count, np.int64) for _ in range(3))
+        return cls(key, np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)), triangle, face)
 
 
 @final

@@ -28,9 +28,7 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.contact.contact_arrays import AGE, AGREED_M, MET, TURN_LEVER_M, UNKNOWN
-from cosim.coupling.contact.contact_exchange import RENEW_ABOVE, ContactExchange
-from cosim.coupling.contact.contact_kernels import meet_touched
+from cosim.coupling.contact.contact_exchange import AGREED_M, TURN_LEVER_M, UNKNOWN, ContactExchange
 from cosim.coupling.contact.levers import Levers, Yielding
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError
@@ -42,6 +40,8 @@ RATIO_BOUND: Final = 0.5
 
 A node, a spring and a body, the load a tick late: stable up to 1 with implicit Euler, 0.5 with BDF2.
 """
+RENEW_ABOVE: Final = 1.2
+"""Growth of the contacts' own stiffness beyond which bodies are weighed: the film's grows at most as much."""
 _HELD_RATIO = 2.5  # the same, of bodies that something holds besides
 _TRIALS_MAX, _GUESSES, _CUTS = 60, 20, 12
 _LOOSER: Final = ((0, 1.0), (10, 10.0), (20, 100.0))
@@ -66,7 +66,6 @@ class LightBodiesState:
         ratio: largest contact ratio when they were.
         known: (b,) bodies of the last S.
         stiffness: S (6 b, 6 b).
-        yields: (1 + C S)^-1 (6 b, 6 b), share of the way that bodies would go by which the film follows them.
         held_N_m: trace of the stiffness of the contacts with which it was found.
         room: how much stiffer their contacts may get until heavy bodies are weighed again.
         age: ticks of contact since that says who has to give way.
@@ -77,7 +76,6 @@ class LightBodiesState:
     ratio: float
     known: Annotated[IntArray, ("b",)]
     stiffness: Annotated[Array, ("n", "n")]
-    yields: Annotated[Array, ("n", "n")]
     held_N_m: float
     room: float
     age: int
@@ -125,13 +123,13 @@ class _Step:
         self.touched: IntArray = self.bodies
         if self._planes is not None:
             near = np.unique(self._planes.body)
-            self.bodies = near[exchange.arrays.bodies.leads.ahead[near] > 0]
+            self.bodies = near[exchange.bodies.foresight.ahead[near] > 0]
         if self._planes is not None and len(self.bodies):
-            self._centers = exchange.arrays.bodies.centers[self.bodies]
+            self._centers = exchange.loads.centers[self.bodies]
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
-            self._assumed = exchange.arrays.assumed[self.bodies].ravel()
-            self._ahead = exchange.arrays.bodies.leads.lead[self.bodies]
+            self._assumed = exchange.assumed[self.bodies].ravel()
+            self._ahead = exchange.bodies.foresight.lead[self.bodies]
             self._change = np.zeros_like(self._assumed)
             self._mobility: Array | None = None
             self._moved = np.zeros_like(self._ahead)
@@ -276,9 +274,8 @@ class _Step:
         further, self._shift = shift - self._shift, shift
         if not further.any():
             return 0.0
-        self._exchange.move(self._levers.mine, further)
-        self._exchange.arrays.bodies.centers[self.bodies] = self._centers + moved[:, :3]
-        self._planes = self._exchange.planes
+        self._planes = self._exchange.move(self._levers.mine, further)
+        self._exchange.loads.centers[self.bodies] = self._centers + moved[:, :3]
         return float(np.abs(further).max())
 
 
@@ -294,16 +291,13 @@ class LightBodies:
 
     def __init__(self, exchange: ContactExchange, soft: Yielding, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
-        arrays = exchange.arrays
-        self._movable, self._heavy, self._touching = arrays.movable, arrays.heavy, arrays.touching
-        self._ahead, self._counts, self._gives = arrays.bodies.leads.ahead, arrays.counts, arrays.gives
+        self._movable, count = exchange.movable, len(exchange.movable)
+        self._heavy, self._touching = np.zeros(count, np.int64), np.zeros(count)
         self._known: IntArray = np.zeros(0, np.int64)
         self._stiffness, self._held = np.zeros((0, 0)), 0.0
-        self._yields = np.zeros((0, 0))
         self._ticks = min(max(_FEWEST_TICKS, round(_RENEW_AFTER_S / tick_s)), _MOST_TICKS)
-        exchange.ask_for_weighing_after(self._ticks)
         self.ratio, self._room, self.trials = 0.0, RENEW_ABOVE, 1
-        self._first = self.save_state()
+        self._first = self.state
         self._meet_ahead()
 
     def advance(self, flange: Pose, loads: Loads, aim: StepAim | None = None) -> SoftReply:
@@ -331,12 +325,12 @@ class LightBodies:
             trial = step.take()
         if len(step.bodies):
             touched = step.touched
-            self._counts[MET] += len(touched) > 0
+            self._exchange.met += len(touched) > 0
             # what has been light may be held by something else by now
             new = not np.isin(touched, self._known).all()
             if len(touched) and new:
                 self._learn(step)
-                self._counts[MET] = 0
+                self._exchange.met = 0
                 if self._are_heavy(self._stiffness, self._exchange.bodies.mobilities(self._known)):
                     self._heavy[np.isin(self._movable, touched)] = 1
                     self._meet_ahead()
@@ -344,7 +338,7 @@ class LightBodies:
                     step = _Step(self._exchange, self._soft, tick, aim)
                     trial = step.take()
                 else:
-                    self._tell_kernels()
+                    self._tell_exchange()
             if len(step.bodies):
                 trial = self._agree(step, trial)
         assert trial.reply is not None, "the film has stepped"
@@ -368,7 +362,7 @@ class LightBodies:
                 return None
             raise
         x = soft.state.positions
-        if gives_way and not meet_touched(exchange.at, x, reply.residual_N, tick_s, False) <= 1.0:
+        if gives_way and not exchange.disagreement(x, reply.residual_N, tick_s) <= 1.0:
             soft.restore(before)
             return None
         exchange.settle(before.positions, x)
@@ -378,37 +372,43 @@ class LightBodies:
     def begin_ticks_of(self, tick_s: float) -> None:
         """Take ticks of another length from now on; what was weighed in others is forgotten."""
         self._tick_s = tick_s
-        self.restore_state(self._first)
+        self.state = self._first
 
     def weigh(self) -> None:
         """Find again which bodies are heavy, where the last tick asks for it."""
-        if self._exchange.asks_for_weighing and not self._exchange.asks_for_heavy:
+        if self._heavy_are_due():
+            self._weigh_heavy()
+        elif self._exchange.met >= self._ticks:
             self._weigh_light()
-        self._weigh_heavy()
+
+    def _heavy_are_due(self) -> bool:
+        """Return whether heavy bodies are to be weighed: released ones, and after a time or a firmer grip."""
+        heavy = self._heavy != 0
+        if not heavy.any():
+            return False
+        released = self._exchange.loads.loaded[self._movable] == 0
+        firmer = self._exchange.held_N_m[self._movable] > RENEW_ABOVE * self._touching
+        return bool((heavy & (released | firmer | (self._exchange.age >= self._ticks))).any())
 
     def _weigh_heavy(self) -> None:
         exchange = self._exchange
-        if not exchange.asks_for_heavy:
-            return
         held, planes = exchange.held_N_m[self._movable], exchange.sticking
         loaded = exchange.bodies.bearing[self._movable] != 0
         if self._heavy[~loaded].any():  # whoever touches them next finds out again
             self._known, self._stiffness = np.zeros(0, np.int64), np.zeros((0, 0))
-            self._yields = self._stiffness
         self._heavy[~loaded] = 0
         # where contacts are as stiff as when S was found, that serves; bodies just found heavy have it
         before = self._touching * RENEW_ABOVE / self._room
         before = np.where(before > 0.0, before, held)
-        exchange.arrays.counts[AGE] = 0
+        exchange.age = 0
         heavy = self._heavy != 0
         touched, stiffer = self._movable[heavy], (held > RENEW_ABOVE * before)[heavy].any()
         if planes is not None and len(touched):
             if stiffer or not np.isin(touched, self._known).all():
                 x = self._soft.state.positions
-                levers = Levers.of(planes, touched, exchange.arrays.bodies.centers[touched], x)
+                levers = Levers.of(planes, touched, exchange.loads.centers[touched], x)
                 found = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
                 self._known, self._stiffness, self._held, before = touched, found, 0.0, held
-                self._yields = np.zeros_like(found)
             if not self._are_heavy(self._known_stiffness(touched), exchange.bodies.mobilities(touched)):
                 self._heavy[:] = 0
         self._touching[:] = np.where(self._heavy, before * self._room / RENEW_ABOVE, 0.0)
@@ -417,59 +417,53 @@ class LightBodies:
     def _weigh_light(self) -> None:
         """Find again whether bodies that give way are light: something else may hold them by now."""
         exchange, known, x = self._exchange, self._known, self._soft.state.positions
-        planes, self._counts[MET] = exchange.planes, 0
+        planes, exchange.met = exchange.planes, 0
         touched = known[exchange.bodies.bearing[known] != 0]
         if planes is None or not len(touched):
             return
-        levers = Levers.of(planes, known, exchange.arrays.bodies.centers[known], x)
+        levers = Levers.of(planes, known, exchange.loads.centers[known], x)
         tangents = planes.stiffnesses(x)
         held = float(np.einsum("kii->", tangents[levers.mine]))
         if not self._held / _OTHER < held < self._held * _OTHER:
             self._stiffness = levers.stiffness(planes, tangents, self._soft, self._tick_s)
             self._held = held
         mobilities = exchange.bodies.mobilities(known)
-        self._yields = _yields(self._stiffness, exchange.bodies.way_s2(self._tick_s) * mobilities[0])
         if self._are_heavy(self._stiffness, mobilities):
             self._heavy[np.isin(self._movable, touched)] = 1
             self._meet_ahead()
         else:
-            self._tell_kernels(mobilities[1])
+            self._tell_exchange(mobilities[1])
 
-    def save_state(self) -> LightBodiesState:
-        """Return what the next tick depends on."""
+    @property
+    def state(self) -> LightBodiesState:
+        """What the next tick depends on."""
         return LightBodiesState(
-            self._heavy.copy(),
-            self._touching.copy(),
-            self.ratio,
-            self._known,
-            self._stiffness,
-            self._yields,
-            self._held,
-            self._room,
-            int(self._counts[MET]),
-        )
+            self._heavy.copy(), self._touching.copy(), self.ratio, self._known, self._stiffness, self._held,
+            self._room, self._exchange.met,
+        )  # fmt: skip
 
-    def restore_state(self, state: LightBodiesState) -> None:
-        """Return to a state of `save_state`; the scene has been restored before."""
-        self._heavy[:], self._touching[:], self.ratio = state.heavy, state.touching, state.ratio
-        self._known, self._stiffness, self._held = state.known, state.stiffness, state.held_N_m
-        self._room, self._yields = state.room, state.yields
-        self._counts[MET] = state.age
+    @state.setter
+    def state(self, found: LightBodiesState) -> None:
+        # the scene has been restored before
+        self._heavy[:], self._touching[:], self.ratio = found.heavy, found.touching, found.ratio
+        self._known, self._stiffness, self._held = found.known, found.stiffness, found.held_N_m
+        self._room, self._exchange.met = found.room, found.age
         self._meet_ahead()
 
     def _meet_ahead(self) -> None:
-        self._ahead[self._movable] = 1 - 2 * self._heavy
-        self._tell_kernels()
+        self._exchange.bodies.foresight.ahead[self._movable] = 1 - 2 * self._heavy
+        self._tell_exchange()
 
-    def _tell_kernels(self, free: Array | None = None) -> None:
-        """Let kernels take ticks in which known bodies go where the film has met them, unless held.
+    def _tell_exchange(self, free: Array | None = None) -> None:
+        """Let the exchange know how known bodies go from where the film has met them, unless held.
 
         What else holds them only makes them go less far.
 
         Args:
             free: (6 b, 6 b), mobility of the known bodies where nothing else holds them, where it is known.
         """
-        self._gives[:] = UNKNOWN
+        gives = self._exchange.gives
+        gives[:] = UNKNOWN
         if not len(self._known) or self.ratio > _VERY_LIGHT:
             return
         bodies = self._exchange.bodies
@@ -484,9 +478,7 @@ class LightBodies:
             if np.abs(mobility[own] - alone).max() < 1e-9 * mobility[6 * k, 6 * k]:
                 turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
                 largest = float(np.linalg.eigvalsh(turn)[-1])
-                self._gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
-                one = slice(6 * k, 6 * k + 6)
-                self._exchange.arrays.yields[body] = self._yields[one, one]
+                gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
 
     def _are_heavy(self, stiffness: Array, mobilities: tuple[Array, Array]) -> bool:
         """Return whether bodies need not give way, by S and both mobilities (6 b, 6 b), held and free.
@@ -503,8 +495,7 @@ class LightBodies:
         """Find S where the last trial has ended."""
         self._known, self._stiffness = step.bodies, step.stiffness(self._soft.state.positions)
         self._held = step.held_N_m()
-        self._yields = _yields(self._stiffness, step.mobility)
-        self._tell_kernels()
+        self._tell_exchange()
 
     def _agree(self, step: _Step, trial: _Trial) -> _Trial:
         """Let bodies give way until they go where the film has met them."""
@@ -588,11 +579,6 @@ def _farthest_m(motion: Array) -> float:
     """Return the largest part of motions (b, 6), turns at a lever."""
     away = np.abs(motion)
     return float(max(away[:, :3].max(), TURN_LEVER_M * away[:, 3:].max()))
-
-
-def _yields(stiffness: Array, mobility: Array) -> Array:
-    """Return (1 + C S)^-1."""
-    return np.asarray(np.linalg.inv(np.eye(len(stiffness)) + mobility @ stiffness), float)
 
 
 def _ratio(stiffness: Array, mobility: Array) -> float:

@@ -92,17 +92,8 @@ class Interface:
         self.scene, self.soft, self.contact = scene, soft, contact
         self._mounted = np.zeros(10) if mounted is None else np.array(mounted)
         self._payload, self._acting = np.zeros(10), NOTHING
-        bodies = scene.bodies
-        self._bodies = contact_arrays.BodyLoads(
-            bodies.applied,
-            bodies.mass_centers,
-            bodies.bearing,
-            np.zeros(bodies.count),
-            np.zeros(8),
-            contact_arrays.leads_of(bodies),
-        )
-        if contact is not None:
-            self._bodies = contact.arrays.bodies
+        untouched = contact_arrays.BodyLoads.of(scene.bodies, ahead=False)
+        self._bodies = untouched if contact is None else contact.loads
         self.light = LightBodies(contact, soft, scene.tick_s) if contact is not None else None
         self._untouched = self._contacts()
         self.wrench, self.figures = wrench, np.zeros(FIGURES)
@@ -163,17 +154,17 @@ class Interface:
         contact, light = (state.contact, state.light) if state.contact else self._untouched
         if self.contact is not None and contact is not None:
             self.contact.check_state(contact)
-            self.contact.restore_state(contact)
+            self.contact.state = contact
             self.contact.report = state.touched if state.contact else contact_report.NOTHING_TOUCHED
         if self.light is not None and light is not None:
-            self.light.restore_state(light)
+            self.light.state = light
         handed = state.handed
         self._bodies.handed[:] = *handed.bodies, handed.bodies_size_N, handed.bodies_normal_N
         self.update_figures()
 
     def _contacts(self) -> tuple[contact_exchange.ContactState | None, LightBodiesState | None]:
-        contact = None if self.contact is None else self.contact.save_state()
-        return contact, None if self.light is None else self.light.save_state()
+        contact = None if self.contact is None else self.contact.state
+        return contact, None if self.light is None else self.light.state
 
     def room(self, count: int) -> TicksTaken:
         """Return room for so many ticks."""

@@ -179,8 +179,8 @@ class InterfaceSearch:
         self._interface, self._vector, self._soft_loads = interface, vector, loads
         self._step_rigid, self._options, self.inverse = step_rigid, options, inverse
         self._rigid, self._before = interface.scene.save_state(), interface.soft.state
-        self._contact = None if interface.contact is None else interface.contact.save_state()
-        self._light = None if interface.light is None else interface.light.save_state()
+        self._contact = None if interface.contact is None else interface.contact.state
+        self._light = None if interface.light is None else interface.light.state
         self._mobility = interface.scene.mobility()
         self._scale = _SMALLEST_N
         self._reached: Array | None = None
@@ -253,9 +253,9 @@ class InterfaceSearch:
         interface.scene.restore_state(self._rigid)
         interface.soft.restore(self._before)
         if interface.contact is not None and self._contact is not None:
-            interface.contact.restore_state(self._contact)
+            interface.contact.state = self._contact
         if interface.light is not None and self._light is not None:
-            interface.light.restore_state(self._light)
+            interface.light.state = self._light
 
     def _learn(self, quasi_newton: QuasiNewton | None) -> None:
         """Keep for the next tick what the secants of this one have shown."""

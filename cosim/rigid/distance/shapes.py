@@ -106,26 +106,20 @@ def fill_near_box(
     return count
 
 
-class ShapeBounds(NamedTuple):
-    """Shapes and their poses; MuJoCo's arrays stay where they are in memory.
+class GeomPoses(NamedTuple):
+    """Where MuJoCo has the geoms of shapes; its arrays stay where they are in memory.
 
     Args:
-        shapes: g.
         geoms: (g,), places in MuJoCo's arrays.
-        places: (geoms, 3) [m], and
-        axes: (geoms, 9), world from geom, now.
-        position: (g, 3) [m], and
-        rotation: (g, 3, 3), where they are copied to.
-        near: (g,), scratch.
+        body: (g,), of each shape.
+        places: (geoms, 3) [m], world.
+        axes: (geoms, 9), world from geom.
     """
 
-    shapes: Shapes
     geoms: Indices
+    body: Indices
     places: Matrix
     axes: Matrix
-    position: Matrix
-    rotation: Blocks
-    near: Indices
 
 
 _SPACING_M = 4e-3  # of points along sharp edges

@@ -30,7 +30,7 @@ from cosim.errors import InputError
 from cosim.rigid.build.object_bodies import hollow, mesh_of
 from cosim.rigid.distance.shapes import (
     FeaturePoints,
-    ShapeBounds,
+    GeomPoses,
     ShapeKind,
     ShapePoses,
     Shapes,
@@ -474,14 +474,11 @@ class ContactQuery:
         self.rotation[:] = self._data.geom_xmat[self.geoms].reshape(-1, 3, 3)
 
     @cached_property
-    def bounds(self) -> ShapeBounds:
-        """The shapes' bounds and MuJoCo's poses, for kernels."""
-        data, shapes = self._data, self.shapes
-        return ShapeBounds(
-            shapes, self.geoms, data.geom_xpos, data.geom_xmat, *self.poses, np.empty(len(self), np.int64)
-        )
+    def geom_poses(self) -> GeomPoses:
+        """Where MuJoCo has the geoms."""
+        return GeomPoses(self.geoms, self.body, self._data.geom_xpos, self._data.geom_xmat)
 
-    @property
+    @cached_property
     def poses(self) -> ShapePoses:
         """As `update` has read them last."""
         return ShapePoses(self.position, self.rotation)

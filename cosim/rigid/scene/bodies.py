@@ -9,16 +9,16 @@ How bodies of a compiled scene answer impulses.
 import ctypes
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, final
+from typing import final
 
 import mujoco
 import numpy as np
 from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, cross
-from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.errors import InputError, SceneError
 from cosim.rigid.scene.arm import Mounting
+from cosim.rigid.scene.foresight import Foresight
 from cosim.rigid.scene.load_leaves import power_on_bodies
 
 
@@ -142,7 +142,8 @@ class Bodies:
         self.tree_centers: Array = data.subtree_com
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
         self.carried = AddedInertia(model, data, mounting)
-        self.foresight = foresight(model, data, mounting, pace, self.carried.on_arm)
+        on_arm = self.carried.on_arm, mass_places(model, mounting)
+        self.foresight = Foresight(model, data, mounting.body, pace, on_arm)
 
     @property
     def loaded(self) -> IntArray:
@@ -223,7 +224,7 @@ class Bodies:
 
     def way_s2(self, tick_s: float) -> float:
         """Return how far [m] an acceleration of 1 m/s^2 brings a body in a tick: h^2 (n + 1) / 2 n."""
-        steps = int(self.foresight.ahead.pace[0])
+        steps = self.foresight.steps
         return tick_s**2 * (steps + 1) / (2 * steps)
 
     def mobility(self, bodies: IntArray, *, held: bool) -> Array:
@@ -307,119 +308,6 @@ def touchable_geoms(model: mujoco.MjModel, mount: int, *, fixed_only: bool = Fal
     return np.asarray(np.flatnonzero(collides & ~own), dtype=np.int64)
 
 
-ACCELERATE, CONSTRAIN, VELOCITIES, REBEGIN, REFACTORISE, REFINISH = range(6)
-"""Places in `Foresight.steps`: accelerations without and with constraints, velocities of bodies; then the
-first half step, the factorisation of the mass matrix, and the second half step."""
-
-
-class StateRows(NamedTuple):
-    """What a step of a scene depends on; MuJoCo's arrays, each as one row of numbers.
-
-    Args:
-        position: of all joints.
-        speed: (nv,), of all degrees of freedom.
-        warm: (nv,), accelerations from which contact forces are solved.
-        torque: (nv,), applied.
-        applied: (6 bodies,), loads on them.
-        control: (3 joints,), position, velocity and feedforward of each servo.
-    """
-
-    position: Vector
-    speed: Vector
-    warm: Vector
-    torque: Vector
-    applied: Vector
-    control: Vector
-
-
-class StepsAhead(NamedTuple):
-    """A second state of a scene, in which a tick of several steps is taken ahead.
-
-    Args:
-        pace: (2,), see `Bodies`.
-        step_s: length of a step [s].
-        sides: (2,) addresses of the model and of the second state.
-        here: the scene's own state, and
-        there: the second one.
-        spin: (bodies, 6), and
-        tree: (bodies, 3) [m], of the second state, see `Leads`.
-        mass: entries of its sparse mass matrix.
-        mass_places: (joints, joints), where in it the lower triangle of the arm's joints is.
-        carried: (joints, joints) [kg m^2], that the arm's joints carry.
-    """
-
-    pace: Indices
-    step_s: float
-    sides: Indices
-    here: StateRows
-    there: StateRows
-    spin: Matrix
-    tree: Matrix
-    mass: Vector
-    mass_places: IndexTable
-    carried: Matrix
-
-
-class Foresight(NamedTuple):
-    """How a scene is going to move, by MuJoCo's own accelerations; its arrays stay where they are in memory.
-
-    Args:
-        steps: (6,) addresses of functions.
-        sides: (2,) addresses of model and state, which are their arguments.
-        speed: (nv,), velocities of all degrees of freedom.
-        acceleration: (nv,), theirs in the last step.
-        kept: (2, nv), scratch.
-        mass: entries of the sparse mass matrix.
-        diagonal: (nv,), where in it the diagonal is.
-        damping: (nv,), of the joints.
-        ahead: for ticks of several steps.
-    """
-
-    steps: Indices
-    sides: Indices
-    speed: Vector
-    acceleration: Vector
-    kept: Matrix
-    mass: Vector
-    diagonal: Indices
-    damping: Vector
-    ahead: StepsAhead
-
-
-def foresight(
-    model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, pace: IntArray, carried: Array
-) -> Foresight:
-    """Return how a scene is going to move.
-
-    Raises:
-        SceneError: MuJoCo's library cannot be found.
-    """
-    diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
-    return Foresight(
-        np.array(addresses((*_ANSWERS, *_STEPS, "mj_step2"))), np.array((model._address, data._address)),
-        data.qvel, data.qacc, np.zeros((2, model.nv)), data.M, diagonal, model.dof_damping,
-        _steps_ahead(model, data, mounting, pace, carried),
-    )  # fmt: skip
-
-
-def _steps_ahead(
-    model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, pace: IntArray, carried: Array
-) -> StepsAhead:
-    """Return a second state of a scene; the scene's own where a tick is one step, which needs none."""
-    other = mujoco.MjData(model) if pace[0] > 1 else data
-    here, there = (
-        StateRows(
-            state.qpos, state.qvel, state.qacc_warmstart, state.qfrc_applied, state.xfrc_applied.reshape(-1),
-            state.ctrl,
-        )
-        for state in (data, other)
-    )  # fmt: skip
-    return StepsAhead(
-        pace, float(model.opt.timestep), np.array((model._address, other._address)), here, there, other.cvel,
-        other.subtree_com, other.M, mass_places(model, mounting), carried,
-    )  # fmt: skip
-
-
 def mass_places(model: mujoco.MjModel, mounting: Mounting) -> IntArray:
     """Return where MuJoCo keeps M_ij, j <= i, of what moves a mount: each is moved by all before it.
 
@@ -447,7 +335,3 @@ def addresses(names: tuple[str, ...]) -> tuple[int, ...]:
             library = ctypes.CDLL(str(path))  # it is loaded already: this finds it
             return tuple(ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names)
     raise SceneError(f"MuJoCo's library is not in {folder}: install its package (`pip install mujoco`)", None)
-
-
-_STEPS = "mj_step1", "mj_factorM"
-_ANSWERS = "mj_fwdAcceleration", "mj_fwdConstraint", "mj_comVel"

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import address_of, kernel, small_matrix, small_vector
+from cosim.base.kernels import kernel, small_matrix, small_vector
 from cosim.soft.contact.contact_law import GLUED, ContactLaw, touch
 from cosim.soft.elements.element import Sums
 from cosim.soft.linear.pattern import add_block
@@ -45,59 +45,37 @@ class PlaneRows(NamedTuple):
         return cls(nodes, weights, slots, normal, offset, stiffness, friction, anchor, body)
 
 
-class TouchedPlanes(NamedTuple):
-    """What may be touched in a step, for a kernel that adds it by `add_contacts`.
-
-    Args:
-        call: address of that kernel; 0 for nothing to touch.
-        planes: k contacts.
-        widths: (2,) [m], of the transitions, see `ContactLaw`: across, then along the surface.
-        own: (k, 3) [N], filled with the gradient of each by its point.
-        pressing: (k,) [N], filled with its normal force.
-    """
-
-    call: int
-    planes: PlaneRows
-    widths: Vector
-    own: Matrix
-    pressing: Vector
-
-
 @kernel
 def add_contacts(
-    x: Matrix,
-    planes: PlaneRows,
-    widths: Vector,
-    begin: int,
-    end: int,
-    gradient: Matrix,
-    blocks: Blocks,
-    own: Matrix,
-    pressing: Vector,
+    x: Matrix, planes: PlaneRows, widths: Vector, gradient: Matrix, blocks: Blocks, ends: Matrix
 ) -> float:
-    """Add gradient (and Hessian, if there are blocks) of contacts of some nodes; return the energy [J].
+    """Add gradient (and Hessian, if there are blocks) of contacts; return the energy [J].
 
-    They are those of triangles whose first node is from `begin` on and before `end`.
-    `own` receives each contact's gradient by its point, `pressing` its normal force.
+    Args:
+        x: (n, 3) [m], of the nodes.
+        planes: k contacts.
+        widths: (2,) [m], of the law's transitions: across, then along the surface.
+        gradient: (n, 3) [N], added to.
+        blocks: (b, 3, 3) [N/m], added to; (0, 3, 3) for the gradient alone.
+        ends: (k, 4) [N], filled with the gradient of each by its point, and its normal force.
     """
     point, tangent, k = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     nodes, weights, normal, friction = planes.nodes, planes.weights, planes.normal, planes.friction
     energy = 0.0
     for e in range(nodes.shape[0]):
-        if not begin <= nodes[e, 0] < end:
-            continue
         for r in range(3):
             point[r] = 0.0
             for a in range(3):
                 point[r] += weights[e, a] * x[nodes[e, a], r]
-        level, pressing[e] = touch(
+        own = ends[e]
+        level, own[3] = touch(
             point, normal[e], planes.offset[e], planes.stiffness[e], friction[e], planes.anchor[e], widths[0],
-            widths[1], own[e], tangent,
+            widths[1], own, tangent,
         )  # fmt: skip
         energy += level
         for a in range(3):
             for r in range(3):
-                gradient[nodes[e, a], r] += weights[e, a] * own[e, r]
+                gradient[nodes[e, a], r] += weights[e, a] * own[r]
             if blocks.shape[0] == 0:
                 continue
             for b in range(a + 1):
@@ -149,29 +127,27 @@ class ContactPlanes:
         return PlaneRows(*(getattr(self, name) for name in PlaneRows._fields))
 
     @cached_property
-    def touched(self) -> TouchedPlanes:
-        """What a kernel takes that adds them."""
-        widths = np.array([self.law.smoothing_m, self.law.stick_m])
-        call, count = address_of(add_contacts), len(self)
-        return TouchedPlanes(call, self.rows, widths, np.empty((count, 3)), np.empty(count))
+    def widths(self) -> Array:
+        """(2,) [m], of the law's transitions: across, then along the surface."""
+        return np.array([self.law.smoothing_m, self.law.stick_m])
+
+    @cached_property
+    def ends(self) -> Array:
+        """(k, 4) [N], gradient of each by its point, and its normal force, where they were added last."""
+        return np.empty((len(self), 4))
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
         """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
-        _, planes, widths, own, pressing = self.touched
         blocks = sums.blocks if hessian else _NO_BLOCKS
-        energy: float = add_contacts(
-            positions, planes, widths, 0, len(positions), sums.gradient, blocks, own, pressing
-        )
-        return energy
+        return float(add_contacts(positions, self.rows, self.widths, sums.gradient, blocks, self.ends))
 
     def at(self, positions: Array) -> "ContactForces":
         """Return forces and places of the contact points at positions (n, 3) [m]."""
-        _, planes, widths, own, pressing = self.touched
-        every = 0, len(positions)
-        add_contacts(positions, planes, widths, *every, np.zeros_like(positions), _NO_BLOCKS, own, pressing)
+        ends = np.empty((len(self), 4))
+        add_contacts(positions, self.rows, self.widths, np.zeros_like(positions), _NO_BLOCKS, ends)
         point = np.einsum("ka,kar->kr", self.weights, positions[self.nodes])
         distance = np.einsum("kr,kr->k", self.normal, point) - self.offset
-        return ContactForces(point, -own, pressing.copy(), distance)
+        return ContactForces(point, -ends[:, :3], ends[:, 3].copy(), distance)
 
     def sticking(self, points: Array, friction: Array) -> "ContactPlanes":
         """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.

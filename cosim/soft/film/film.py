@@ -408,9 +408,8 @@ class FilmPotential:
             slots = self._segment_slots if with_tangent else _NO_TABLE
             found.append(Call(add_segments, (self.eyelets.segments, pull, slots, gradient, blocks)))
         if loads.contact is not None:
-            planes = loads.contact.touched
-            whole = planes.planes, planes.widths, 0, len(gradient), gradient, blocks
-            found.append(Call(add_contacts, (*whole, planes.own, planes.pressing)))
+            planes = loads.contact
+            found.append(Call(add_contacts, (planes.rows, planes.widths, gradient, blocks, planes.ends)))
         if inertia is not None:
             diagonal = self._diagonal if with_tangent else _NO_SLOTS
             bed = inertia.coefficient, inertia.target, diagonal, gradient, blocks

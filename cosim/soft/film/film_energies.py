@@ -8,7 +8,6 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.film.bdf2 import step_span
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.film.strain_rates import StrainRates
 
@@ -55,6 +54,6 @@ class FilmEnergies:
         rates = self._rates
         if rates is None:
             return 0.0
-        span = step_span(self._tick_s, two_steps)
+        span = 2.0 * self._tick_s / 3.0 if two_steps else self._tick_s
         rates.begin(positions[1].copy(), positions[0].copy() if two_steps else None, span)
         return 2.0 * rates.potential(positions[2].copy()) / span

@@ -30,7 +30,6 @@ from cosim.soft.elements.hinge import ANGLE, ROOM, differentiate
 from cosim.soft.elements.hinge import LANES as SIDE_BY_SIDE
 from cosim.soft.elements.material import EDGE_STRAIN
 from cosim.soft.elements.membrane import ENERGY, FORCE, LANES, SIZE, STRAIN, MembraneRows, deformation
-from cosim.soft.film.bdf2 import base_of_two
 from cosim.soft.geometry.surface import TURN
 
 RATE_ROOM: Final = 9 * LANES
@@ -64,7 +63,7 @@ def fill_triangle_rates(
         if two_steps:
             before = deformation(earlier_x, film.triangles[e], film.gradients[e], f)
             for r in range(3):
-                n[r] = base_of_two(n[r], before[r])
+                n[r] = (4.0 * n[r] - before[r]) / 3.0
         for r in range(3):
             row[r * LANES + lane] = n[r]
             row[(3 + r) * LANES + lane] = time_over_span * tangent[r, r]
@@ -158,5 +157,5 @@ def fill_hinge_rates(
             if two_steps:
                 turned = angle - s[ANGLE + lane]
                 turned -= TURN * np.floor(turned / TURN + 0.5)
-                angle = base_of_two(angle, angle - turned)
+                angle += turned / 3.0
             rate_angles[first + lane] = angle

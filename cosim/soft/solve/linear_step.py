@@ -17,7 +17,6 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask
-from cosim.soft.film.bdf2 import two_step_base
 from cosim.soft.solve.step_begin import BedNumbers
 
 LoadName: TypeAlias = tuple[str, int]
@@ -95,8 +94,10 @@ class RestingBody:
         base, speed = begin[0], begin[1]
         along = carried @ (flange - place @ begin[0][held]) / span
         if bed.two_steps:
-            base, speed = two_step_base(base, begin[2]), two_step_base(speed, begin[3])
-            along = two_step_base(along, carried @ (flange - place @ begin[2][held]) / span)
+            base, speed = (
+                (4.0 * last - first) / 3.0 for last, first in ((base, begin[2]), (speed, begin[3]))
+            )
+            along = (4.0 * along - carried @ (flange - place @ begin[2][held]) / span) / 3.0
         target = base + bed.factor * (speed + bed.share * along)
         inertia, losses = self.mass / (bed.factor * span), self.losses / span
         tangent = self.stiffness + losses + inertia

@@ -34,7 +34,6 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.contact.self_contact_pairs import FilmMemory
-from cosim.soft.film.bdf2 import base_of_two, step_span
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.step_begin import BedNumbers
@@ -207,9 +206,9 @@ def follow_flange(
             along[i, r] = 0.0
     if held.triad.shape[0] < 3:
         return
-    _add_carried(held, flange, x, (base_of_two(1.0, 0.0) if numbers.two_steps else 1.0) / numbers.span, along)
+    _add_carried(held, flange, x, (4.0 / 3.0 if numbers.two_steps else 1.0) / numbers.span, along)
     if numbers.two_steps:
-        _add_carried(held, flange, earlier_x, base_of_two(0.0, 1.0) / numbers.span, along)
+        _add_carried(held, flange, earlier_x, -1.0 / (3.0 * numbers.span), along)
 
 
 class Damped(NamedTuple):
@@ -504,7 +503,7 @@ class StepOptions:
             first: whether it begins without a step before it.
         """
         two_steps = self.integrator == "bdf2" and not first
-        span = step_span(step_s, two_steps)
+        span = 2.0 * step_s / 3.0 if two_steps else step_s
         factor = span / (1.0 + self.losses_per_s * span)
         return BedNumbers(two_steps, span, factor, self.damping_per_s * span)
 

@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 
 from cosim.base.kernel_types import IndexTable, Matrix, Vector
 from cosim.base.kernels import kernel
-from cosim.soft.film.bdf2 import base_of_two
 from cosim.soft.geometry.surface import TURN
 
 # An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
@@ -65,8 +64,8 @@ def fill_bed(
         for r in range(3):
             place, speed = x[i, r], velocity[i, r]
             if numbers.two_steps:
-                place = base_of_two(place, earlier_x[i, r])
-                speed = base_of_two(speed, earlier_velocity[i, r])
+                place = (4.0 * place - earlier_x[i, r]) / 3.0
+                speed = (4.0 * speed - earlier_velocity[i, r]) / 3.0
             base[i, r] = place
             target[i, r] = place + numbers.factor * (speed + numbers.share * along[i, r])
 

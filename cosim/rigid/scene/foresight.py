@@ -1,0 +1,121 @@
+"""How far bodies will be ahead of where MuJoCo has them, by its own steps.
+
+A tick of one step: the accelerations under the loads that act, with all that touches and holds bodies now.
+A tick of several: these steps themselves, in a second state of the scene, so contacts that come about within
+the tick count, and servos continue at the speed that they were asked for last.
+"""
+
+from typing import final
+
+import mujoco
+import numpy as np
+
+from cosim.base.frames import Array, IntArray
+from cosim.rigid.scene.body_motion import BodyMotions, add_way
+
+_COPIED = "qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "ctrl"
+
+
+@final
+class Foresight:
+    """Finds how far bodies are ahead, seen from the flange, so what it carries is where it is.
+
+    `lead` (bodies, 6) is by what they are: translation at the world's origin [m], then turn [rad]. `ahead`
+    (bodies,) is 1 for those that are met at the end of the next step; -1 for those that are met where they
+    will be in the middle of the steps in which the load acts, a tick late; 0 for those that are met where
+    they are.
+
+    Args:
+        model: compiled scene.
+        data: its state.
+        flange: body that goes with it.
+        pace: (2,), see `Bodies`.
+        carried: what the arm's joints carry (joints, joints) [kg m^2], and where in MuJoCo's mass matrix the
+            lower triangle of it is.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        flange: int,
+        pace: IntArray,
+        carried: tuple[Array, IntArray],
+    ) -> None:
+        self._model, self._data, self._pace, self._carried = model, data, pace, carried
+        self._lower = np.tril_indices(len(carried[0]))
+        self._roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
+        self._flange = flange
+        self.motions = self._motions(data)
+        self._diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
+        self._second = mujoco.MjData(model) if pace[0] > 1 else data
+        self._motions_then = self._motions(self._second)
+        self.lead: Array = np.zeros((model.nbody, 6))
+        self.ahead: IntArray = np.zeros(model.nbody, np.int64)
+
+    def _motions(self, data: mujoco.MjData) -> BodyMotions:
+        return BodyMotions(data.cvel, data.subtree_com, self._roots, data.xipos, self._flange)
+
+    @property
+    def steps(self) -> int:
+        """How many steps of MuJoCo the next rigid step takes."""
+        return int(self._pace[0])
+
+    def at_velocities(self, tick_s: float) -> None:
+        """Fill how far bodies are ahead after a time [s] at the velocities that they have."""
+        steps = self.steps
+        self.lead.fill(0.0)
+        add_way(self.motions, self.ahead, 1, tick_s, self.lead)
+        if steps > 1:
+            add_way(self.motions, self.ahead, -1, tick_s * (steps - 1) / (2 * steps), self.lead)
+
+    def under_loads(self, loads: Array, tick_s: float) -> None:
+        """Fill how far bodies are ahead at the end of MuJoCo's next step.
+
+        Args:
+            loads: (bodies, 6) [N, N m], about centres of mass, on those that are met ahead; the others bear
+                what they bear.
+            tick_s: length of the step [s].
+        """
+        applied = self._data.xfrc_applied
+        before, ahead = applied.copy(), self.ahead > 0
+        applied[ahead] = loads[ahead]
+        if self.steps > 1:
+            self._take_steps()
+        else:
+            self._accelerate(tick_s)
+        applied[:] = before
+
+    def _accelerate(self, h: float) -> None:
+        model, data = self._model, self._data
+        speed, acceleration = data.qvel.copy(), data.qacc.copy()
+        mujoco.mj_fwdAcceleration(model, data)
+        mujoco.mj_fwdConstraint(model, data)
+        # damping is implicit in MuJoCo's step; joints count as if each were alone
+        inertia = data.M[self._diagonal]
+        data.qvel[:] = speed + h * data.qacc * inertia / (inertia + h * model.dof_damping)
+        mujoco.mj_comVel(model, data)
+        self.at_velocities(h)
+        data.qvel[:], data.qacc[:] = speed, acceleration
+        mujoco.mj_comVel(model, data)
+
+    def _take_steps(self) -> None:
+        model, here, there = self._model, self._data, self._second
+        for name in _COPIED:
+            getattr(there, name)[:] = getattr(here, name)
+        step_s, control = float(model.opt.timestep), there.ctrl
+        self.lead[self.ahead > 0] = 0.0
+        for _ in range(self.steps):
+            mujoco.mj_step1(model, there)
+            self._carry(there)
+            control[0::3] += step_s * control[1::3]
+            mujoco.mj_step2(model, there)
+            mujoco.mj_comVel(model, there)
+            add_way(self._motions_then, self.ahead, 1, step_s, self.lead)
+
+    def _carry(self, data: mujoco.MjData) -> None:
+        """Add what the joints carry to the mass matrix of a state that MuJoCo has brought up to date."""
+        inertia, places = self._carried
+        if np.count_nonzero(inertia):
+            data.M[places[self._lower]] += inertia[self._lower]
+            mujoco.mj_factorM(self._model, data)
