@@ -299,5 +299,6 @@ def step_spring(cable: Cable, stretch_m: float, step_s: float) -> tuple[float, f
 
 def losses_follow(cables: tuple[Cable, ...], lengths_m: tuple[float | None, ...]) -> bool:
     """Return whether a solution with given lengths (or none) has frozen losses that it changes itself."""
-    pairs = zip(cables, lengths_m or (None,) * len(cables), strict=True)
-    return any(length is not None and cable.lossy for cable, length in pairs)
+    if not any(lengths_m):
+        return False
+    return any(length is not None and cable.lossy for cable, length in zip(cables, lengths_m, strict=True))

@@ -104,8 +104,8 @@ class FilmLoads:
         gases: sealed in each, None where the pressure is given; empty where it is in all.
         pull: (segments,) [N], of the cables whose tensions are given.
         winches: cables whose lengths are commanded.
+        moving: whether it is a step in time that is not solved closely.
         calls: leaves of the gradient.
-        tangent_calls: the same with the tangent.
     """
 
     loads: Loads
@@ -116,8 +116,8 @@ class FilmLoads:
     gases: tuple[SealedGas | None, ...]
     pull: Array
     winches: list[_Winch]
+    moving: bool
     calls: list[Call]
-    tangent_calls: list[Call]
 
 
 @final
@@ -163,12 +163,20 @@ class FilmPotential:
         """Places of each cable's segments among all."""
         self.slides = any(cable.remembers for cable in cables)
         """Whether some cable remembers which way it has slid."""
+        rubs = any(cable.friction_coefficient for cable in cables)
+        self._losses_change = self.slides or rubs
         self._cable_of = np.repeat(np.arange(len(cables)), [len(cable.nodes) - 1 for cable in cables])
         self._pull = np.empty(len(self._cable_of))
         self._segment_slots = self.pattern.slots(self.eyelets.segments)
         self._eyelet_slots = [
             self.pattern.slots(nodes[None])[0] if len(nodes) else _NO_SLOTS for nodes in self.eyelets.tied
         ]
+
+    @cached_property
+    def _losses(self) -> Array:
+        """(segments, COLUMNS), of cables with given tensions that lose the same in all shapes."""
+        pulls: eyelets.Pulls = (), (), ()
+        return eyelets.frozen_losses(self.eyelets, self.body.cables, self.body.positions, _NO_MEMORY, pulls)
 
     @cached_property
     def _plain_chambers(self) -> list[_Chamber]:
@@ -236,6 +244,8 @@ class FilmPotential:
             loads: that act.
             memory: (values,), of the last accepted state; as of cables that are pulled taut unless given.
         """
+        if not self._losses_change and not any(loads.cable_length_m):
+            return self._losses
         before = self.body.first_memory() if memory is None and self.slides else memory
         pulls = loads.cable_tension_N, loads.cable_length_m, loads.cable_stiffening
         known = _NO_MEMORY if before is None else before
@@ -330,7 +340,10 @@ class FilmPotential:
         """Fill the tangent as well; return the potential [J]."""
         self.blocks.fill(0.0)
         dense: list[_DenseTerm] = []
-        energy = self._sum(x, acting, acting.tangent_calls, dense)
+        own = self._moving_tangent_calls if acting.moving else self._still_tangent_calls
+        simple = not (self.slides or acting.winches)
+        acts = self._calls_of(acting.loads, acting.inertia, acting.pull, self.blocks, simple=simple)
+        energy = self._sum(x, acting, [*own, *acts], dense)
         low_rank, pairs = None, acting.loads.self_contact
         if dense:
             low_rank = LowRank(
@@ -377,17 +390,15 @@ class FilmPotential:
         winches = self._winches(loads, rows) if any(loads.cable_length_m) else []
         if inertia is not None:
             moving = inertia.step_s < np.inf and not inertia.closely
-        simple, acts = not (self.slides or winches), (loads, inertia, pull)
         own = self._moving_calls if moving else self._still_calls
-        calls = [*own, *self._calls_of(*acts, _NO_BLOCKS, simple=simple)]
-        own = self._moving_tangent_calls if moving else self._still_tangent_calls
-        tangent_calls = [*own, *self._calls_of(*acts, self.blocks, simple=simple)]
+        simple = not (self.slides or winches)
+        calls = [*own, *self._calls_of(loads, inertia, pull, _NO_BLOCKS, simple=simple)]
         gases = loads.gases(self.gas.count) if any(loads.gas) else ()
         if gases and not self.conservative:
             raise InputError("a sealed gas needs a closed body; this one has open caps")
         pressures = loads.pressures(self.gas.count)
         return FilmLoads(
-            loads, losses, rows, inertia, pressures, gases, pull, winches, calls, tangent_calls
+            loads, losses, rows, inertia, pressures, gases, pull, winches, moving, calls
         )  # fmt: skip
 
     def _calls_of(

@@ -66,6 +66,8 @@ class Stepper:
         self._target, self._base = np.empty_like(film.gradient), np.empty_like(film.gradient)
         self._along = np.zeros_like(film.gradient)  # [m/s], of nodes that go along with the flange
         self._scheme: StepScheme | None = None
+        self._inertia: Inertia | None = None
+        self._rubs = any(cable.friction_coefficient for cable in film.body.cables)
         folds, place = film.body.hinges, film.body.memory_places[film.body.elements.index(film.body.hinges)]
         self._angles = slice(place.start, place.start + len(folds.coupled))
         self._folds = folds.arrays.nodes[: len(folds.coupled)]
@@ -165,8 +167,10 @@ class Stepper:
             follow_flange(self.clamp.held, flange, x, earlier_x, bed, self._along)
         fill_bed(x, v, earlier_x, earlier_v, self._along, bed, self._base, self._target)
         self.fill_rates(state, scheme)
-        closely = self.options.closely or aim is not None
-        return Inertia(scheme.inertia, self._target, step_s, closely, self.rates)
+        closely, last = self.options.closely or aim is not None, self._inertia
+        if last is None or last.coefficient is not scheme.inertia or last.closely is not closely:
+            last = self._inertia = Inertia(scheme.inertia, self._target, step_s, closely, self.rates)
+        return last
 
     def fill_rates(self, state: SoftState, scheme: StepScheme) -> None:
         """Fill what a step from a state resists rates of strain with; see `StrainRates.fill`."""
@@ -183,8 +187,7 @@ class Stepper:
 
     def _problem(self, state: SoftState, x: Array, flange: Array, loads: Loads, inertia: Inertia) -> Problem:
         """Return what is solved from a start x (n, 3) [m]; losses that follow the shape are frozen there."""
-        cables = self.solver.film.body.cables
-        follows = any(c.friction_coefficient for c in cables) or losses_follow(cables, loads.cable_length_m)
+        follows = self._rubs or losses_follow(self.solver.film.body.cables, loads.cable_length_m)
         frozen_at, frame = x if follows else state.positions, np.ascontiguousarray(flange[1:].T)
         memory = self.solver.film.fresh(state.memory) if inertia.closely else state.memory
         return self.solver.problem(frozen_at, memory, loads, inertia, frame)
