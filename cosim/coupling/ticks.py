@@ -41,9 +41,29 @@ class Servos(NamedTuple):
         """Return (n, joints) each with a feedforward that is as it is, whatever hangs on the flange."""
         return cls(position, velocity, torque, np.zeros((*position.shape, 10)))
 
+    def row(self, k: int) -> ServoRow:
+        """Return what is asked for in tick k."""
+        return ServoRow(self.position[k], self.velocity[k], self.torque[k], self.by_payload[k])
+
     def some(self, first: int, end: int) -> Servos:
         """Return what is asked for in some of the ticks."""
         return Servos._make(map(itemgetter(slice(first, end)), self))
+
+
+class ServoRow(NamedTuple):
+    """What the servos are asked for in one tick, see `Servos`.
+
+    Args:
+        position: (joints,) [rad].
+        velocity: (joints,) [rad/s].
+        torque: (joints,) [N m].
+        by_payload: (joints, 10).
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    by_payload: Array
 
 
 class Ticks(NamedTuple):
@@ -176,15 +196,17 @@ class TicksTaken:
             bodies: what has acted on them.
             momentum_error: of what has acted, see `LedgerEntry`.
         """
-        k, ticks, pose, twist = self.done, self.ticks, scene.flange_pose, scene.flange_twist
+        k, ticks, flange = self.done, self.ticks, scene.flange_pose
         ticks.joints[k], ticks.joint_speed[k], ticks.servo_torque[k] = scene.joint_rows
         ticks.places[k], ticks.quaternions[k] = scene.place_rows
-        ticks.origin[k], ticks.axes[k], ticks.mounted[k] = pose.translation, pose.rotation, scene.mounted
+        ticks.origin[k], ticks.axes[k], ticks.mounted[k] = flange.translation, flange.rotation, scene.mounted
+        twist = scene.flange_twist
         ticks.twist[k, :3], ticks.twist[k, 3:] = twist.linear, twist.angular
         ticks.momentum_error[k], ticks.work[k, 3] = momentum_error, scene.bodies.work_J
-        for body in np.flatnonzero(bodies.loaded).tolist():
-            ticks.body_force[k, body] = bodies.applied[body, :3]
-            ticks.touch[k, body, 0] = bodies.pressing[body]
+        if np.count_nonzero(bodies.loaded):
+            loaded = np.flatnonzero(bodies.loaded)
+            ticks.body_force[k, loaded] = bodies.applied[loaded, :3]
+            ticks.touch[k, loaded, 0] = bodies.pressing[loaded]
         scene.read_touch(ticks.touch[k])
 
     def end_tick(self, reply: SoftReply, soft: SoftSide, figures: Array) -> None:

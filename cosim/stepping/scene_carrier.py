@@ -359,8 +359,9 @@ class SharedArm(ArmCarrier):
         assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
         self._coupling.begin()
         self._shared.begin_tick()
-        feedforward = self._coupling.interface.feedforward(servos)
-        self._scene.set_control(servos.position[0], servos.velocity[0], feedforward)
+        asked = servos.row(0)
+        feedforward = self._coupling.interface.feedforward(asked)
+        self._scene.set_control(asked.position, asked.velocity, feedforward)
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         self._shared.end_tick()

@@ -22,7 +22,7 @@ from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.schemes.tick import tick
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import ServoRow, TicksTaken
 from cosim.soft.body.loads import Loads
 
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
@@ -68,7 +68,7 @@ class FineTicks:
         if interface.light is not None:
             interface.light.begin_ticks_of(scene.tick_s)
 
-    def take(self, carried: CarriedInertia, servos: Servos, loads: Loads, taken: TicksTaken) -> None:
+    def take(self, carried: CarriedInertia, servos: ServoRow, loads: Loads, taken: TicksTaken) -> None:
         """Take one tick of the clock in pieces.
 
         Args:

@@ -28,7 +28,7 @@ from cosim.coupling.schemes.transfer import (
     work_rate,
 )
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import Servos, TicksTaken, figures_of
+from cosim.coupling.ticks import ServoRow, TicksTaken, figures_of
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.rigid.scene.arm import about_origin
@@ -91,7 +91,7 @@ class Interface:
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
         self._mounted = np.zeros(10) if mounted is None else np.array(mounted)
-        self._payload, self._acting = np.zeros(10), NOTHING
+        self._payload, self._mass_kg, self._acting = np.zeros(10), soft.mass_kg, NOTHING
         untouched = contact_arrays.BodyLoads.of(scene.bodies, ahead=False)
         self._bodies = untouched if contact is None else contact.loads
         self.light = LightBodies(contact, soft, scene.tick_s) if contact is not None else None
@@ -176,33 +176,36 @@ class Interface:
         self._acting = numbers_of(wrench)
         self.scene.apply_flange_wrench(wrench)
 
-    def step_rigid(self, servos: Servos, taken: TicksTaken) -> None:
+    def step_rigid(self, servos: ServoRow, taken: TicksTaken) -> None:
         """Take the rigid step of a tick: servos and loads act, then poses are those at its end.
 
         Args:
-            servos: what they are asked for in this tick alone.
+            servos: what they are asked for.
             taken: its row is filled.
 
         Raises:
             InstabilityError: the state is no longer finite.
         """
         error = self.momentum_error()
-        self.scene.step_arm(servos.position[0], servos.velocity[0], self.feedforward(servos))
+        self.scene.step_arm(servos.position, servos.velocity, self.feedforward(servos))
         taken.log_scene(self.scene, self._bodies, error)
 
     def read_rigid(self, taken: TicksTaken) -> None:
         """Read the rigid step of a tick that somebody else has taken."""
         taken.log_scene(self.scene, self._bodies, self.momentum_error())
 
-    def feedforward(self, servos: Servos) -> Array:
+    def feedforward(self, servos: ServoRow) -> Array:
         """Return the torques (joints,) [N m] that servos are asked for, with the present payload."""
         flange, payload = self.scene.flange, self._payload
-        fill_payload(self.figures, self.soft.mass_kg, flange.origin, flange.axes, self._mounted, payload)
-        return np.asarray(servos.torque[0] + servos.by_payload[0].dot(payload))
+        fill_payload(self.figures, self._mass_kg, flange.origin, flange.axes, self._mounted, payload)
+        return np.asarray(servos.torque + servos.by_payload.dot(payload))
 
     def momentum_error(self) -> float:
         """Return how far what acts on flange and bodies is from what was handed over."""
-        on_flange = self.handed.error(NOTHING, self.scene.received_wrench())
+        handed = self.handed
+        on_flange = relative_error(handed.flange, self.scene.received_wrench(), handed.flange_size_N)
+        if handed.bodies == NOTHING and not np.count_nonzero(self._bodies.loaded):
+            return on_flange
         return max(on_flange, self.error_on_bodies())
 
     def error_on_bodies(self) -> float:
@@ -262,21 +265,21 @@ class Interface:
             acted: on the flange in the tick, at its origin now; that of `load_flange` unless given.
         """
         self.update_figures()
-        scene, touched, k = self.scene, self.touched, taken.done
-        twist, answer, place = scene.flange_twist, numbers_of(reply.wrench), scene.flange_pose.translation
+        k, ticks, scene = taken.done, taken.ticks, self.scene
+        twist, answer, acting = scene.flange_twist, numbers_of(reply.wrench), self._acting
         moving = (*twist.linear.tolist(), *twist.angular.tolist())
-        about_world = about_origin(answer, place)
-        acting = self._acting if acted is None else numbers_of(acted)
+        if acted is not None:
+            acting = numbers_of(acted)
+        x, y, z, u, v, w, size_N, normal_N = self._bodies.handed.tolist()
+        about_world = about_origin(answer, scene.flange_pose.translation)
         force_N = max(abs(answer[0]), abs(answer[1]), abs(answer[2]))
-        *on_bodies, size_N, normal_N = self._bodies.handed.tolist()
-        x, y, z, u, v, w = on_bodies
         self.handed = TransferredLoads(about_world, (x, y, z, u, v, w), force_N, size_N, normal_N)
-        ticks = taken.ticks
         ticks.power[k] = work_rate(acting, moving), -work_rate(answer, moving), _size(answer, moving)
-        ticks.contacts[k] = touched.count
-        ticks.contact[k] = normal_N, touched.depth_m, self.contact_ratio
-        ticks.work[k, 0] = touched.work_J
-        ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
+        if self.contact is not None:
+            touched = self.contact.report
+            ticks.contacts[k], ticks.work[k, 0] = touched.count, touched.work_J
+            ticks.contact[k] = normal_N, touched.depth_m, self.contact_ratio
+            ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
         taken.stability_ratio[k] = self.ratio
         taken.end_tick(reply, self.soft, self.figures)
         self.ticks += 1

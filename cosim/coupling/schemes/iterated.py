@@ -313,7 +313,7 @@ class IteratedCoupling(Coupling):
         taken = interface.room(1)
 
         def step_rigid() -> None:
-            interface.step_rigid(servos, taken)
+            interface.step_rigid(servos.row(0), taken)
 
         last, owed = vector.answered(), vector.from_world(self._left_over)
         search = InterfaceSearch(interface, vector, step_rigid, loads[0], self._options, self._inverse)

@@ -52,7 +52,7 @@ def rigid_slopes(
         interface.load_flange(supplied_wrench(load))
         carried.give_back(scene)
         try:
-            interface.step_rigid(servos(aim, pace), taken)
+            interface.step_rigid(servos(aim, pace).row(0), taken)
         except InstabilityError as error:
             raise ConvergenceError("MuJoCo warns near the present state: no linear model", 0.0, 0) from error
         felt = np.concatenate([scene.joint_acceleration, carried.past.ravel()])[: len(last)]

@@ -19,7 +19,7 @@ from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Interface, InterfaceState
 from cosim.coupling.schemes.tick import begin_tick, end_tick, tick
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import ServoRow, Servos, TicksTaken
 from cosim.errors import InstabilityError
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
@@ -73,7 +73,7 @@ class StaggeredCoupling(Coupling):
         taken = self._room(len(loads)) if begun is None else begun
         try:
             for k in range(len(taken.trials)):
-                self._take(servos.some(k, k + 1), loads[k], taken, begun=begun is not None)
+                self._take(servos.row(k), loads[k], taken, begun=begun is not None)
         except BaseException as error:  # whatever it is, the ticks before it are to be shown first
             self._advise(error)
             if not taken.done:
@@ -81,7 +81,7 @@ class StaggeredCoupling(Coupling):
             taken.error = error
         return taken
 
-    def _take(self, servos: Servos, loads: Loads, taken: TicksTaken, *, begun: bool) -> None:
+    def _take(self, servos: ServoRow, loads: Loads, taken: TicksTaken, *, begun: bool) -> None:
         """Take one tick of the clock; of one that has `begun`, somebody else has taken the rigid step."""
         interface = self.interface
         if not begun:

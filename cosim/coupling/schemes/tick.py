@@ -2,19 +2,19 @@
 
 from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import ServoRow, TicksTaken
 from cosim.soft.body.loads import Loads
 
 
 def tick(
-    interface: Interface, carried: CarriedInertia, servos: Servos, loads: Loads, taken: TicksTaken
+    interface: Interface, carried: CarriedInertia, servos: ServoRow, loads: Loads, taken: TicksTaken
 ) -> None:
     """Take a tick: the arm steps under the last loads, then the soft robot with the flange's new pose.
 
     Args:
         interface: between arm and soft robot.
         carried: inertia on the arm's joints.
-        servos: what they are asked for in this tick alone.
+        servos: what they are asked for.
         loads: on the soft robot at the end of the tick, contacts not counted.
         taken: its next row is filled.
 

@@ -34,7 +34,9 @@ class ArmServos:
         self, model: mujoco.MjModel, data: mujoco.MjData, dofs: slice, damping: Array, limit: Array
     ) -> None:
         self.torque: Array = np.zeros(len(limit))
-        self._step_s, self._damping, self._limit = float(model.opt.timestep), damping.tolist(), limit.tolist()
+        step_s = float(model.opt.timestep)
+        self._step_s, self._damping, self._limit = step_s, damping.tolist(), limit.tolist()
+        self._carried: list[float] = (step_s * damping).tolist()  # h K
         self._limited = bool(np.isfinite(limit).any())
         # MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy
         self._force, self._speed, self._acceleration = (
@@ -47,26 +49,30 @@ class ArmServos:
         self._asked: list[float] = []
         self._began: list[float] = []
         self._side: list[int] = []
+        self._near = False  # whether any joint was near its limit
 
     def begin(self) -> None:
         """Take the torques u that MuJoCo has found, with no joint at its limit."""
         self._asked, self._began = self._force.tolist(), self._speed.tolist()
-        self._side = [0] * len(self._asked)
+        self._side, self._near = [0] * len(self._asked), False
 
     def limit(self) -> bool:
         """Put joints at their limits, or take them off; return whether that has changed any.
 
         MuJoCo's mass matrix is then to be factorised, and accelerations are to be found again.
         """
-        if not self._limited:
-            return False
-        changed, h, acceleration = False, self._step_s, self._acceleration.tolist()
+        acceleration = self._acceleration.tolist() if self._limited else ()
+        for asked, carried, a, limit in zip(
+            self._asked, self._carried, acceleration, self._limit, strict=self._limited
+        ):
+            self._near |= abs(asked) + carried * abs(a) > limit
+        return self._near and self._change_sides(acceleration)
+
+    def _change_sides(self, acceleration: Sequence[float]) -> bool:
+        changed, h = False, self._step_s
         for j, (asked, limit, a) in enumerate(zip(self._asked, self._limit, acceleration, strict=True)):
-            carried = h * self._damping[j]
-            if not self._side[j] and abs(asked) + carried * abs(a) <= limit:
-                continue
             # friction of joints is implicit in MuJoCo's step; joints count as if each were alone
-            inertia = float(self._mass[self._diagonal[j]])
+            inertia, carried = float(self._mass[self._diagonal[j]]), self._carried[j]
             torque = asked - carried * a * inertia / (inertia + h * float(self._friction[j]))
             side = 1 if torque > limit else -1 if torque < -limit else 0
             if side != self._side[j]:
@@ -77,11 +83,14 @@ class ArmServos:
 
     def end(self) -> None:
         """Find the torques of a step from the speeds at its ends."""
-        speeds = self._speed.tolist()
-        rows = zip(self._asked, self._damping, self._limit, speeds, self._began, self._side, strict=True)
-        for j, (asked, damping, limit, speed, began, side) in enumerate(rows):
-            torque = side * limit if side else asked - damping * (speed - began)
-            self.torque[j] = min(max(torque, -limit), limit)
+        ends = zip(self._asked, self._damping, self._speed.tolist(), self._began, strict=True)
+        torques = [asked - damping * (speed - began) for asked, damping, speed, began in ends]
+        if self._near:
+            rows = zip(torques, self._limit, self._side, strict=True)
+            torques = [
+                side * limit if side else min(max(torque, -limit), limit) for torque, limit, side in rows
+            ]
+        self.torque[:] = torques
 
 
 def finish_step(model: mujoco.MjModel, data: mujoco.MjData, servos: Sequence[ArmServos]) -> None:
