@@ -45,7 +45,6 @@ from scipy.optimize import brentq, least_squares
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.bench.known_answers import UNLOADED, Specimen, tube
-from cosim.build.kernel_modules import compile_kernels
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.fabric import Fabric
@@ -292,7 +291,6 @@ def main() -> None:
     if arguments.measured:
         arguments.measured.write_text("\n".join(measured_rows()) + "\n")
         return
-    compile_kernels()
     found, fits = {}, Fits(arguments.sides)
     if arguments.resisting:
         shear = fits.shear(1.79e5)  # of the isotropic film: the torque hardly depends on it

@@ -174,9 +174,6 @@ def main() -> int:
         return 1 if symmetric_table() else 0
     if options.statics is not None:
         return 1 if static_table(options.statics) else 0
-    from cosim.build.kernel_modules import compile_kernels
-
-    compile_kernels(print)
     began, results = time.process_time(), []
     for chart in maps():
         if options.maps and not any(word in chart.title for word in options.maps):

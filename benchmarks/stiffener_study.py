@@ -31,7 +31,6 @@ import numpy as np
 
 from benchmarks.measure.stability import negative_pivots
 from cosim import run
-from cosim.build.kernel_modules import compile_kernels
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -181,7 +180,6 @@ def main() -> None:
     parser.add_argument("--shipped", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    compile_kernels(print)
     if options.shipped:
         for name, ratio in shipped():
             print(f"| {name} | {ratio:.2f} |", flush=True)

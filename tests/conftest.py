@@ -28,7 +28,7 @@ _find = ErrorFinder.find
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes() -> None:
     """Compile all kernels once, before several processes would each compile those that it needs."""
-    compile_modules(print, all_modules())
+    compile_modules(all_modules())
 
 
 def pytest_collection_finish() -> None:

@@ -58,7 +58,7 @@ def run(
     loaded = loading.load_scenario(scenario, overrides, named and named.table())
     rules.check_ends(loaded)
     kept = kept_parts.KeptParts(on_disk=True)
-    checked = driver.prepared(loaded, driver.log, recording=recording, kept=kept)
+    checked = driver.prepared(loaded, driver.log, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     recorder = driver.rerun_recorder if recording else None
@@ -99,7 +99,7 @@ def run_arms(
     """
     started = time.perf_counter()
     loaded, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(on_disk=True)
-    checked = driver.prepared_arms(loaded, driver.log, recording=recording, kept=kept)
+    checked = driver.prepared_arms(loaded, driver.log, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}
     options = driver.Options(directory, driver.rerun_recorder if recording else None, tell=driver.log)

@@ -514,8 +514,7 @@ def attach(
         raise InputError(
             f"overrides: fidelity is {scenario.fidelity!r}; a soft joint needs 'lumped' or 'refined'"
         )
-    chosen = prepared(scenario, log, recording=False)
-    _compile(chosen, host.far is not None)
+    chosen = prepared(scenario, log)
     note_kinds(chosen)
     return Attached(chosen, host, named and named.body)
 
@@ -529,15 +528,6 @@ def _scenario(host: HostModel, robot: str | Path | None) -> Scenario:
         2, "attached", f"a soft robot at {host.at}", NO_ARM, table, start,
         gravity_m_s2=host.gravity, clock=ClockTable(tick_s),
     )  # fmt: skip
-
-
-def _compile(scenario: Scenario, glued: bool) -> None:
-    from cosim.base.compilation import compile_modules  # here: it brings the kernels
-    from cosim.build.kernel_modules import contact_modules, exchange_modules
-    from cosim.rigid.scene import step_loads
-
-    touched = contact_modules() if scenario.contact.enabled or glued else ()
-    compile_modules(log, (*exchange_modules(scenario), step_loads, *touched))
 
 
 def _check(run: _Hung, model: Model, data: Data) -> None:

@@ -12,6 +12,7 @@ What a first run on a machine waits for: kernels are compiled, section models bu
 from __future__ import annotations
 
 import logging
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -20,7 +21,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 from uuid import uuid4
 
@@ -29,8 +29,7 @@ from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
 from cosim.base.files import files_read
 from cosim.base.kept_parts import KeptParts
-from cosim.build.kernel_modules import compile_kernels, contact_modules, kernel_modules
-from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
+from cosim.config.schema.scenario import RecordingTable, Scenario
 from cosim.config.several_arms import ArmsScenario, of_arm
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
@@ -433,44 +432,38 @@ def _raise(error: SolverError) -> TickBatch:
     raise error
 
 
-def prepared(
-    scenario: Scenario,
-    tell: Callable[[str], None],
-    *,
-    recording: bool,
-    contact: bool = False,
-    kept: KeptParts | None = None,
-) -> Scenario:
-    """Return the scenario with its fidelity chosen; whatever its loop calls is compiled when this returns.
-
-    Except for the kernels of contact with a scene, which `build_simulation` compiles: it knows the plan.
+def prepared(scenario: Scenario, tell: Callable[[str], None], *, kept: KeptParts | None = None) -> Scenario:
+    """Return the scenario; the section model that it may ask for is built when this returns.
 
     Args:
         scenario: checked.
         tell: told in one sentence, beforehand, what takes long.
-        recording: whether the run is recorded.
-        contact: whether to compile those as well, if there is an arm.
         kept: parts that may be used again; it gets those that are made here.
     """
-    compile_kernels(tell, _modules(scenario, recording))
     if scenario.fidelity == "section":
         from cosim.build.soft_model import SoftModel  # here, as few runs build one
 
         SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
-    touched = contact_modules() if contact and scenario.robot != NO_ARM else ()
-    compile_kernels(tell, touched)
     return scenario
 
 
-def prepared_arms(
-    scenario: ArmsScenario, tell: Callable[[str], None], *, recording: bool, kept: KeptParts
-) -> ArmsScenario:
-    """Return the scenario with each arm's model built, and all compiled that its loop calls."""
+def prepared_arms(scenario: ArmsScenario, tell: Callable[[str], None], *, kept: KeptParts) -> ArmsScenario:
+    """Return the scenario with each arm's model built."""
     arms = dict[str, Scenario]()
     for name, one in scenario.arms.items():
         with of_arm(name):
-            arms[name] = prepared(one, tell, recording=recording, contact=True, kept=kept)
+            arms[name] = prepared(one, tell, kept=kept)
     return replace(scenario, arms=arms)
+
+
+def warm_up() -> None:
+    """Compile all kernels that a run with an arm imports, whether it calls them or not."""
+    from cosim.base.compilation import compile_modules  # here: it brings the compiler
+    from cosim.build import arm_parts, simulation  # noqa: F401  # with all that they import
+    from cosim.recording import colours  # noqa: F401
+    from cosim.stepping import scene_carrier  # noqa: F401
+
+    compile_modules(module for name, module in list(sys.modules.items()) if name.startswith("cosim."))
 
 
 def named_body(body: AnyBody | None) -> NamedBody | None:
@@ -489,13 +482,3 @@ def named_body(body: AnyBody | None) -> NamedBody | None:
 def log(text: str) -> None:
     """Tell whoever runs cosim from Python: by the logger "cosim", on the screen unless that is set up."""
     logging.getLogger("cosim").warning(text)
-
-
-def _modules(scenario: Scenario, recording: bool) -> tuple[ModuleType, ...]:
-    """Return the modules with kernels that some runs do without."""
-    modules = kernel_modules(scenario)
-    if recording:
-        from cosim.recording import colours
-
-        modules = (colours, *modules)
-    return modules

@@ -65,7 +65,7 @@ def plan_path(
         wanted = [_phase_of(checked, phase)]
     elif phase is not None:
         raise InputError(f"{checked.name}: give a phase ({phase!r}) or the whole, not both")
-    run = _planned(prepared(checked, log, recording=False))
+    run = _planned(prepared(checked, log))
     if not run.stage.joint_names:
         raise InputError(f"{checked.name}: has no arm whose joints could be written")
     rows = _rows([entry for entry in run.plan.phases if entry.phase.name in wanted], whole, rate_Hz)
@@ -306,7 +306,7 @@ def replay(
         SolverError: the physics could not be solved.
     """
     rows = _from_zero(table if isinstance(table, JointTable) else JointTable.read(table))
-    checked = prepared(load_scenario(scenario, {**(overrides or {}), "phase": []}), log, recording=False)
+    checked = prepared(load_scenario(scenario, {**(overrides or {}), "phase": []}), log)
     run = build_simulation(checked)
     stage, tick_s = run.stage, run.stage.tick_s
     if rows.joint_names != stage.joint_names:

@@ -99,7 +99,7 @@ class Simulation:
     ) -> None:
         """Build a scenario and go to where it starts."""
         loaded = load_scenario(scenario, overrides, self._body and self._body.table())
-        self.scenario = driver.prepared(loaded, driver.log, recording=False, kept=self._kept)
+        self.scenario = driver.prepared(loaded, driver.log, kept=self._kept)
         before = start._run.choices if isinstance(start, SavedState) else None
         self._run = self._built(before)
         if start is None:
@@ -365,7 +365,8 @@ class Batch:
     ) -> None:
         # what takes long for the first time, kernels and section models, is made once, before there are many
         loaded = load_scenario(scenario, overrides)
-        self.scenario = driver.prepared(loaded, driver.log, recording=False, contact=True)
+        self.scenario = driver.prepared(loaded, driver.log)
+        driver.warm_up()
         given = _for_each(changes, n, "changes")
         run = partial(BatchRun.of, self.scenario, given, start, kept_parts.KeptParts(on_disk=True))
         self._workers = Workers(run, n, workers)

@@ -6,8 +6,9 @@ user's folder. The first folder that can be written is used, and those of root a
 read by pickle, so whoever writes to their folder can run code: folders that others own or may write to are
 not used.
 
-The name of a file holds a hash of all that its content depends on, versions as well. Damaged files are
-deleted with a warning. Of each kind, files that were not used for longest are deleted beyond `MOST_BYTES`.
+The name of a file, or of its folder, holds a hash of all that its content depends on, versions as well.
+Damaged files are deleted with a warning. Of each kind, files that were not used for longest are deleted
+beyond `MOST_BYTES`, and folders with the last of their files.
 """
 
 import os
@@ -31,6 +32,8 @@ _PACKAGE: Final = Path(__file__).resolve().parents[1]
 _OTHERS_WRITE: Final = 0o022  # group and others, in a folder's mode
 _DAY_S: Final = 24 * 3600.0
 _MARK: Final = b"kept by cosim, sha256 "
+_BYTES: Final[dict[Path | None, int]] = {}
+"""In each folder of a kind, as this process knows it."""
 
 Kind = TypeVar("Kind")
 
@@ -59,7 +62,7 @@ def _usable(places: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
     for folder in places:
         try:
             if own is None:
-                folder.mkdir(mode=0o700 if user else 0o755, parents=True, exist_ok=True)
+                folder.mkdir(mode=_mode(), parents=True, exist_ok=True)
             status = folder.stat()
         except OSError:
             continue
@@ -78,21 +81,28 @@ def _usable(places: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
     return own, tuple(of_root)
 
 
+def _mode() -> int:
+    """Return the mode of a new folder: what root makes everybody may read."""
+    return 0o700 if os.getuid() else 0o755
+
+
 def keep(kind: str, name: str, data: bytes) -> None:
     """Keep data under a name, no more than `MOST_BYTES` of a kind; what cannot be written is made again.
 
     Args:
         kind: of `KINDS`.
-        name: of the file.
+        name: of the file, or "folder/name".
         data: any bytes.
     """
     folder = folders(kind)[0]
     if folder is not None:
+        path = folder / name
         with suppress(OSError):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with files.whole_file(folder / name) as file:
+            for place in (folder, path.parent):
+                place.mkdir(mode=_mode(), parents=True, exist_ok=True)
+            with files.whole_file(path) as file:
                 file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
-        _trim(kind)
+        _trim(kind, len(data))
 
 
 def kept(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
@@ -100,7 +110,7 @@ def kept(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
 
     Args:
         kind: of `KINDS`.
-        name: of the file.
+        name: of the file, or "folder/name".
         read: makes it of the data.
     """
     own, of_root = folders(kind)
@@ -133,21 +143,39 @@ def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
     return None
 
 
-def _trim(kind: str) -> None:
-    """Delete the files of a kind that were not used for longest, as far as they are too many bytes."""
+def _trim(kind: str, added: int) -> None:
+    """Delete the files of a kind that were not used for longest, as far as they are too many bytes.
+
+    Args:
+        kind: of `KINDS`.
+        added: [bytes], since the last call; files are counted at the first one, and where too many may be.
+    """
+    folder = folders(kind)[0]
+    if folder is None or (folder in _BYTES and _BYTES[folder] + added <= MOST_BYTES):
+        _BYTES[folder] = _BYTES.get(folder, 0) + added
+        return
     total = 0
     with suppress(OSError):  # another process may do the same
         for path, status in sorted(_files(kind), key=lambda one: -one[1].st_mtime):
-            total += status.st_size
-            if total > MOST_BYTES:
-                path.unlink()
+            if total + status.st_size > MOST_BYTES:
+                _delete(path)
+            else:
+                total += status.st_size
+    _BYTES[folder] = total
 
 
 def clear() -> None:
     """Delete all that is kept in folders to which this user writes."""
     for kind in KINDS:
         for path, _ in _files(kind):
-            path.unlink(missing_ok=True)
+            _delete(path)
+
+
+def _delete(path: Path) -> None:
+    """Delete a file, and its folder with the last one."""
+    path.unlink(missing_ok=True)
+    with suppress(OSError):  # others are in it
+        path.parent.rmdir()
 
 
 def lines() -> list[str]:
@@ -161,5 +189,5 @@ def lines() -> list[str]:
 
 def _files(kind: str) -> list[tuple[Path, os.stat_result]]:
     folder = folders(kind)[0]
-    found = [] if folder is None or not folder.is_dir() else folder.iterdir()
+    found = [] if folder is None else folder.rglob("*")
     return [(path, path.stat()) for path in found if path.is_file()]

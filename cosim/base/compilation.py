@@ -1,4 +1,4 @@
-"""How kernels are compiled before they are needed, or loaded: announced, and side by side.
+"""How kernels are compiled when they are first called, or loaded: announced, and side by side where many are.
 
 Each process that compiles, this one as well, takes the next number from one pipe until that is empty, and
 compiles the kernels of one module, which have most functions in common. Whatever a process has not left on
@@ -6,64 +6,95 @@ disk is compiled by the one that asked.
 """
 
 import gc
+import logging
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import Any, Final
 
 from cosim.base.numba_insides import SLOW
 
-_UNSAID = [SLOW]  # announced once
-_SECONDS_EACH = 1.1  # of CPU time, on average
-_SECONDS_EACH_BY_NAME = 4.5  # with another numba (measured: 0.60): kernels compile all that they call
-_MOST_PROCESSES = 4  # the slowest kernel bounds what more of them save
-_EACH = 3  # kernels, for which another process is worth its start
-_NUMBERS = 256  # of one byte in the pipe: reads of one byte are never torn
-_PATIENCE_S = 300.0  # with a process that has taken its last number
-_OBJECTS_BETWEEN = 100_000  # two collections of garbage
+ANNOUNCEMENT: Final = (
+    "Compiling kernels as they are first called, once per machine: about a minute of processor time in a "
+    f"first run.{SLOW}"
+)
+_QUIET_S: Final = 20.0  # for so long after a compilation, the next one belongs to what was announced
+_MOST_PROCESSES: Final = 4  # the slowest kernel bounds what more of them save
+_EACH: Final = 2  # kernels, for which another process is worth its start
+_NUMBERS: Final = 256  # of one byte in the pipe: reads of one byte are never torn
+_PATIENCE_S: Final = 300.0  # with a process that has taken its last number
+_OBJECTS_BETWEEN: Final = 100_000  # two collections of garbage
 
 
-def compile_modules(announce: Callable[[str], None], modules: tuple[Any, ...]) -> None:
-    """Compile the kernels of modules, not those that they import, or load them.
+class _Compiling:
+    """Whether this process compiles a kernel by now, and when it last did so [s]."""
+
+    now = False
+    last_s = -_QUIET_S
+
+
+def compile_modules(modules: Iterable[ModuleType]) -> None:
+    """Compile the kernels of modules, not those that they import, unless they are on disk."""
+    compile_kernels([kernel for module in modules for kernel in _kernels_of(module)])
+
+
+def compile_kernels(kernels: Iterable[Any]) -> None:
+    """Compile kernels ahead of their first calls, side by side, unless they are on disk.
 
     Args:
-        announce: called with one sentence, before the wait, when they have to be compiled.
-        modules: that hold them; and single kernels, where others of their modules are not needed.
+        kernels: of other functions, in plain Python, among them nothing is done.
     """
-    found: dict[int, Any] = {id(kernel): kernel for entry in modules for kernel in _kernels_of(entry)}
-    kernels = [kernel for kernel in found.values() if not kernel.overloads]
-    missing = [k for k in kernels if k.cache is None or not k.cache.is_there(k.fixed_signature)]
-    for sentence in filter(None, _UNSAID):
-        announce(sentence)
-    _UNSAID.clear()
-    with _seldom_collecting():
-        if missing:
-            announce(_sentence(missing))
+    found = [kernel for kernel in dict.fromkeys(kernels) if hasattr(kernel, "fixed_signature")]
+    missing = [kernel for kernel in found if not (kernel.overloads or _is_kept(kernel))]
+    if missing:
+        with _announced():
             _compile_side_by_side(missing)
-        for kernel in kernels:
-            kernel.compile(kernel.fixed_signature)
+            for kernel in missing:
+                kernel.compile(kernel.fixed_signature)
 
 
-def _kernels_of(entry: Any) -> list[Any]:
-    """Return the kernels that a module defines, or the one kernel that is given."""
-    if not isinstance(entry, ModuleType):
-        return [entry]
-    own = (value for value in vars(entry).values() if getattr(value, "fixed_signature", None) is not None)
-    return [value for value in own if value.__module__ == entry.__name__]
+def compile_called(kernel: Any, compile_as: Callable[[Any], Any], asked: Any) -> Any:
+    """Compile a kernel, or load it; announced if a call asks for that.
+
+    Args:
+        kernel: dispatcher.
+        compile_as: numba's way for a signature, or the types of arguments.
+        asked: a signature; or types of arguments, by a call.
+    """
+    # for its own types of arguments without that of what it returns, numba would keep it twice
+    wanted = kernel.fixed_signature if asked == kernel.fixed_signature.args else asked
+    if _Compiling.now or not isinstance(asked, tuple) or (wanted is not asked and _is_kept(kernel)):
+        return compile_as(wanted)
+    with _announced():
+        return compile_as(wanted)
 
 
-def _sentence(missing: list[Any]) -> str:
-    kernels, apart = len(missing), any(kernel.by_address for kernel in missing)
-    each_s = _SECONDS_EACH if apart else _SECONDS_EACH_BY_NAME
-    tens_of_s = [max(1, round(0.1 * each_s * kernels / count)) for count in (1, processes())]
-    return (
-        f"Compiling {kernels} kernel{'s' if kernels > 1 else ''}, once per machine: about "
-        f"{10 * tens_of_s[0]} s of processor time, {10 * tens_of_s[1]} s if nothing else runs."
-    )
+@contextmanager
+def _announced() -> Iterator[None]:
+    """Say that kernels are compiled, unless that was just said, and do so with few searches for garbage."""
+    if time.monotonic() - _Compiling.last_s > _QUIET_S:
+        logging.getLogger("cosim").warning(ANNOUNCEMENT)
+    _Compiling.now = True
+    try:
+        with _seldom_collecting():
+            yield
+    finally:
+        _Compiling.now, _Compiling.last_s = False, time.monotonic()
+
+
+def _is_kept(kernel: Any) -> bool:
+    return kernel.cache is not None and kernel.cache.is_there(kernel.fixed_signature)
+
+
+def _kernels_of(module: ModuleType) -> list[Any]:
+    """Return the kernels that a module defines."""
+    own = (value for value in vars(module).values() if getattr(value, "fixed_signature", None) is not None)
+    return [value for value in own if value.__module__ == module.__name__]
 
 
 @contextmanager
@@ -81,10 +112,10 @@ def _compile_side_by_side(kernels: list[Any]) -> None:
     """Compile kernels in their own processes and in this one, where there are processors for it.
 
     Args:
-        kernels: dispatchers that are not on disk; this process loads none that another has compiled.
+        kernels: dispatchers that are not on disk.
     """
     shared = [kernel for kernel in kernels if _is_shared(kernel)]
-    count = min(processes(), len(shared) // _EACH)
+    count = min(processes(), (len(shared) + 1) // _EACH)
     if count < 2 or getattr(sys, "frozen", False):  # where it is no Python that runs
         return
     parts = _parts(shared)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias, final
 
-from cosim.base import caches, numba_insides, state_file
+from cosim.base import caches, kernel_cache, state_file
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
-from cosim.build import kernel_modules, options
+from cosim.build import options
 from cosim.build.soft_model import SoftModel
 from cosim.build.stage import contact_decision, decisions, finer_steps, largest_pressure, stage_of
 from cosim.config import loading, several_arms
@@ -71,9 +71,7 @@ def build(
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
     arranged = (
-        _held_base(scenario, model, soft)
-        if scenario.robot == NO_ARM
-        else _arm(scenario, model, soft, before, partial(kernel_modules.compile_contact, tell, scenario))
+        _held_base(scenario, model, soft) if scenario.robot == NO_ARM else _arm(scenario, model, soft, before)
     )
     parts, stage = _joined(scenario, model, soft, actuation, arranged)
     run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
@@ -110,9 +108,8 @@ def build_arms(
     runs = {}
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
-        compile_own = partial(kernel_modules.compile_contact, tell, one.scenario)
         with several_arms.of_arm(name):
-            plan, carrier, modelled, planned, arm = _carried(one, None, compile_own, SharedArm, rest)
+            plan, carrier, modelled, planned, arm = _carried(one, None, SharedArm, rest)
             arranged = plan, carrier, (*modelled, OTHER_FILMS), planned, arm
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
@@ -173,19 +170,13 @@ def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arrange
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None, None
 
 
-def _arm(
-    scenario: Scenario,
-    model: SoftModel,
-    soft: SoftSide,
-    before: Choices | None,
-    ready_for_contact: Callable[[], None],
-) -> _Arranged:
+def _arm(scenario: Scenario, model: SoftModel, soft: SoftSide, before: Choices | None) -> _Arranged:
     # imported here: a scene without an arm waits for neither engine
     from cosim.build.arm_parts import ArmParts
     from cosim.stepping.scene_carrier import ArmCarrier
 
     planned = _planned(scenario, model, soft, ArmParts(scenario, model.kept))
-    return _carried(planned, before, ready_for_contact, ArmCarrier)
+    return _carried(planned, before, ArmCarrier)
 
 
 @final
@@ -222,22 +213,16 @@ def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmPar
 
 
 def _carried(
-    planned: _Planned,
-    before: Choices | None,
-    ready_for_contact: Callable[[], None],
-    carried_by: type[ArmCarrier],
-    others: Sequence[_Planned] = (),
+    planned: _Planned, before: Choices | None, carried_by: type[ArmCarrier], others: Sequence[_Planned] = ()
 ) -> _Arranged:
     """Return a planned arm with what carries the flange, and what is modelled."""
     scenario, model, soft, parts, plan = (
         planned.scenario, planned.model, planned.soft, planned.parts, planned.plan
     )  # fmt: skip
     arm, scene, mounted = parts.arm, parts.scene, parts.mounted
-    contact = contact_decision(scenario, soft, plan, arm, scene, ready_for_contact)
+    contact = contact_decision(scenario, soft, plan, arm, scene)
     if before is not None:
         contact = before.keep(contact)
-    if contact.included:
-        ready_for_contact()
     law = options.contact_law(scenario) if contact.included else None
     if law is not None:
         check_base(scene, soft.body, arm.forward(plan.joints), law.smoothing_m)
@@ -299,7 +284,7 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Pl
         if not model.lasting or not model.kept.on_disk or is_nameless(name):
             return model.kept.made("solved phases", name, solved)
         # those of the same program on the same kind of processor; paths of the tip are solved again
-        file = content_name(name, code_identity(), numba_insides.processor())
+        file = content_name(name, code_identity(), kernel_cache.processor())
         from_disk = partial(state_file.kept_or_made, caches.PLANS, file, SolvedPhases, solved)
         return model.kept.made("solved phases", name, from_disk)
 

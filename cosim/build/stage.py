@@ -179,7 +179,7 @@ _SLOW = 0.01  # share of gravity below which accelerations are negligible
 
 
 def contact_decision(
-    scenario: Scenario, soft: SoftSide, plan: Plan, arm: "Arm", scene: "RigidScene", ready: Callable[[], None]
+    scenario: Scenario, soft: SoftSide, plan: Plan, arm: "Arm", scene: "RigidScene"
 ) -> Decision:
     """Decide whether contact with the scene is searched for.
 
@@ -189,7 +189,6 @@ def contact_decision(
         plan: of the run.
         arm: kinematics.
         scene: at its start.
-        ready: called before distances to the scene are computed.
     """
     what, switch = CONTACT, CONTACT_ENABLED
     if not scenario.contact.enabled:
@@ -204,7 +203,7 @@ def contact_decision(
         return Decision(what, True, open_question, switch)
     reach = soft.reach_m or film_reach(soft.body, largest_pressure(plan))
     statics = scenario.mode == "quasistatic"
-    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics, ready=ready)
+    bodies = within_reach(scene, flange_travel(arm, plan), reach, fixed_only=statics)
     if bodies:
         return Decision(what, True, f"the film reaches {reach:.2f} m, as far as {', '.join(bodies)}", switch)
     reason = f"nothing is within the film's reach of {reach:.2f} m around the flange's way"

@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.app import checkpoint, driver, progress, run_files
 from cosim.base import kept_parts
-from cosim.cli.screen import Interruption, draw, tell
+from cosim.cli.screen import Interruption, draw, logged_to, tell
 from cosim.config import arm_files, loading, rules, several_arms
 from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
 from cosim.config.toml.reading import parse_assignment
@@ -134,7 +134,7 @@ def _tell_begin(title: str, robots: Sequence[str]) -> None:
 
 
 def warm_up_command(names: Sequence[str]) -> int:
-    """Compile the kernels of scenarios, build the section models that they ask for, and return the exit code.
+    """Compile kernels, build the section models that scenarios ask for, and return the exit code.
 
     Args:
         names: of scenarios, or paths.
@@ -142,12 +142,13 @@ def warm_up_command(names: Sequence[str]) -> int:
     Raises:
         InputError: a scenario is wrong; those before it are done.
     """
+    driver.warm_up()
     for name in names:
         kept = kept_parts.KeptParts(on_disk=True)
         if several_arms.has_arms(name):
-            driver.prepared_arms(several_arms.load_arms(name), tell, recording=True, kept=kept)
+            driver.prepared_arms(several_arms.load_arms(name), tell, kept=kept)
         else:
-            driver.prepared(loading.load_scenario(name), tell, recording=True, contact=True, kept=kept)
+            driver.prepared(loading.load_scenario(name), tell, kept=kept)
         tell(f"{name}: ready to run")
     return 0
 
@@ -164,8 +165,9 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
     if not how.quiet:
         _tell_begin(scenario.title, [arm.robot for arm in scenario.arms.values()])
     told = _ignore if how.quiet else line.tell
-    scenario = driver.prepared_arms(scenario, told, recording=how.recording, kept=kept)
-    with Interruption() as interruption:
+    with logged_to(told):
+        scenario = driver.prepared_arms(scenario, told, kept=kept)
+    with logged_to(told), Interruption() as interruption:
         watchers: dict[str, list[driver.Observer]] = {
             name: [] if how.quiet else [PlanWarnings(sys.stderr)] for name in scenario.arms
         }
@@ -226,8 +228,9 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     line = TerminalLine(sys.stderr)
     told = _ignore if how.quiet else line.tell
     kept = kept_parts.KeptParts(on_disk=True)
-    scenario = driver.prepared(scenario, told, recording=how.recording, kept=kept)
-    with Interruption() as interruption:
+    with logged_to(told):
+        scenario = driver.prepared(scenario, told, kept=kept)
+    with logged_to(told), Interruption() as interruption:
         shown: list[driver.Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
         watchers: list[driver.Observer] = [interruption, *how.watchers, *shown]
         recorder = driver.rerun_recorder if how.live is None else how.live.recorder

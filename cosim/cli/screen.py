@@ -3,11 +3,13 @@
 Ends a run in good order on Ctrl-C, SIGTERM, or SIGHUP of a terminal that has been closed.
 """
 
+import logging
 import os
 import re
 import signal
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any, TextIO, final
 
@@ -48,6 +50,31 @@ def open_missing_streams() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # for good
+
+
+@final
+class _Told(logging.Handler):
+    def __init__(self, told: Callable[[str], None]) -> None:
+        super().__init__()
+        self._told = told
+
+    def emit(self, record: logging.LogRecord) -> None:
+        (tell if record.levelno >= logging.ERROR else self._told)(record.getMessage())
+
+
+@contextmanager
+def logged_to(told: Callable[[str], None]) -> Iterator[None]:
+    """Print what is logged meanwhile, such as that kernels are compiled; an error always, the rest as told.
+
+    Args:
+        told: called with each text, which would come in the middle of a progress line otherwise.
+    """
+    log, handler = logging.getLogger("cosim"), _Told(told)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 @final

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from cosim.app.driver import prepared
+from cosim.app.driver import prepared, warm_up
 from cosim.app.run_files import OutputDirectory
 from cosim.cli.screen import printable, tell
 from cosim.config import loading, rules
@@ -38,7 +38,8 @@ def trade_command(options: argparse.Namespace, progress: Tell) -> int:
         scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against, slowest=slowest
     )
     with OutputDirectory(options.out or Path("runs", f"trade_{Path(options.scenario).stem}")) as directory:
-        prepared(scenario, tell, recording=True, contact=True)
+        prepared(scenario, tell)
+        warm_up()
         results = trade.measure(scenario, candidates, directory, Engine(workers=1), options.modules, progress)
         table = trade.markdown(scenario.title, results)
         print(printable(table), flush=True)

@@ -350,12 +350,7 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
 
 
 def within_reach(
-    scene: RigidScene,
-    travel: FlangeTravel,
-    reach_m: float,
-    *,
-    fixed_only: bool = False,
-    ready: Callable[[], None] = lambda: None,
+    scene: RigidScene, travel: FlangeTravel, reach_m: float, *, fixed_only: bool = False
 ) -> tuple[str, ...]:
     """Return the bodies of a scene at rest that the film may get to.
 
@@ -364,14 +359,12 @@ def within_reach(
         travel: of the flange.
         reach_m: of the film around it.
         fixed_only: whether to leave out what can move.
-        ready: called before distances are computed; nothing is where all of the scene is far away.
     """
     query, x = scene.contact_query(fixed_only=fixed_only), travel.positions
     around = reach_m + 0.5 * travel.gap_m + _AWAY_M
     active = query.near(x.min(axis=0), x.max(axis=0), around)
     if not len(active):
         return ()
-    ready()
     hits = query.distances(x, around, active)
     return scene.bodies.names(np.unique(query.body[hits.shape]))
 

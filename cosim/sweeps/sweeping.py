@@ -11,11 +11,9 @@ The rows of a sweep, one line of JSON each, written as they come: what a killed 
 from __future__ import annotations
 
 import json
-import logging
 import os
 import pickle
 import platform
-import sys
 import threading
 import time
 from collections import Counter
@@ -33,7 +31,6 @@ from cosim.base import resources
 from cosim.base.files import changed_file, files_read
 from cosim.base.kept_parts import KeptParts, code_identity, content_name
 from cosim.base.state import check_state
-from cosim.build.kernel_modules import compile_kernels, kernel_modules
 from cosim.config import loading, studies
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
@@ -43,24 +40,6 @@ from cosim.sweeps.engines import PROCESSES, Engine, rows_of
 from cosim.sweeps.figure_names import check_figures
 from cosim.sweeps.table import LOST, TABLE, Design, DesignFollower, Measure, Row, Task
 from cosim.telemetry.summary import reason_of
-
-
-def warm_up(scenario: Scenario) -> None:
-    """Compile the kernels of a scenario, unless those of another one like it have been.
-
-    Args:
-        scenario: checked.
-    """
-    _compile(tuple(module.__name__ for module in kernel_modules(scenario)))
-
-
-@cache
-def _compile(names: tuple[str, ...]) -> None:
-    import cosim.build.simulation  # noqa: F401  # the engines: a run waits for them, too
-
-    announce = logging.getLogger("cosim").warning
-    compile_kernels(announce, tuple(sys.modules[name] for name in names))
-
 
 _ONE_AT_A_TIME: Final = threading.Lock()
 """Executors may have several threads in a process; runs keep to one each, as kernels and engines expect."""
@@ -74,7 +53,7 @@ def run_task(task: Task) -> Row:
             try:
                 scenario = _unpacked(task)
                 wall, cpu = time.perf_counter(), time.thread_time()
-                row = _run(driver.prepared(scenario, _tell_nobody, recording=False), task)
+                row = _run(driver.prepared(scenario, _tell_nobody), task)
             except InputError as error:
                 row = Row("refused", reason_of(error))
             except Exception as error:  # a design must not end the sweep, whatever it raises
@@ -88,7 +67,7 @@ def _unpacked(task: Task) -> Scenario:
     """Return the scenario of a task; what the first one of a process waits for is no part of its run."""
     _make_known(task.modules)
     scenario: Scenario = pickle.loads(task.scenario)
-    warm_up(scenario)
+    _warm_up()
     return scenario
 
 
@@ -112,6 +91,11 @@ def _run(scenario: Scenario, task: Task) -> Row:
     if follower is not None and summary["status"] == "completed":
         figures |= follower.figures()
     return Row(summary["status"], summary["reason"], figures)
+
+
+@cache
+def _warm_up() -> None:
+    driver.warm_up()
 
 
 @cache
@@ -341,7 +325,7 @@ class StudyRun:
         return row is not None and changed_file(row.files, self._seen) is None
 
     def _task(self, name: str, scenario: Scenario, follower: DesignFollower | None) -> Task:
-        warm_up(scenario)
+        _warm_up()
         folder = str((self.where / name).resolve()) if self.study.keep_runs else None
         measure = self.measure if self.study.measure is None else self.study.measure
         how = {"modules": self.modules, "measure": measure, "directory": folder, "follower": follower}

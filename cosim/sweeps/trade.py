@@ -23,13 +23,11 @@ import numpy as np
 from cosim.app.driver import build_simulation, rerun_recorder
 from cosim.app.run_files import RECORDING, SCENARIO, OutputDirectory
 from cosim.base.frames import Array, Pose
-from cosim.build.kernel_modules import compile_kernels
 from cosim.config import loading, studies
 from cosim.config.schema.phase import FlangePoseTable
 from cosim.config.schema.scenario import RecordingTable, Scenario
 from cosim.errors import CosimError, ScenarioError
 from cosim.plan.motion import rotation_from_direction
-from cosim.recording import colours
 from cosim.recording.recorder import RecordingPart
 from cosim.results.result import figure_kind
 from cosim.sweeps.candidates import Candidate
@@ -69,7 +67,6 @@ class Tracer:
 
     def open(self, stage: RunInfo) -> None:
         """Start the clock: the state at rest has been found."""
-        compile_kernels(more=(colours,))
         self._stage, self._batches = stage, list[tuple[Array, ...]]()
         self._bodies = [k for k, name in enumerate(stage.body_names) if name in self.movable]
         self._folder = TemporaryDirectory()

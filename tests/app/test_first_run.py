@@ -1,4 +1,4 @@
-"""What a first run waits for comes before its loop, and is told: no kernel is compiled within it."""
+"""Kernels are compiled for their own types of arguments alone, and `cosim warm-up` compiles all of them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import logging
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,11 +13,8 @@ from typing import Any
 import pytest
 
 import cosim
-from cosim.app import driver
-from cosim.build.kernel_modules import common_modules, contact_modules, kernel_modules
-from cosim.config.loading import load_scenario
-from cosim.recording import colours
-from cosim.rigid.scene import step_loads
+from cosim.cli.screen import logged_to
+from tests.base.forked_python import run_forked
 from tests.compiled import all_modules
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,57 +54,27 @@ def kernels_of(module: ModuleType) -> list[Any]:
 
 def check_runs(folder: Path) -> None:
     """Run scenarios in this process, which is new, and check the kernels after each."""
-    before: dict[str, int] = {}
-    drive = driver.drive
-
-    def watched(*arguments: Any) -> Any:
-        before.update(compiled())
-        return drive(*arguments)
-
-    driver.drive = watched
     path = folder / "press.toml"
     path.write_text(PRESS, encoding="utf-8")
     cosim.run(path, overrides={"object": [], "contact.only_in_reach": False})  # only the arm is there
-    assert_nothing_came(before)
+    assert_own_arguments()
     assert compiled()["cosim.coupling.contact.contact_kernels.conclude"] == 0
     force = cosim.run(path, out=folder / "press", recording=True).contact_force_N
     assert force.max() > 0.0
-    assert_nothing_came(before)
+    assert_own_arguments()
     cosim.run(path, overrides={"mode": "quasistatic"})
-    assert_nothing_came(before)
+    assert_own_arguments()
     curled = cosim.run("gripper_closes_on_itself", overrides=CURL).summary
     assert curled["max_self_contact_force_N"] > 1.0
-    assert_nothing_came(before)
+    assert_own_arguments()
 
 
-def assert_nothing_came(before: dict[str, int]) -> None:
-    now = compiled()
-    assert {name: count for name, count in now.items() if count != before[name]} == {}
+def assert_own_arguments() -> None:
     # arrays that cannot be written to are of another type than those that can
-    assert {name: count for name, count in now.items() if count > 1} == {}
+    assert {name: count for name, count in compiled().items() if count > 1} == {}
 
 
-def test_every_kernel_is_one_that_some_run_compiles_beforehand() -> None:
-    all_modules()
-    arm = load_scenario("ur5e_hexagon_arm")
-    lumped = replace(arm, fidelity="lumped", contact=replace(arm.contact, self_contact=True))
-    others = replace(lumped, fidelity="section"), replace(lumped, model=replace(lumped.model, closed=False))
-    cables = tuple(replace(cable, losses="directed") for cable in arm.soft_robot.cables)
-    others += (replace(lumped, soft_robot=replace(arm.soft_robot, cables=cables)),)
-    lossy = replace(arm.soft_robot, film=replace(arm.soft_robot.film, loss_factor=0.05))
-    stiff = replace(arm.soft_robot, stiffener=replace(arm.soft_robot.stiffener, kind="stiff"))
-    others += replace(lumped, soft_robot=lossy), replace(lumped, fidelity="refined")
-    apart = replace(lumped, contact=replace(arm.contact, self_contact=False))
-    others += replace(lumped, soft_robot=stiff), apart
-    some = (*kernel_modules(lumped), *(module for other in others for module in kernel_modules(other)))
-    named: list[str] = []
-    for module in (*common_modules(), *some, *contact_modules(), step_loads, colours):
-        own = (value for value in kernels_of(module) if value.__module__ == module.__name__)
-        named += [f"{value.__module__}.{value.__name__}" for value in own]
-    assert set(compiled()) == set(named)
-
-
-def test_no_kernel_is_compiled_in_the_loop_or_for_other_arguments_than_its_own(tmp_path: Path) -> None:
+def test_kernels_are_compiled_for_their_own_arguments(tmp_path: Path) -> None:
     code = "import sys, pathlib, tests.app.test_first_run as t; t.check_runs(pathlib.Path(sys.argv[1]))"
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path)],
@@ -122,22 +87,23 @@ def test_no_kernel_is_compiled_in_the_loop_or_for_other_arguments_than_its_own(t
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("start", [cosim.run, cosim.Simulation])
-def test_python_is_told_what_takes_long(
-    start: Callable[..., Any],
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    tmp_path: Path,
-) -> None:
+def test_every_kernel_is_one_that_is_compiled_by_warming_up() -> None:
+    code = (
+        "from cosim.base import compilation; from cosim.app import driver\n"
+        "def say(kernels): print(*(f'{each.__module__}.{each.__name__}' for each in kernels))\n"
+        "compilation.compile_kernels = say; driver.warm_up()"
+    )
+    done = run_forked(code, ROOT)
+    assert done.returncode == 0, done.stderr
+    all_modules()
+    assert set(done.stdout.split()) == set(compiled())
+
+
+def test_what_is_logged_is_shown_with_what_the_command_tells(capsys: pytest.CaptureFixture[str]) -> None:
     told: list[str] = []
-
-    def slow(announce: Callable[[str], None], more: Iterable[ModuleType]) -> None:
-        told.extend(module.__name__ for module in more)
-        announce("Compiling.")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(driver, "compile_kernels", slow)
-    with pytest.raises(KeyboardInterrupt):
-        start("ur5e_hexagon_arm", overrides={"contact.self_contact": True})
-    assert "cosim.soft.contact.self_contact_search" in told
-    assert [(record.name, record.levelno) for record in caplog.records] == [("cosim", logging.WARNING)]
+    log = logging.getLogger("cosim")
+    with logged_to(told.append):
+        log.warning("Compiling.")
+        log.error("no room")
+    assert told == ["Compiling."]
+    assert capsys.readouterr().err == "no room\n"

@@ -1,4 +1,4 @@
-"""Device functions have no machine code of their own, and say so."""
+"""Kernels take in device functions, which have no machine code of their own, and one another, by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.kernel_types import Vector
-from cosim.base.kernels import allocating, device_function, handing_on_views, kernel
+from cosim.base.kernels import allocating, device_function, inlined, kernel, same_bits
 
 
 @device_function
@@ -40,39 +40,41 @@ def test_arrays_come_from_those_alone_that_say_so(hands_on: Any) -> None:
         numba.njit(lambda x: silent(x)[0])(np.ones(2))
 
 
-def _ends(x):  # type: ignore[no-untyped-def]
-    return x[:1], x[-1:]
-
-
-_both_ends = handing_on_views(_ends)
-
-
-@kernel
-def _length(x: Vector) -> float:
-    first, last = _both_ends(x)
-    return last[0] - first[0]
-
-
-def test_views_are_handed_on_by_those_alone_that_say_so_to_those_that_count_none() -> None:
-    assert _length(np.arange(3.0)) == 2.0
-    silent = device_function(_ends)
-    with pytest.raises((TypeError, numba.core.errors.TypingError), match="handing on views"):
-        numba.njit(lambda x: silent(x)[0][0], _nrt=False)(np.arange(3.0))
-    with pytest.raises((TypeError, numba.core.errors.TypingError), match="marked as allocating"):
-        numba.njit(lambda x: _both_ends(x)[0][0])(np.arange(3.0))
-
-
 def test_python_cannot_call_one() -> None:
     with pytest.raises(TypeError, match=r"only kernels can call _halved\(\)"):
         _halved(2.0)
 
 
-@kernel(taken_in=True)
-def _fifths(x: float) -> float:
-    return x / 5.0
+@kernel
+def _add(x: Vector, to: Vector) -> float:
+    for i in range(x.shape[0]):
+        to[i] += x[i]
+    return x[0]
 
 
-def test_a_kernel_is_called_by_name_only_where_it_says_so() -> None:
-    assert numba.njit(lambda x: _fifths(x))(5.0) == 1.0
-    with pytest.raises(TypeError, match=r"_three_quarters\(\) is a kernel of its own: mark it as taken in"):
-        numba.njit(lambda x: _three_quarters(x))(2.0)
+@kernel
+def _add_twice(x: Vector, to: Vector) -> float:
+    return _add(x, to) + _add(x[1:], to[1:])
+
+
+def test_kernels_call_others_by_name() -> None:
+    to = np.zeros(3)
+    assert _add_twice(np.array([1.0, 2.0, 3.0]), to) == 3.0
+    assert to.tolist() == [1.0, 4.0, 6.0]
+    assert not _add.overloads  # type: ignore[attr-defined]  # it is a part of the other one
+    assert _add(np.ones(3), to) == 1.0
+
+
+@inlined
+def _with_sign(value, of):  # type: ignore[no-untyped-def]
+    sign = np.uint64(1) << np.uint64(63)
+    return same_bits((same_bits(value) & ~sign) | (same_bits(of) & sign))
+
+
+@kernel
+def _minus(x: float) -> float:
+    return _with_sign(x, -1.0)  # type: ignore[no-any-return]
+
+
+def test_bits_stay_the_same() -> None:
+    assert _minus(3.0) == _minus(-3.0) == -3.0

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from cosim.base import compilation, kernels
+from cosim.base import kernels
 from tests.base.forked_python import run_forked
 
 SOURCES = Path(kernels.__file__).parent
@@ -23,14 +22,15 @@ def second(x: float) -> float:
 """
 MODULES = 3
 RUN = """
-import importlib, os, subprocess, sys, time
+import importlib, logging, os, subprocess, sys, time
 from cosim.base import compilation
 {before}
 modules = tuple(importlib.import_module(f"cosim.part_{{k}}") for k in range({modules}))
 told, started, begin = [], [], subprocess.Popen
 subprocess.Popen = lambda *given, **more: started.append(begin(*given, **more)) or started[-1]
 os.sched_getaffinity = lambda process: {{0, 1}}
-compilation.compile_modules(told.append, modules)
+logging.getLogger("cosim").addFilter(told.append)
+compilation.compile_modules(modules)
 kernels = [kernel for module in modules for kernel in (module.first, module.second)]
 count = lambda stats: sum(sum(getattr(kernel.stats, stats).values()) for kernel in kernels)
 values = [kernel(10.0) for kernel in kernels]
@@ -109,11 +109,3 @@ compilation.compile_modules = compile_modules
 
 def test_one_thread_is_one_process(package: Path) -> None:
     assert run(package, NUMBA_NUM_THREADS="1") == (VALUES, 0, 6, 0, 1)
-
-
-def test_the_announcement_knows_that_other_versions_of_numba_take_longer() -> None:
-    kernels = [[SimpleNamespace(by_address=known)] * 65 for known in (True, False)]
-    said = [compilation._sentence(missing) for missing in kernels]
-    assert ["about 70 s of processor time" in line for line in said] == [True, False]
-    assert "about 290 s of processor time" in said[1]
-    assert compilation._sentence(kernels[0][:1]).startswith("Compiling 1 kernel, once")

@@ -275,10 +275,11 @@ def test_warming_up_compiles_what_a_run_calls() -> None:
     code = (
         "from cosim.cli.main import main; assert main(['warm-up', 'two_arms_hold_box', 'none_such']) == 2; "
         "from cosim.coupling import payload; from cosim.coupling.contact import contact_kernels; "
-        "print(*(len(k.overloads) for k in (payload.fill_payload, contact_kernels.place_shapes)))"
+        "all_ = payload.fill_payload, contact_kernels.place_shapes; "
+        "print(*(kernel.cache.is_there(kernel.fixed_signature) for kernel in all_))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.split() == ["1", "1"]
+    assert ran.stdout.split() == ["True", "True"]
     assert "two_arms_hold_box: ready to run" in ran.stderr
     assert "no scenario 'none_such'" in ran.stderr
 

@@ -10,7 +10,6 @@ import pytest
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.kept_parts import content_name
-from cosim.build.kernel_modules import common_modules
 from cosim.errors import InputError, MeshError
 from cosim.reduced.section_model import RingFrames
 from cosim.soft.body.body import SoftBody
@@ -27,7 +26,6 @@ from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Clamp, SoftState, StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
-from tests.soft import dashpot
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, no_load, random_rotation, shapes
 from tests.soft.dashpot import Dashpots
 
@@ -139,10 +137,6 @@ def test_a_body_without_a_film_or_hinges_says_so() -> None:
         kept = tuple(element for element in body.elements if not isinstance(element, kind))
         with pytest.raises(MeshError, match=text):
             replace(body, elements=kept)
-
-
-def test_its_kernels_are_compiled_with_the_others() -> None:
-    assert dashpot in common_modules()
 
 
 def test_a_section_model_without_it_is_refused() -> None:

@@ -6,22 +6,20 @@ next step, at the same points, with the opposite sign. Each contact keeps where 
 the obstacle, and its normal force, which bounds the friction of the next tick.
 """
 
-import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base import compilation, state
+from cosim.base import state
 from cosim.base.frames import Array, IntArray
-from cosim.coupling.contact import contact_arrays, contact_kernels, near_search
+from cosim.coupling.contact import contact_arrays, contact_kernels
 from cosim.coupling.contact.contact_arrays import Contacts
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.near_search import NearFilm, NearSearch
-from cosim.rigid.distance import film_distance, signed_distance
+from cosim.rigid.distance import signed_distance
 from cosim.rigid.scene.bodies import Bodies
-from cosim.soft.contact import obstacle_contact
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
@@ -45,7 +43,6 @@ HIT_SHARE: Final = 0.1
 """The same as a share of the body's size."""
 GLUE_N_m: Final = 1e5
 """Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
-_WHERE_NEAR = contact_kernels, film_distance, signed_distance, obstacle_contact, near_search  # leaves
 _REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
 _STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
 _MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
@@ -113,7 +110,7 @@ class ContactExchange:
             points, np.zeros((len(nodes), 3)), np.array([body]), GLUE_N_m, bodies.positions, bodies.axes
         )
         self.search = NearSearch(query, surface)
-        self._compiled = len(nodes) > 0
+        self._was_near = len(nodes) > 0
         self._prepare_surface()
         self._prepare_bodies()
         self.memory = ContactMemory.room(0)
@@ -211,7 +208,7 @@ class ContactExchange:
             active = query.near(extent.low, extent.high, reach_m)
         if not len(active):
             return None
-        self._compile()
+        self._was_near = True
         asked = x, extent, active, (reach_m, BEHIND_M), self.memory
         found = self.search.find(*asked)
         if found is None:
@@ -423,10 +420,10 @@ class ContactExchange:
         self._contacts = self._concluded = None
         self.__dict__.pop("sticking", None)
         if len(found.memory.key) or found.planes is not None or self.bodies.applied[self.query.body].any():
-            self._compile()
+            self._was_near = True
         self.loads.centers[:], self.loads.pressing[:] = found.centers, found.pressing
         self._force[:], self.past[:] = found.force, found.past
-        self._acts = self._compiled  # bodies may bear what the next step is to end
+        self._acts = self._was_near  # bodies may bear what the next step is to end
 
     def check_state(self, found: ContactState) -> None:
         """Check what a saved state names, before it is set.
@@ -443,9 +440,3 @@ class ContactExchange:
         if found.planes is not None:
             state.check_indices(found.planes.body, self.bodies.count, "bodies")
             surface.check_planes(found.planes)
-
-    def _compile(self) -> None:
-        """Have all leaves compiled, as something is near: many a film never comes so far."""
-        if not self._compiled:
-            compilation.compile_modules(logging.getLogger("cosim").warning, _WHERE_NEAR)
-            self._compiled = True

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
+from cosim.base.compilation import compile_kernels
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
@@ -465,7 +466,9 @@ class FilmPotential:
                 found.append(
                     element.call(memory, slots(element.coupled), self.gradient, blocks, moving=moving)
                 )
-        return [call for call in found if call is not None]
+        calls = [call for call in found if call is not None]
+        compile_kernels(call.leaf for call in calls)
+        return calls
 
     def _winches(self, loads: Loads, rows: Array) -> list[_Winch]:
         found, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)

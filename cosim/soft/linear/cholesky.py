@@ -13,7 +13,6 @@ L^-1 is kept instead of L: fronts are narrow, and products with it are what proc
 Source: Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal method).
 """
 
-import logging
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -24,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from cosim.base.compilation import compile_modules
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state import KnownStates, check_state
 from cosim.soft.linear import envelope_kernels, fronts, linear_solver
@@ -318,7 +316,6 @@ class DissectedCholesky(linear_solver.LinearSolver):
         groups: list[IntArray] | None = None,
     ) -> None:
         super().__init__(pattern, free)
-        compile_modules(logging.getLogger("cosim").info, (fronts,))
         self.groups = groups = _dissected(self, far) if groups is None else groups
         number = linear_solver.numbering(self.free, self.free_nodes[np.concatenate(groups)])
         self._dofs = linear_solver.equations(number)
