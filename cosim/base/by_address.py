@@ -225,6 +225,7 @@ def address_of(kernel: Any) -> int:
 def c_address(kernel: Any) -> int:
     """Return the address at which C calls a kernel that was made for it; it is compiled if need be."""
     compilation.compile_kernels((kernel,))
+    kernel.compile(kernel.fixed_signature)  # here as well, or from the cache
     return code_for_c(kernel, kernel.fixed_signature)
 
 
