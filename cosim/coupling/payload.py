@@ -1,4 +1,4 @@
-"""The leaf of the payload on a flange: inertial parameters of the soft side and of a mounted mass."""
+"""Leaves of the load on a flange: mass of a cloud of nodes, inertial parameters of all that hangs there."""
 
 from cosim.base.kernel_types import Matrix, Vector
 from cosim.base.kernels import kernel, small_matrix, small_vector
@@ -43,3 +43,36 @@ def fill_payload(
     out[7], out[8], out[9] = inertia[0, 2], inertia[1, 2], inertia[2, 2]
     for k in range(10):
         out[k] += mounted[k]
+
+
+@kernel
+def fill_mass(mass: Vector, x: Matrix, figures: Vector) -> None:
+    """Fill in the figures of a soft side centre of mass [m] and inertia about it [kg m^2], world axes.
+
+    Args:
+        mass: (n,) [kg], of its nodes.
+        x: (n, 3) [m], their positions, world.
+        figures: (FIGURES,), of which those of its mass are filled.
+    """
+    total, first, second = 0.0, small_vector(3), small_matrix(3, 3)
+    for r in range(3):
+        first[r] = 0.0
+        for c in range(3):
+            second[r, c] = 0.0
+    for i in range(mass.shape[0]):
+        total += mass[i]
+        for r in range(3):
+            moment = mass[i] * x[i, r]
+            first[r] += moment
+            for c in range(r, 3):
+                second[r, c] += moment * x[i, c]
+    for r in range(3):
+        figures[CENTER + r] = first[r] / total
+    for r in range(3):
+        for c in range(r, 3):
+            second[r, c] -= first[r] * figures[CENTER + c]
+    trace = second[0, 0] + second[1, 1] + second[2, 2]
+    for r in range(3):
+        for c in range(3):
+            about = -second[min(r, c), max(r, c)]
+            figures[INERTIA + 3 * r + c] = about + (trace if r == c else 0.0)

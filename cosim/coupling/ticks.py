@@ -267,7 +267,7 @@ class TicksTaken:
 
 def figures_of(soft: SoftSide, wrench: Wrench) -> Array:
     """Return the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
-    mass, figures = soft.mass_properties(), np.empty(FIGURES)
+    figures = np.empty(FIGURES)
     figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER] = wrench.force, wrench.torque
-    figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
+    soft.fill_mass(figures)
     return figures

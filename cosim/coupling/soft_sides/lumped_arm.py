@@ -12,6 +12,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.state import check_indices
+from cosim.coupling.payload import fill_mass
 from cosim.coupling.soft_sides import soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
@@ -175,6 +176,9 @@ class SoftArm(soft_side.SoftSide):
     def loads(self) -> Loads:
         """Loads at the end of the last step, contacts not counted."""
         return self._loads
+
+    def fill_mass(self, figures: Array) -> None:
+        fill_mass(self.body.node_mass, self.state.positions, figures)
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""

@@ -31,6 +31,7 @@ from scipy.linalg import lapack
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
 from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.errors import ConvergenceError, TickWorkError
+from cosim.reduced.sections.assembly import CENTER, INERTIA
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings, ring_figures
@@ -575,6 +576,11 @@ class SoftSide(ABC):
     def mass_properties(self) -> MassProperties:
         """Return mass, centre and inertia at the present shape."""
         return MassProperties.of(self.body.node_mass, self.state.positions)
+
+    def fill_mass(self, figures: Array) -> None:
+        """Fill centre and inertia of the mass at the present shape in figures (FIGURES,), see `Ticks`."""
+        mass = self.mass_properties()
+        figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
 
 
 def step_or_halves(

@@ -107,3 +107,5 @@ class SceneOfArms:
             self.arms[0].check()
             for each in exchanges:
                 each.carry()
+        for servos in self._servos:
+            servos.end()

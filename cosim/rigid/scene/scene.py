@@ -535,28 +535,36 @@ class RigidScene(coupled_scene.CoupledScene):
         Raises:
             InstabilityError: the state is no longer finite.
         """
-        bodies, control, steps = self.bodies, self._control, int(self._pace[0])
+        bodies, control, (steps, left) = self.bodies, self._control, self._pace.tolist()
         began = self._speed.copy() if steps > 1 else None
-        work, power = 0.0, bodies.power_W(bodies.applied)
-        self.mounted[:] = 0.0
+        presses = bool(np.count_nonzero(bodies.bearing))
+        work, power = 0.0, bodies.power_W(bodies.applied) if presses else 0.0
+        if self._layout.carries:
+            self.mounted[:] = 0.0
         for i in range(steps):
             if i:
                 control[:, 0] += self._step_s * control[:, 1]
-            self._finish_step(int(self._pace[1]) - i)
+            self._finish_step(left - i, 1.0 / steps)
             self.begin_step()
-            # a constant force changes a body's energy by its mean speed, as its momentum changes evenly
-            before, power = power, bodies.power_W(bodies.applied)
-            work += 0.5 * self._step_s * (before + power)
+            if presses:  # a constant force changes a body's energy by its mean speed
+                before, power = power, bodies.power_W(bodies.applied)
+                work += 0.5 * self._step_s * (before + power)
         bodies.work_J = work
+        self.servos.end()
         if began is not None:  # inertia is given back by the acceleration of the whole tick
             self._acceleration[:] = (self._speed - began) / (steps * self._step_s)
 
-    def _finish_step(self, left: int) -> None:
-        """Find accelerations, integrate and read the flange's sensor, with so many steps left in the tick."""
+    def _finish_step(self, left: int, share: float) -> None:
+        """Find accelerations, integrate and read the flange's sensor.
+
+        Args:
+            left: steps until the end of the clock's tick.
+            share: of the step in the rigid step.
+        """
         finish_step(self._model, self._data, (self.servos,))
         self.flange.read_sensor()  # site axes still belong to the instant of the reading
         if self._layout.carries:
-            self.add_mounted(self._flange_load, 1.0 / float(self._pace[0]))
+            self.add_mounted(self._flange_load, share)
         self.cell.drive(left, self._step_s)
 
     def add_mounted(self, load: Array, share: float) -> None:

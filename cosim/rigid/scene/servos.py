@@ -82,7 +82,7 @@ class ArmServos:
         return changed
 
     def end(self) -> None:
-        """Find the torques of a step from the speeds at its ends."""
+        """Find the torques of the last step from the speeds at its ends."""
         ends = zip(self._asked, self._damping, self._speed.tolist(), self._began, strict=True)
         torques = [asked - damping * (speed - began) for asked, damping, speed, began in ends]
         if self._near:
@@ -115,8 +115,6 @@ def finish_step(model: mujoco.MjModel, data: mujoco.MjData, servos: Sequence[Arm
     mujoco.mj_sensorAcc(model, data)
     mujoco.mj_checkAcc(model, data)
     mujoco.mj_Euler(model, data)
-    for each in servos:
-        each.end()
 
 
 def _accelerate(model: mujoco.MjModel, data: mujoco.MjData) -> None:
