@@ -145,7 +145,7 @@ def newton(
     done = NewtonProgress(*(began or problem.evaluate(x)))
     if not (math.isfinite(done.energy) and math.isfinite(done.residual)):
         return done.ended(Outcome.NOT_FINITE)
-    search = _Search(problem, x, factor, options, done)
+    search = _NewtonSearch(problem, x, factor, options, done)
     if done.residual < options.start_tolerance_N:
         return done
     while not search.reuse_factor():
@@ -166,7 +166,7 @@ def newton(
 
 
 @final
-class _Search:
+class _NewtonSearch:
     """The last point that serves, and the ways from there.
 
     Elements count from what they tracked at that point, `FilmPotential.before`.
