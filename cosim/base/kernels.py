@@ -14,14 +14,6 @@ import numpy as np
 from numba.extending import intrinsic
 
 from cosim.base import compilation, numba_insides
-from cosim.base.by_address import RecordStore as RecordStore
-from cosim.base.by_address import address_of as address_of
-from cosim.base.by_address import c_address as c_address
-from cosim.base.by_address import call_native as call_native
-from cosim.base.by_address import caller as caller
-from cosim.base.by_address import handing_on_views as handing_on_views
-from cosim.base.by_address import number_at as number_at
-from cosim.base.by_address import record_at as record_at
 from cosim.base.kernel_cache import cache_of
 from cosim.base.kernel_types import Matrix, Vector, has_arrays, numba_type
 from cosim.base.numba_insides import KNOWN, counting, stack_array

@@ -153,8 +153,3 @@ def stack_array(asked: tuple[Any, ...], *, zeros: bool = False) -> Any:
         return array._getvalue()
 
     return made(*asked), generate
-
-
-from cosim.base.by_address import call_native as call_native  # noqa: E402
-from cosim.base.by_address import caller as caller  # noqa: E402
-from cosim.base.by_address import number_at as number_at  # noqa: E402

@@ -13,18 +13,17 @@ deleted. Its MjData is kept as long, so that no other gets the address.
 """
 
 from collections import deque
-from ctypes import c_int64, c_void_p
+from ctypes import c_void_p
 from functools import cache
 from threading import Lock
-from typing import Any, Final, NamedTuple, TypeAlias, final
+from typing import Final, TypeAlias, final
 from weakref import WeakValueDictionary
 
 import mujoco
 import numpy as np
 
+from cosim.base.c_callback import c_function, call_c, numbers_at, reals_at
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import RecordStore, c_address, call_native, kernel, number_at, record_at
 from cosim.errors import InputError
 from cosim.rigid.scene.arm import Mounting
 from cosim.rigid.scene.bodies import addresses, mass_places
@@ -32,57 +31,32 @@ from cosim.rigid.scene.bodies import addresses, mass_places
 _ROWS: Final = 64  # of the first table
 
 
-class MountInertia(NamedTuple):
-    """Inertia that one mount carries.
-
-    Args:
-        mass: entries of MuJoCo's sparse mass matrix.
-        places: (dofs, dofs), where in it the lower triangle of what moves the mount is.
-        inertia: (dofs, dofs) [kg m^2].
-        added: (1,), how often it was added in the step in progress.
-    """
-
-    mass: Vector
-    places: IndexTable
-    inertia: Matrix
-    added: Indices
+_TABLE: Final = np.zeros(1, np.int64)
+"""Address of the table in use, int64: how many rows; address of MuJoCo's factorisation of the mass matrix;
+where the address of the callback is that was there before, 0 for none; then rows: addresses of an MjData and of
+what is carried in its step, 0 in a free row."""
+_HEAD: Final = 3
+_TABLE_AT: Final = int(_TABLE.ctypes.data)
 
 
-class StepTable(NamedTuple):
-    """What is carried in the steps in progress.
-
-    Args:
-        rows: (n, 2), addresses of an MjData and of a `MountInertia`; zeros in a free row.
-        factorise: address of MuJoCo's factorisation of the mass matrix.
-        before: (1,), address of the control callback that was there before; 0 for none.
-    """
-
-    rows: IndexTable
-    factorise: int
-    before: Indices
-
-
-_TABLE: Final = c_int64(0)  # address of the table in use
-_table_address: Any = number_at("cosim_step_table", _TABLE)
-
-
-@kernel(for_c=True)
 def carry_in_step(model: int, data: int) -> None:
     """Add what mounts carry to a mass matrix that MuJoCo has just computed; its control callback."""
-    table = record_at(_table_address(), StepTable)
-    carries = False
-    for k in range(table.rows.shape[0]):
-        if table.rows[k, 0] == data:
-            mount = record_at(table.rows[k, 1], MountInertia)
-            for i in range(mount.inertia.shape[0]):
+    table, carries = numbers_at(numbers_at(_TABLE_AT)[0]), False
+    for k in range(table[0]):
+        if table[_HEAD + 2 * k] == data:
+            mount = numbers_at(table[_HEAD + 2 * k + 1])
+            mass, places, inertia = reals_at(mount[0]), numbers_at(mount[1]), reals_at(mount[2])
+            dofs, added = mount[4], numbers_at(mount[3])
+            for i in range(dofs):
                 for j in range(i + 1):
-                    mount.mass[mount.places[i, j]] += mount.inertia[i, j]
-            mount.added[0] += 1
+                    mass[places[i * dofs + j]] += inertia[i * dofs + j]
+            added[0] += 1
             carries = True
     if carries:
-        call_native(table.factorise, model, data)
-    if table.before[0] != 0:
-        call_native(table.before[0], model, data)
+        call_c(table[1], model, data)
+    before = numbers_at(table[2])[0]
+    if before != 0:
+        call_c(before, model, data)
 
 
 @final
@@ -101,10 +75,12 @@ class CarriedInStep:
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, mounting: Mounting, inertia: Array
     ) -> None:
-        self._data, self._store, self.in_step = data, RecordStore(MountInertia), False
-        self.added: IntArray = np.zeros(1, np.int64)
-        record = MountInertia(data.M, mass_places(model, mounting), inertia, self.added)
-        self.row = np.array((data._address, self._store.address(record)))
+        self.in_step, self.added = False, np.zeros(1, np.int64)
+        places = np.ascontiguousarray(mass_places(model, mounting))
+        self._kept = data, data.M, places, inertia, self.added  # their addresses are in use
+        parts = (data.M, places, inertia, self.added)
+        self._mount = np.array([*(part.ctypes.data for part in parts), len(inertia)], np.int64)
+        self.row = np.array((data._address, self._mount.ctypes.data))
 
 
 @final
@@ -117,10 +93,11 @@ class StepsInProgress:
     def __init__(self) -> None:
         self._factorise, callback = addresses(("mj_factorM", "mjcb_control"))
         self._callback = c_void_p.from_address(callback)
-        self._code, self._before = c_address(carry_in_step), np.zeros(1, np.int64)
+        self._function, self._before = c_function(carry_in_step), np.zeros(1, np.int64)
+        self._code = int(self._function.address)
         self._lock, self._left = Lock(), deque[CarriedInStep]()
         self._in_rows: dict[int, CarriedInStep] = {}  # kept as long as they are there
-        self._tables: list[tuple[IntArray, RecordStore, int]] = []  # all: threads may be in an earlier one
+        self._tables: list[IntArray] = []  # all: threads may be in an earlier one
         self._extend(_ROWS)
 
     def enter(self, carried: CarriedInStep) -> None:
@@ -128,14 +105,14 @@ class StepsInProgress:
         carried.added[0], carried.in_step = 0, True
         with self._lock:
             self._clear()
-            rows, _, address = self._tables[-1]
+            rows = self._rows
             if rows[:, 0].all():
                 self._extend(2 * len(rows))
-                rows, _, address = self._tables[-1]
+                rows = self._rows
             free = int(np.flatnonzero(rows[:, 0] == 0)[0])
             self._in_rows[free] = carried
             rows[free] = carried.row
-            _TABLE.value = address
+            _TABLE[0] = self._tables[-1].ctypes.data
             if self._callback.value != self._code:
                 self._before[0] = self._callback.value or 0
                 self._callback.value = self._code
@@ -153,7 +130,7 @@ class StepsInProgress:
 
     def _clear(self) -> None:
         """Clear the rows of what has left, and put back the callback if none is left."""
-        rows = self._tables[-1][0]
+        rows = self._rows
         while self._left:
             row = self._left[0].row
             for k in np.flatnonzero((rows == row).all(axis=1)).tolist():
@@ -165,12 +142,17 @@ class StepsInProgress:
 
     def _extend(self, count: int) -> None:
         """Go on with a longer table, with the rows that there are."""
-        rows, store = np.zeros((count, 2), np.int64), RecordStore(StepTable)
+        table = np.zeros(_HEAD + 2 * count, np.int64)
+        table[:_HEAD] = count, self._factorise, self._before.ctypes.data
         if self._tables:
-            before = self._tables[-1][0]
-            rows[: len(before)] = before
-        address = store.address(StepTable(rows, self._factorise, self._before))
-        self._tables.append((rows, store, address))
+            before = self._tables[-1][_HEAD:]
+            table[_HEAD : _HEAD + len(before)] = before
+        self._tables.append(table)
+
+    @property
+    def _rows(self) -> IntArray:
+        """(n, 2), a view of the rows of the table in use."""
+        return self._tables[-1][_HEAD:].reshape(-1, 2)
 
 
 @cache
