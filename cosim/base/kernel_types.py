@@ -67,8 +67,3 @@ def nothing_of(kind: Any) -> Any:
     if isinstance(kind, types.Array):
         return np.zeros((0,) * kind.ndim, str(kind.dtype))
     return False if kind == types.boolean else kind.cast_python_value(0)
-
-
-def has_arrays(kind: Any) -> bool:
-    """Return whether a type of numba is an array, or a tuple with arrays in it."""
-    return isinstance(kind, types.Array) or any(map(has_arrays, getattr(kind, "types", ())))

@@ -15,8 +15,8 @@ from numba.extending import intrinsic
 
 from cosim.base import compilation, numba_insides
 from cosim.base.kernel_cache import cache_of
-from cosim.base.kernel_types import Matrix, Vector, has_arrays, numba_type
-from cosim.base.numba_insides import KNOWN, counting, stack_array
+from cosim.base.kernel_types import Matrix, Vector, numba_type
+from cosim.base.numba_insides import KNOWN, counting, has_arrays, stack_array
 from cosim.base.numba_insides import same_bits as same_bits
 
 Function = TypeVar("Function", bound=Callable[..., Any])

@@ -18,13 +18,16 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from cosim.base.kernel_types import has_arrays
-
 KNOWN: Final = str(numba.__version__).startswith("0.68.")  # its insides are as the code below expects
 SLOW: Final = "" if KNOWN else f" numba {numba.__version__} is not 0.68 and takes four times as long."
 """What to say of the insides that are not known."""
 untyped_intrinsic: Callable[..., Any] = intrinsic  # typed for mypy
 _ALIGNMENT: Final = 32  # [bytes], of the widest loads
+
+
+def has_arrays(kind: Any) -> bool:
+    """Return whether a type of numba is an array, or a tuple with arrays in it."""
+    return isinstance(kind, types.Array) or any(map(has_arrays, getattr(kind, "types", ())))
 
 
 def counting(*, allocates: bool) -> dict[str, Any]:

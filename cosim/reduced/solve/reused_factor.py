@@ -7,7 +7,6 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.reduced.sections.section_strains import ChainWork
-from cosim.reduced.solve.clamp import FrameClamp
 from cosim.soft.solve.step_begin import BedNumbers
 
 
@@ -31,7 +30,7 @@ class SavedFactor:
 
 @final
 class ReusedFactor:
-    """Owns a factor, in `work`; it is for steps of one length and scheme in one clamp.
+    """Owns a factor, in `work`; it is for steps of one length and scheme in one clamp, the same object.
 
     Args:
         work: whose other arrays it shares.
@@ -39,24 +38,24 @@ class ReusedFactor:
 
     def __init__(self, work: ChainWork) -> None:
         self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
-        self._of: tuple[FrameClamp, bool, float] | None = None
+        self._of: tuple[object, bool, float] | None = None
 
-    def is_of(self, clamp: FrameClamp, bed: BedNumbers) -> bool:
+    def is_of(self, clamp: object, bed: BedNumbers) -> bool:
         """Whether there is a factor that such a step may begin with."""
         of = self._of
         return of is not None and of[0] is clamp and of[1] == bed.two_steps and of[2] == bed.span
 
-    def keep(self, reusable: bool, clamp: FrameClamp, bed: BedNumbers) -> None:
+    def keep(self, reusable: bool, clamp: object, bed: BedNumbers) -> None:
         """Note the step in which the factor was made or used last, and whether the next one may reuse it."""
         self._of = (clamp, bed.two_steps, bed.span) if reusable else None
 
-    def save_state(self, clamp: FrameClamp) -> SavedFactor | None:
+    def save_state(self, clamp: object) -> SavedFactor | None:
         """Return the factor; None where there is none for a clamp."""
         if self._of is None or self._of[0] is not clamp:
             return None
         return SavedFactor(self.work.low.copy(), self.work.side.copy(), *self._of[1:])
 
-    def restore_state(self, state: SavedFactor | None, clamp: FrameClamp) -> None:
+    def restore_state(self, state: SavedFactor | None, clamp: object) -> None:
         """Return to a state of `save_state`, with the clamp of that moment."""
         self._of = None
         if state is not None:

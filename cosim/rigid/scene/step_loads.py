@@ -33,8 +33,8 @@ _ROWS: Final = 64  # of the first table
 
 _TABLE: Final = np.zeros(1, np.int64)
 """Address of the table in use, int64: how many rows; address of MuJoCo's factorisation of the mass matrix;
-where the address of the callback is that was there before, 0 for none; then rows: addresses of an MjData and of
-what is carried in its step, 0 in a free row."""
+where the address of the callback is that was there before, 0 for none; then rows: addresses of an MjData and
+of what is carried in its step, 0 in a free row."""
 _HEAD: Final = 3
 _TABLE_AT: Final = int(_TABLE.ctypes.data)
 
