@@ -15,7 +15,7 @@ import numpy as np
 from cosim.app.driver import log, named_body, prepared
 from cosim.base import kept_parts, state_file
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.state import KnownStates, check_state, restore_states, states_of
+from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
 from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
 from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
@@ -47,17 +47,15 @@ class AttachedState(state_file.WrittenState):
 
     Args:
         tick: ticks taken.
-        soft: of the soft side.
-        carrier: of scene and exchange.
-        commands: of the commands.
+        soft: state of the soft side.
+        parts: states of scene, exchange and commands, by name.
         loads: on the soft robot in the last tick.
         ledger: of it.
     """
 
     tick: int
     soft: Any
-    carrier: Any
-    commands: Any
+    parts: dict[str, Any]
     loads: Any
     ledger: Any
 
@@ -102,6 +100,10 @@ class _Hung:
     tick: int = 0
     steps: int = 0
     stage: _Stage = _Stage.BETWEEN
+
+    def stateful(self) -> dict[str, Any]:
+        """Return what the ticks to come depend on besides the soft side, by name, see `restore_states`."""
+        return {**self.carrier.parts(), **self.parts.commands.parts()}
 
 
 @contextmanager
@@ -412,9 +414,8 @@ class Attached:
         return self._state(run)
 
     def _state(self, run: _Hung) -> AttachedState:
-        parts, carrier = run.parts, run.carrier.save_state()
-        commands = states_of(parts.commands.parts())
-        saved = AttachedState(run.tick, parts.soft.save_state(), carrier, commands, run.loads, self.ledger)
+        soft, parts = run.parts.soft.save_state(), states_of(run.stateful())
+        saved = AttachedState(run.tick, soft, parts, run.loads, self.ledger)
         self._known.add(saved)
         return saved
 
@@ -431,12 +432,14 @@ class Attached:
         state = state_file.load(Path(saved)) if isinstance(saved, str | Path) else saved
         if not isinstance(state, AttachedState):
             raise InputError(f"{saved}: holds no attached soft robot but a {type(state).__name__}")
+        states = run.carrier.completed(state.parts)
         if state not in self._known:
-            check_state(state, self._state(run), AttachedState)
+            sizes = dict[str, int]()
+            check_state(state, self._state(run), AttachedState, sizes=sizes)
+            check_states(run.stateful(), states, "state", sizes)
         self._break_off()
         run.parts.soft.restore_state(state.soft)
-        run.carrier.restore_state(state.carrier)
-        restore_states(run.parts.commands.parts(), state.commands)
+        restore_states(run.stateful(), states)
         run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
         run.steps, run.ahead = 0, ()
         self._known.add(state)

@@ -139,7 +139,7 @@ def check_state(
     hint: Any = Any,
     *,
     place: str = "state",
-    sizes: Mapping[str, int] | None = None,
+    sizes: dict[str, int] | None = None,
     finite: bool = True,
 ) -> None:
     """Check a saved state against one of the simulation that is to continue from it.
@@ -149,13 +149,39 @@ def check_state(
         present: what that simulation would save now; None where it would save nothing comparable.
         hint: annotated type; `Any` for that of `present`.
         place: where it is, for messages.
-        sizes: counts by the words of annotations.
+        sizes: counts by the words of annotations; those that are found are added.
         finite: whether numbers have to be finite where those of `present` are.
 
     Raises:
         InputError: a part is of another kind or size, or a number is not finite.
     """
-    _StatePlace(place, hint, {}, dict(sizes or {}), finite).check(found, present)
+    _StatePlace(place, hint, {}, {} if sizes is None else sizes, finite).check(found, present)
+
+
+def check_states(parts: Any, states: Any, place: str, sizes: dict[str, int]) -> None:
+    """Check the saved states of parts against the present ones, before `restore_states`.
+
+    Args:
+        parts: as for `states_of`.
+        states: saved ones.
+        place: where they are, for messages.
+        sizes: see `check_state`.
+
+    Raises:
+        InputError: they are of other parts, or a state is of another kind or size.
+    """
+    if isinstance(parts, Mapping):
+        if not isinstance(states, Mapping) or states.keys() != parts.keys():
+            raise InputError(f"{place} has {', '.join(states)}, here it has {', '.join(parts)}")
+        for name, part in parts.items():
+            check_states(part, states[name], f"{place}.{name}", sizes)
+    elif isinstance(parts, tuple | list):
+        if not isinstance(states, tuple) or len(states) != len(parts):
+            raise InputError(f"{place} has {len(states)} entries, here it has {len(parts)}")
+        for k, part in enumerate(parts):
+            check_states(part, states[k], f"{place}[{k}]", sizes)
+    else:
+        check_state(states, parts.state, place=place, sizes=sizes)
 
 
 def check_indices(indices: NDArray[Any], count: int, what: str) -> None:
@@ -296,7 +322,7 @@ class _StatePlace:
         fixed = get_origin(hint) is tuple and kinds[-1:] != (...,)
         known = present if isinstance(present, tuple | list) else ()
         wanted = len(kinds) if fixed else len(found)
-        if hint is Any and (known or isinstance(present, tuple)):
+        if hint is Any and known:
             wanted = len(known)
         if self._sizes is not None:
             # before the first phase begins, what has one entry for each chamber has none
@@ -312,8 +338,6 @@ class _StatePlace:
         if hint is not Any and get_origin(hint) not in (dict, Mapping):
             raise self._unlike(found, hint)
         known = present if isinstance(present, Mapping) else {}
-        if hint is Any and isinstance(present, Mapping) and found.keys() != known.keys():
-            raise InputError(f"{self._name} has {', '.join(found)}, not {', '.join(known)}")
         kind = get_args(hint)[1] if get_args(hint) else Any
         for key, entry in found.items():
             self._inner(f".{key}", kind, {}).check(entry, known.get(key))

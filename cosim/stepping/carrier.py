@@ -12,7 +12,7 @@ from cosim.base.solid import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken, figures_of
-from cosim.errors import InputError, SolverError
+from cosim.errors import SolverError
 from cosim.plan.motion import JointPath, JointReference
 from cosim.plan.planning import AnyWay
 from cosim.reduced.sections.assembly import FIGURES
@@ -154,16 +154,16 @@ class Carrier(ABC):
         """Return what the servos are asked for at n instants."""
 
     @abstractmethod
-    def save_state(self) -> Any:
-        """Return everything that the steps to come depend on, as a frozen dataclass."""
+    def parts(self) -> dict[str, Any]:
+        """Return what the steps to come depend on besides the soft side, by name, see `restore_states`."""
 
-    @abstractmethod
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`; the soft side has been restored before.
+    def completed(self, states: Mapping[str, Any]) -> dict[str, Any]:
+        """Return saved states of the parts, which are there as they were in the saved run from here on.
 
         Raises:
-            InputError: the state does not fit.
+            InputError: the states do not fit.
         """
+        return dict(states)
 
     def link_contacts(self, *, among_links: bool) -> "tuple[LinkContact, ...]":
         """Return where links of the arm are in what is in the scene, or (`among_links`) in one another."""
@@ -235,7 +235,8 @@ class HeldBase(Carrier):
 
     def __init__(self, soft: SoftSide, world_from_flange: Pose, tick_s: float) -> None:
         self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
-        self._wrench = Wrench()
+        self.state = HeldBaseState(Wrench())
+        """What the next step depends on."""
 
     @staticmethod
     def plan(start: Pose, ways: list[AnyWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
@@ -248,7 +249,7 @@ class HeldBase(Carrier):
 
     @property
     def wrench(self) -> Wrench:
-        return self._wrench
+        return self.state.wrench
 
     @property
     def report(self) -> Mapping[str, str]:
@@ -261,15 +262,10 @@ class HeldBase(Carrier):
         pass
 
     def couple(self, wrench: Wrench) -> None:
-        self._wrench = wrench
+        self.state = HeldBaseState(wrench)
 
-    def save_state(self) -> HeldBaseState:
-        return HeldBaseState(self._wrench)
-
-    def restore_state(self, state: object) -> None:
-        if not isinstance(state, HeldBaseState):
-            raise InputError("the saved state is of a flange that is carried, this base is held")
-        self._wrench = state.wrench
+    def parts(self) -> dict[str, Any]:
+        return {"base": self}
 
     def servos(self, references: JointReference) -> Servos:
         return Servos.knowing_no_payload(*[np.zeros_like(references.position)] * 3)
@@ -279,6 +275,6 @@ class HeldBase(Carrier):
         taken = TicksTaken.room(1, 0, 0, len(self._soft.pressures_Pa))
         taken.ticks.origin[0], taken.ticks.axes[0] = self._pose.translation, self._pose.rotation
         reply = self._soft.advance(self._pose, loads[0], self._tick_s)
-        self._wrench = reply.wrench
+        self.state = HeldBaseState(reply.wrench)
         taken.end_tick(reply, self._soft, figures_of(self._soft, reply.wrench))
         return taken

@@ -13,7 +13,7 @@ from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
 from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
-from cosim.errors import InputError, InstabilityError, SolverError
+from cosim.errors import InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.film_look import ArmsLook
 from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
@@ -117,8 +117,8 @@ class DynamicState:
         speed: of its tip.
     """
 
-    undecided_in: int
-    speed: TipSpeed
+    undecided_in: int = _NO_PHASE
+    speed: TipSpeed = _STILL
 
 
 @final
@@ -135,8 +135,7 @@ class DynamicSimulation(SteppedRun):
         self._ahead: _Asked | None = None
         self._begun: _Asked | None = None  # of a tick that others have begun as well
         self._error: BaseException | None = None  # of the tick to come, which has been tried
-        self._undecided_in = _NO_PHASE  # the last phase in which rounding decided on a side
-        self._speed = _STILL
+        self._state = DynamicState()
         self._least = _LEAST_SPEED * float(np.ptp(parts.soft.body.positions, axis=0).max())
 
     @property
@@ -148,7 +147,7 @@ class DynamicSimulation(SteppedRun):
         self._ahead = None
 
     def _start(self, began: float) -> Snapshot:
-        parts, self._undecided_in, self._speed = self._parts, _NO_PHASE, _STILL
+        parts, self._state = self._parts, DynamicState()
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
         loads = parts.loads(plan.command)
@@ -267,7 +266,8 @@ class DynamicSimulation(SteppedRun):
             # wrinkles come and go in motion
             if branching is not None and branching.extent >= WHOLE
         }
-        self._undecided_in = to.phase if large else self._undecided_in
+        if large:
+            self._state = replace(self._state, undecided_in=to.phase)
         return large
 
     def _sudden(self, taken: TicksTaken, film: FilmShapes) -> list[int]:
@@ -276,7 +276,8 @@ class DynamicSimulation(SteppedRun):
             return []
         ticks, last = taken.ticks, slice(0, taken.done)
         seen = np.einsum("kr,krs->ks", film.tip_position - ticks.origin[last], ticks.axes[last])
-        rows, self._speed = self._speed.after(seen, self.stage.tick_s, self._least)
+        rows, speed = self._state.speed.after(seen, self.stage.tick_s, self._least)
+        self._state = replace(self._state, speed=speed)
         return rows
 
     def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
@@ -298,7 +299,7 @@ class DynamicSimulation(SteppedRun):
         """Return how firmly it stands with where it comes to rest, if nothing has decided on its side."""
         found = dict(ends)
         for row, footing in ends.items():
-            if self._undecided_in == asked.phase:
+            if self._state.undecided_in == asked.phase:
                 flange = Pose(taken.ticks.axes[row], taken.ticks.origin[row])
                 rests = self._parts.soft.rests_at(taken.shapes[row], flange, asked.loads[row])
                 found[row] = replace(footing, rests_at_m=rests)
@@ -344,14 +345,14 @@ class DynamicSimulation(SteppedRun):
     def _step_of(self, to: Cursor) -> str:
         return f"tick {to.tick} ({Clock(self.stage.tick_s, to.tick).time_s:g} s)"
 
-    def _save_own(self) -> DynamicState:
-        return DynamicState(self._undecided_in, self._speed)
+    @property
+    def state(self) -> DynamicState:
+        """What the next looks at stability depend on."""
+        return self._state
 
-    def _restore_own(self, state: object) -> None:
-        if not isinstance(state, DynamicState):
-            raise InputError("the saved state is of a quasistatic run, this one is dynamic")
-        self._ahead, self._error = None, None
-        self._undecided_in, self._speed = state.undecided_in, state.speed
+    @state.setter
+    def state(self, state: DynamicState) -> None:
+        self._state, self._ahead, self._error = state, None, None
 
 
 _SHOWN: Final = 64

@@ -20,7 +20,7 @@ from cosim.base.state import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
-from cosim.errors import ConvergenceError, InputError
+from cosim.errors import ConvergenceError
 from cosim.plan.planning import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import Branching
@@ -128,15 +128,34 @@ class QuasistaticSimulation(SteppedRun):
         return QuasistaticState(here, np.empty((0, *nodes.shape)), np.empty((0, *joints.shape)))
 
     @property
-    def state(self) -> QuasistaticState:
-        """The present one."""
+    def _begun(self) -> QuasistaticState:
         assert self._state is not None, "the run has begun"
         return self._state
 
     @property
     def equilibrium(self) -> Equilibrium:
         """The present one."""
-        return self.state.here
+        return self._begun.here
+
+    @property
+    def state(self) -> QuasistaticState | None:
+        """What the next increment starts from; which films touch is found again in every increment."""
+        if self._state is None:
+            return None
+        here = self._state.here
+        here = replace(here, loads=replace(here.loads, self_contact=None), branchings=())
+        return replace(self._state, here=here)
+
+    @state.setter
+    def state(self, state: QuasistaticState | None) -> None:
+        soft = self._parts.soft.state
+        sizes = {"nodes": len(soft.positions), "joints": len(self._parts.carrier.deflection)}
+        check_state(state, self.state, QuasistaticState, place="state.run", sizes=sizes)
+        assert state is not None, "just checked"
+        check_state(state.here.state, soft, SoftState, place="state.run.here.state")
+        if state.here.loads.contact is not None:
+            self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
+        self._state = state
 
     def _start(self, began: float) -> Snapshot:
         parts = self._parts
@@ -150,7 +169,7 @@ class QuasistaticSimulation(SteppedRun):
 
     def _take(self, to: Cursor, most: int) -> TickBatch:
         began = time.perf_counter()
-        parts, state = self._parts, self.state
+        parts, state = self._parts, self._begun
         phase = parts.plan.phases[to.phase].phase
         began_s = self._ends_s[to.phase - 1] if to.phase else 0.0
         if to.done == 1:
@@ -167,28 +186,11 @@ class QuasistaticSimulation(SteppedRun):
     def _step_of(self, to: Cursor) -> str:
         return f"increment {to.done} of {self._parts.plan.phases[to.phase].phase.increments}"
 
-    def _save_own(self) -> QuasistaticState:
-        state = self.state
-        # which films touch is found again in every increment
-        loads = replace(state.here.loads, self_contact=None)
-        return replace(state, here=replace(state.here, loads=loads, branchings=()))
-
-    def _restore_own(self, state: object) -> None:
-        if not isinstance(state, QuasistaticState):
-            raise InputError("the saved state is of a dynamic run, this one is quasistatic")
-        soft = self._parts.soft.state
-        check_state(state.here.state, soft, SoftState, place="state.own.here.state")
-        sizes = {"nodes": len(soft.positions), "joints": len(self._parts.carrier.deflection)}
-        check_state(state, self._state and self._save_own(), QuasistaticState, place="state.own", sizes=sizes)
-        if state.here.loads.contact is not None:
-            self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
-        self._state = state
-
     def _snapshot(
         self, to: Cursor, time_s: float, reference: Array, motion: "_Motion", spent: int, began: float
     ) -> Snapshot:
         """Return what the present equilibrium shows, with the Newton iterations spent on it."""
-        parts, here, touched = self._parts, self.state.here, NOTHING_TOUCHED
+        parts, here, touched = self._parts, self._begun.here, NOTHING_TOUCHED
         if here.loads.contact is not None:
             touched = ContactReport.of(here.loads.contact, here.loads.contact.at(here.state.positions))
         joints = parts.carrier.joint_position

@@ -2,14 +2,14 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Pose, Twist, Wrench
+from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
-from cosim.base.state import KnownStates, check_indices, check_state
+from cosim.base.state import check_state
 from cosim.config.schema.scenario import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
@@ -24,7 +24,7 @@ from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload, inertial_parameters
 from cosim.plan.motion import CellMotion, JointReference
 from cosim.rigid.scene import arms, coupled_scene, host_scene
-from cosim.rigid.scene.scene import RigidScene, RigidState
+from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.state import Obstacles
@@ -43,7 +43,6 @@ class SceneCarrier(Carrier):
     def __init__(self, scene: coupled_scene.CoupledScene, soft: SoftSide, contact: ContactLaw | None) -> None:
         self._coupled, self._soft, self._contact_law = scene, soft, contact
         self._coupling: Coupling | None = None
-        self._known = KnownStates()
 
     @property
     def flange_pose(self) -> Pose:
@@ -96,26 +95,19 @@ class SceneCarrier(Carrier):
         assert self._coupling is not None, "couple() comes before advance()"
         return self._coupling.advance(servos, loads)
 
-    def _restore_exchange(self, state: Any, coupling: Any, loaded: IntArray) -> None:
-        """Return scene and exchange to a saved state.
+    def parts(self) -> dict[str, Any]:
+        return {"scene": self._coupled, **({} if self._coupling is None else self._coupling.parts())}
 
-        Args:
-            state: of the carrier; its `scene` is that of the scene.
-            coupling: of the exchange; None: there was none.
-            loaded: (k,) bodies that bear loads of contact.
-        """
-        check_indices(loaded, len(self._coupled.body_names), "bodies")
-        self._coupled.restore_state(state.scene)
-        if coupling is None:
+    def completed(self, states: Mapping[str, Any]) -> dict[str, Any]:
+        if "exchange" not in states:
             self._coupling = None
-            return
+            return dict(states)
         if self._coupling is None:
+            check_state(states["scene"], self._coupled.state, place="state.scene")
+            self._coupled.state = states["scene"]
             self.couple(Wrench())
         assert self._coupling is not None, "couple() has just made it"
-        if state not in self._known:
-            check_state(coupling, self._coupling.save_state(), place="state.carrier.coupling")
-        self._coupling.restore_state(coupling)
-        self._known.add(state)
+        return self._coupling.interface.completed(states)
 
 
 _SETTLED_RAD = 1e-9
@@ -124,19 +116,15 @@ _SETTLED_RAD = 1e-9
 @final
 @dataclass(frozen=True)
 class ArmCarrierState:
-    """Where arm and scene are.
+    """Where an arm is, besides its scene and the exchange.
 
     Args:
-        scene: rigid side.
         reference: (joints,) [rad] of the last increment, in statics.
-        coupling: exchange with the soft side; None in statics.
         mounted_load: (6,), of what else is fixed to the flange, in the last tick; None at rest.
     """
 
-    scene: RigidState
     reference: Array
-    coupling: Any
-    mounted_load: Annotated[Array, (6,)] | None
+    mounted_load: Annotated[Array, (6,)] | None = None
 
 
 class ArmCarrier(SceneCarrier):
@@ -168,9 +156,9 @@ class ArmCarrier(SceneCarrier):
         self._arm, self._scene, self._cell = arm, scene, cell
         self._compensation, self._mounted = payload_compensation, mounted
         self._exchange = exchange or CouplingTable()
-        self._reference = np.zeros(arm.joint_count)
         self._touching: tuple[LinkContact, ...] = ()
-        self._mounted_load: Array | None = None
+        self.state = ArmCarrierState(np.zeros(arm.joint_count))
+        """What the next step depends on besides scene and exchange."""
 
     @property
     def joint_position(self) -> Array:
@@ -219,8 +207,8 @@ class ArmCarrier(SceneCarrier):
 
     @property
     def mounted_load(self) -> Array:
-        if self._mounted_load is not None:
-            return self._mounted_load
+        if self.state.mounted_load is not None:
+            return self.state.mounted_load
         if self._mounted is None:
             return np.zeros(6)
         weight = self._mounted.mass_kg * np.array(self._scene.description.gravity)
@@ -249,15 +237,15 @@ class ArmCarrier(SceneCarrier):
 
     def set_configuration(self, joints: Array) -> None:
         self._scene.set_joint_state(joints)
-        self._reference, self._mounted_load = joints, None
+        self.state = ArmCarrierState(joints)
 
     @property
     def deflection(self) -> Array:
-        return self._scene.joint_position - self._reference
+        return self._scene.joint_position - self.state.reference
 
     def track(self, reference: Array, deflection: Array) -> None:
         self._scene.set_joint_state(reference + deflection)
-        self._reference = reference
+        self.state = replace(self.state, reference=reference)
 
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:
         scene, still = self._scene, np.zeros_like(reference)
@@ -303,20 +291,12 @@ class ArmCarrier(SceneCarrier):
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         taken = super().advance(servos, loads)
         if taken.done:
-            self._mounted_load = taken.ticks.mounted[taken.done - 1].copy()
+            mounted_load = taken.ticks.mounted[taken.done - 1].copy()
+            self.state = replace(self.state, mounted_load=mounted_load)
         return taken
 
-    def save_state(self) -> ArmCarrierState:
-        coupling = None if self._coupling is None else self._coupling.save_state()
-        saved = ArmCarrierState(self._scene.save_state(), self._reference, coupling, self._mounted_load)
-        self._known.add(saved)
-        return saved
-
-    def restore_state(self, state: object) -> None:
-        if not isinstance(state, ArmCarrierState):
-            raise InputError("the saved state is of a held base, this flange is carried")
-        self._restore_exchange(state, state.coupling, state.scene.loaded)
-        self._reference, self._mounted_load = state.reference, state.mounted_load
+    def parts(self) -> dict[str, Any]:
+        return {**super().parts(), "arm": self}
 
     def servos(self, references: JointReference) -> Servos:
         position, velocity = references.position, references.velocity
@@ -368,7 +348,7 @@ class SharedArm(ArmCarrier):
         with self._shared.lent():
             return super().advance(servos, loads)
 
-    def save_state(self) -> Any:
+    def parts(self) -> dict[str, Any]:
         raise InputError("a run of several arms cannot be saved; run each arm alone, or start again")
 
 
@@ -385,22 +365,6 @@ def exchange_report(settings: CouplingTable) -> str:
     if settings.scheme == "staggered":
         return "staggered, both ways at every tick"
     return f"iterated: every tick repeated until the loads agree to {settings.tolerance:g}"
-
-
-@final
-@dataclass(frozen=True)
-class HostCarrierState:
-    """Where somebody's scene is.
-
-    Args:
-        scene: rigid side.
-        coupling: exchange with the soft side.
-        glued: (k, 3) [m], where glued nodes are tied, in their body's frame.
-    """
-
-    scene: host_scene.HostState
-    coupling: Any
-    glued: Annotated[Array, ("k", 3)]
 
 
 _NO_SERVOS: Final = Servos.knowing_no_payload(*[np.zeros((1, 0))] * 3)
@@ -437,11 +401,6 @@ class HostCarrier(SceneCarrier):
         found = ContactExchange(query, scene.bodies, soft.contact_surface(), self._contact_law, glued)
         found.glue_at(soft.state.positions)
         return found
-
-    @property
-    def _glued(self) -> Array:
-        contact = self._staggered.interface.contact
-        return np.zeros((0, 3)) if contact is None else contact.glue.place
 
     @property
     def far_wrench(self) -> Wrench:
@@ -494,19 +453,3 @@ class HostCarrier(SceneCarrier):
         """Return what was exchanged in the last tick."""
         assert self._last is not None, "end() comes before"
         return self._last.last_entry()
-
-    def save_state(self) -> HostCarrierState:
-        assert self._coupling is not None, "couple() comes before"
-        saved = HostCarrierState(self._scene.save_state(), self._coupling.save_state(), self._glued.copy())
-        self._known.add(saved)
-        return saved
-
-    def restore_state(self, state: object) -> None:
-        if not isinstance(state, HostCarrierState):
-            raise InputError("the saved state is not of a soft robot in somebody's scene")
-        if state.glued.shape != self._glued.shape:
-            raise InputError(
-                f"the saved soft robot is glued by {len(state.glued)} nodes, this one by {len(self._glued)}"
-            )
-        self._restore_exchange(state, state.coupling, state.scene.loaded)
-        self._glued[:] = state.glued

@@ -4,11 +4,11 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final, Protocol, final
 
 from cosim.base.frames import Pose
-from cosim.base.state import KnownStates, check_state, restore_states, states_of
+from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
@@ -68,18 +68,14 @@ class RunState:
 
     Args:
         cursor: where in the plan.
-        soft: of the soft side.
-        carrier: of what carries the flange, contacts and exchange included.
-        commands: of what says what is asked for.
-        own: of the mode of the run.
+        soft: state of the soft side.
+        parts: states of all else, by name.
         choices: what the kind of this state follows from.
     """
 
     cursor: Cursor
     soft: Any
-    carrier: Any
-    commands: Any
-    own: Any
+    parts: dict[str, Any]
     choices: Choices
 
 
@@ -273,6 +269,20 @@ class SteppedRun(ABC):
         """Whether no step has been taken, or begun, beyond the one shown last."""
         return not self._failed
 
+    @property
+    @abstractmethod
+    def state(self) -> Any:
+        """What the steps to come depend on besides soft side, carrier and commands; None before the first."""
+
+    @state.setter
+    @abstractmethod
+    def state(self, state: Any) -> None:
+        """Set it, after all the rest.
+
+        Raises:
+            InputError: the state does not fit.
+        """
+
     def save_state(self) -> RunState:
         """Return the present state; costs little, as arrays are shared.
 
@@ -283,17 +293,14 @@ class SteppedRun(ABC):
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
         if not self.saves_now:
             raise InputError(f"a later tick than {self._cursor.tick} has been begun: save before or after it")
-        saved = replace(self._composed(self._cursor), own=self._save_own())
+        soft, parts = self._parts.soft.save_state(), states_of(self.parts())
+        saved = RunState(self._cursor, soft, parts, self.choices)
         self._known.add(saved)
         return saved
 
-    def _composed(self, cursor: Cursor) -> RunState:
-        """Return the present state of all parts, as if at that step."""
-        parts = self._parts
-        return RunState(
-            cursor, parts.soft.save_state(), parts.carrier.save_state(), states_of(parts.commands.parts()),
-            None, self.choices,
-        )  # fmt: skip
+    def parts(self) -> dict[str, Any]:
+        """Return what the steps to come depend on besides the soft side, by name, see `restore_states`."""
+        return {"run": self, **self._parts.carrier.parts(), **self._parts.commands.parts()}
 
     def restore_state(self, state: RunState) -> None:
         """Return to a state of `save_state`, of this run or of one whose parts have the same sizes.
@@ -301,20 +308,25 @@ class SteppedRun(ABC):
         Raises:
             InputError: the state does not fit.
         """
-        if state not in self._known:
-            self._check(state)
+        known = state in self._known
+        if not known:
+            state.choices.check(self.choices)
+            self._check_place(state.cursor)
+            check_state(state, None, RunState)
+        states = self._parts.carrier.completed(state.parts)
+        if not known:
+            sizes = dict[str, int]()
+            check_state(state.soft, self._parts.soft.save_state(), place="state.soft", sizes=sizes)
+            check_states(self.parts(), states, "state", sizes)
         self._failed = False
-        self._restore_own(state.own)
         self._parts.soft.restore_state(state.soft)
-        self._parts.carrier.restore_state(state.carrier)
-        restore_states(self._parts.commands.parts(), state.commands)
+        restore_states(self.parts(), states)
         self._cursor = state.cursor
         self._known.add(state)
 
-    def _check(self, state: RunState) -> None:
-        state.choices.check(self.choices)
-        cursor, counts = state.cursor, self._counts
-        check_state(state, self._composed(cursor), RunState)
+    def _check_place(self, cursor: Cursor) -> None:
+        check_state(cursor, None, Cursor, place="state.cursor")
+        counts = self._counts
         if not (0 <= cursor.phase < len(counts) and 0 <= cursor.done <= counts[cursor.phase]):
             raise InputError(
                 f"the saved state is at step {cursor.done} of phase {cursor.phase + 1}; here the phases have "
@@ -342,18 +354,6 @@ class SteppedRun(ABC):
     @abstractmethod
     def _step_of(self, to: Cursor) -> str:
         """Return what the step that ends at `to` is called."""
-
-    @abstractmethod
-    def _save_own(self) -> Any:
-        """Return what the steps to come depend on besides soft side, carrier, commands; None for nothing."""
-
-    @abstractmethod
-    def _restore_own(self, state: Any) -> None:
-        """Return to a state of `_save_own`.
-
-        Raises:
-            InputError: the state is of a run in the other mode.
-        """
 
 
 def whereabouts(

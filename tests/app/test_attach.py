@@ -294,7 +294,7 @@ def test_what_a_loop_reads_leaves_no_trace() -> None:
             if reads and tick in (19, 40):  # a command acts from the next tick on
                 assert soft.pressure_Pa == (5e3 if tick == 19 else 6e3,)
             ends.append((soft.tip_position.tolist(), soft.wrench.torque.tolist(), data.qpos.tolist()))
-        ends.append((repr(soft.ledger), soft.film.tolist(), soft.save().carrier.scene.given_back.tolist()))
+        ends.append((repr(soft.ledger), soft.film.tolist(), soft.save().parts["scene"].given_back.tolist()))
     half = len(ends) // 2
     assert ends[:half] == ends[half:]
 

@@ -66,7 +66,7 @@ def test_a_grasp_goes_on_bit_for_bit(tmp_path: Path) -> None:
     held = list(islice(steps, GRASPED + 1))[-1]
     state = plain.save_state()
     assert held.ledger.contacts >= 3
-    assert state.carrier.coupling.interface.contact.planes.friction.max() > 0.1
+    assert state.parts["contact"].planes.friction.max() > 0.1
     rest = list(steps)
     assert rest[-1].body_position[-1, 2] > held.body_position[-1, 2] + 5e-3  # the roll is lifted on
     plain.restore_state(state)
@@ -177,10 +177,10 @@ def test_the_gas_is_part_of_the_state() -> None:
     assert [snapshot.phase for snapshot in islice(steps, 14)][-1] == 1
     state = run.save_state()
     expected = list(islice(steps, 3))
-    before = state.commands["gas"]
+    before = state.parts["gas"]
     (gas,) = before.sealed
     spoiled = replace(before, sealed=(gas.with_mass(0.99 * gas.mass_kg),))
-    run.restore_state(replace(state, commands={**state.commands, "gas": spoiled}))
+    run.restore_state(replace(state, parts={**state.parts, "gas": spoiled}))
     assert not same(list(islice(run.steps(), 3)), expected)
 
 
@@ -221,7 +221,7 @@ def test_a_state_of_a_scene_with_other_objects_is_refused() -> None:
         "position_m": [1.0, 1.0, 0.02],
         "mass_kg": 0.1,
     }
-    with pytest.raises(InputError, match=r"carrier.scene.integration has shape \(115,\), here"):
+    with pytest.raises(InputError, match=r"state.scene.integration has shape \(115,\), here"):
         simulation("ur5e_hexagon_arm", **overrides, object=[ball]).restore_state(run.save_state())
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.state import (
     check_indices,
     check_state,
+    check_states,
     copied,
     difference,
     resolved,
@@ -34,6 +35,13 @@ class Inner:
     force: Annotated[Array, ("k", 3)]
 
 
+class Pair(NamedTuple):
+    """A named tuple of arrays."""
+
+    first: Annotated[Array, ("k",)]
+    second: Annotated[Array, ("k",)]
+
+
 @dataclass(frozen=True)
 class Outer:
     """A state of nodes, with an inner one that may be missing."""
@@ -45,11 +53,13 @@ class Outer:
     counts: tuple[int, ...] = ()
     ratio: float = 0.0
     loads: Mapping[str, float] = field(default_factory=dict)
+    pair: Pair | None = None
 
 
 PRESENT = Outer(np.zeros((4, 3)), np.ones(2))
 INNER = Inner(np.arange(2), np.zeros((2, 3)))
-GOOD = Outer(np.ones((4, 3)), np.zeros(2), np.ones((4, 3)), INNER, (1, 2), 1, {"cable": 2.0})
+PAIR = Pair(np.ones(3), np.ones(3))
+GOOD = Outer(np.ones((4, 3)), np.zeros(2), np.ones((4, 3)), INNER, (1, 2), 1, {"cable": 2.0}, PAIR)
 
 
 def test_a_copy_is_the_same_and_shares_no_array() -> None:
@@ -102,14 +112,17 @@ def test_parts_are_saved_and_restored_by_name() -> None:
 @pytest.mark.parametrize(
     ("found", "text"),
     [
-        ({"gas": 1.0}, "state has gas, not gas, drives"),
-        ({"gas": 1.0, "drives": (1.0,)}, "state.drives has 1 entries, not 2"),
-        ({"gas": 1.0, "drives": (1.0, 2.0, 3.0)}, "state.drives has 3 entries, not 2"),
+        ({"gas": 1.0}, "state has gas, here it has gas, drives"),
+        ({"gas": 1.0, "drives": (1.0,)}, "state.drives has 1 entries, here it has 2"),
+        ({"gas": 1.0, "drives": (1.0, 2.0, 3.0)}, "state.drives has 3 entries, here it has 2"),
+        ({"gas": 1.0, "drives": (1.0, "a")}, r"state.drives\[1\] is a str, not a float"),
     ],
 )
 def test_states_of_other_parts_are_refused(found: Any, text: str) -> None:
+    parts = {"gas": SimpleNamespace(state=0.0), "drives": [SimpleNamespace(state=0.0)] * 2}
+    check_states(parts, {"gas": 1.0, "drives": (2.0, 3.0)}, "state", {})
     with pytest.raises(InputError, match=f"^{text}$"):
-        check_state(found, {"gas": 0.0, "drives": (0.0, 0.0)})
+        check_states(parts, found, "state", {})
 
 
 def test_a_state_may_hold_more_or_less_than_the_present_one() -> None:
@@ -141,6 +154,8 @@ def test_a_state_may_hold_more_or_less_than_the_present_one() -> None:
         ({"ratio": {"cable": 1.0}}, "state.ratio is a dict"),
         ({"loads": {"cable": True}}, "state.loads.cable is a bool"),
         ({"loads": 1.0}, "state.loads is a float"),
+        ({"pair": Pair(np.ones(2), np.ones(3))}, r"state.pair.second has shape \(3,\), not \(2,\)"),
+        ({"pair": (np.ones(2), np.ones(2))}, "state.pair is a tuple, not a Pair"),
     ],
 )
 def test_what_does_not_fit_is_named(changes: dict[str, Any], text: str) -> None:

@@ -58,8 +58,8 @@ def test_what_is_mounted_counts_and_nothing_moves() -> None:
     palm = PalmTable(radius_m=0.05, thickness_m=0.01, mass_kg=0.4)
     mass = palm_mass(palm)
     scene = RigidScene(SceneDescription(UR5E, mounted=(palm_object(palm),)))
-    before = scene.save_state().integration
+    before = scene.state.integration
     check_engines_agree(scene, Arm(UR5E), UR5E.armature, Payload(mass.mass_kg, mass.center, mass.inertia))
-    np.testing.assert_array_equal(scene.save_state().integration, before)
+    np.testing.assert_array_equal(scene.state.integration, before)
     with pytest.raises(InputError, match="the mass matrix"):
         check_engines_agree(scene, Arm(UR5E), UR5E.armature)

@@ -20,7 +20,7 @@ from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.schemes.transfer import six_numbers
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
-from cosim.rigid.scene.scene import RigidScene
+from cosim.rigid.scene.scene import RigidScene, RigidState
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
@@ -145,6 +145,15 @@ class FixedFlange:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._scene, name)
+
+    @property
+    def state(self) -> RigidState:
+        """State of the scene."""
+        return self._scene.state
+
+    @state.setter
+    def state(self, state: RigidState) -> None:
+        self._scene.state = state
 
     @property
     def flange_pose(self) -> Pose:

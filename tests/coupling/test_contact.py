@@ -175,11 +175,11 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
     held = exchange.memory.triangle[exchange.memory.triangle >= 0]
     assert int(found.triangle[0]) in held.tolist()
     state = exchange.state
-    exchange.check_state(state)
+    exchange.state = state
     triangle = np.where(state.memory.triangle >= 0, 10**6, -1)
     wrong = replace(state, memory=state.memory._replace(triangle=triangle))
     with pytest.raises(InputError, match="triangles"):
-        exchange.check_state(wrong)
+        exchange.state = wrong
 
 
 def test_far_from_everything_nothing_is_found_or_remembered() -> None:

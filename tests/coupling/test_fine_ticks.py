@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
+from cosim.base.state import restore_states, states_of
 from cosim.build.arm_parts import rigid_substeps
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
@@ -80,18 +81,18 @@ def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
     fine = []
     for _ in range(12):
         ticks_of(grasp, 1)
-        state = grasp.coupling.save_state()
-        fine.append(state.fine > 0)
-        seen.append((grasp.grasp.scene.save_state(), grasp.grasp.soft.save_state(), state))
+        state = states_of(grasp.coupling.parts())
+        fine.append(state["fine"] > 0)
+        seen.append((grasp.grasp.scene.state, grasp.grasp.soft.save_state(), state))
     assert any(fine)
     assert not all(fine)
     k = fine.index(True)
     again = hit()
     for one in (grasp, again):
         scene, soft, state = seen[k]
-        one.grasp.scene.restore_state(scene)
+        one.grasp.scene.state = scene
         one.grasp.soft.restore_state(soft)
-        one.coupling.restore_state(state)
+        restore_states(one.coupling.parts(), state)
     first, second = ticks_of(grasp, 10), ticks_of(again, 10)
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
 
@@ -102,13 +103,13 @@ def test_the_force_shown_of_a_tick_is_the_impulse_in_it() -> None:
     scene, cube = here.grasp.scene, here.grasp.scene.body_names.index("cube")
     servos = Servos.knowing_no_payload(*np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None])
     for k in range(150):
-        fine = here.coupling.fine.left
+        fine = here.coupling.fine.state
         taken = here.coupling.advance(servos, [here.grasp.loads])
         shown += tick_s * (taken.ticks.body_force[0, cube] + [0.0, 0.0, -9.81 * mass_kg])
         momentum = mass_kg * scene.bodies.spins[cube, 3:]
         assert shown == pytest.approx(momentum, abs=1e-12), k
         loaded = scene.bodies.applied[cube].any()
-        changes += bool(fine) != bool(here.coupling.fine.left) and bool(loaded)
+        changes += bool(fine) != bool(here.coupling.fine.state) and bool(loaded)
     assert changes > 1  # the force that is left acts through a piece, or through a whole tick
 
 
@@ -125,9 +126,9 @@ def test_the_force_on_a_body_at_rest_is_even_where_ticks_in_pieces_begin_and_end
     forces(150)
     held = forces(1)
     assert held[0] > 0.4  # most of its weight
-    here.coupling.fine.restore(3)
+    here.coupling.fine.state = 3
     held += forces(6)
-    assert not here.coupling.fine.left
+    assert not here.coupling.fine.state
     assert held == pytest.approx([held[0]] * len(held), rel=0.02)
 
 
@@ -135,7 +136,7 @@ def test_servos_go_on_in_pieces_as_in_whole_ticks() -> None:
     joints, speed = [], np.full((1, 6), 0.3)
     for fine in (False, True):
         grasp = hit()
-        grasp.coupling.fine.restore(int(fine))
+        grasp.coupling.fine.state = int(fine)
         place = grasp.grasp.scene.joint_position[None]
         servos = Servos.knowing_no_payload(place, speed, 0.0 * speed)
         joints.append(grasp.coupling.advance(servos, [grasp.grasp.loads]).ticks.joints[0] - place[0])
@@ -147,9 +148,9 @@ def test_the_first_whole_tick_looks_back_over_a_whole_one() -> None:
     grasp, fine = hit(), False
     soft = grasp.grasp.soft
     before = soft.state.positions
-    while not fine or grasp.coupling.fine.left:  # the pads ring for some 0.2 s
-        assert grasp.coupling.interface.ticks < 200
-        fine, before = grasp.coupling.fine.left, soft.state.positions
+    while not fine or grasp.coupling.fine.state:  # the pads ring for some 0.2 s
+        assert grasp.coupling.interface.state.ticks < 200
+        fine, before = grasp.coupling.fine.state, soft.state.positions
         grasp.tick()
     assert soft.state.earlier is not None
     assert np.array_equal(soft.state.earlier[0], before)

@@ -9,6 +9,7 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
+from cosim.base.state import restore_states, states_of
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling, IterationOptions, QuasiNewton
 from cosim.coupling.schemes.staggered import StaggeredCoupling
@@ -69,7 +70,7 @@ def test_without_iterations_the_same_pair_flies_apart(ratio: float) -> None:
 @pytest.mark.parametrize("tick_s", [1e-3, 5e-3])
 def test_a_light_cube_is_held_without_carrying_a_mass(tick_s: float) -> None:
     here = CoupledGrasp(0.01, tick_s, IteratedCoupling)
-    before, trials, furthest = here.grasp.scene.save_state().armature, [], 0.0
+    before, trials, furthest = here.grasp.scene.state.armature, [], 0.0
     for _ in range(round(0.1 / tick_s)):
         entry = here.tick()
         trials.append(entry.trials)
@@ -80,7 +81,7 @@ def test_a_light_cube_is_held_without_carrying_a_mass(tick_s: float) -> None:
     # by Newton's steps with the contacts' tangent: without it, 10 and more
     assert max(trials) <= 8
     assert np.mean(trials) < 4.0
-    assert np.array_equal(here.grasp.scene.save_state().armature, before)
+    assert np.array_equal(here.grasp.scene.state.armature, before)
 
 
 def test_an_arm_without_rotor_inertia_holds_a_heavy_soft_arm() -> None:
@@ -113,10 +114,10 @@ def test_a_tick_that_fails_leaves_both_sides_where_it_began() -> None:
     exchange = here.grasp.exchange
     here.tick()
     here.coupling = IteratedCoupling(here.interface, IterationOptions(iterations_max=1))
-    rigid, soft, contact = here.grasp.scene.save_state(), here.grasp.soft.state, exchange.state
+    rigid, soft, contact = here.grasp.scene.state, here.grasp.soft.state, exchange.state
     with pytest.raises(ConvergenceError, match=r"after 1 trials .* coupling\.tolerance = 1e-09"):
         here.tick()
-    again = here.grasp.scene.save_state()
+    again = here.grasp.scene.state
     assert np.array_equal(again.integration, rigid.integration)
     assert here.grasp.soft.state is soft
     for found, kept in zip(exchange.memory, contact.memory, strict=True):
@@ -135,11 +136,11 @@ def states(here: CoupledGrasp, ticks: int) -> list[Array]:
 def test_a_saved_state_repeats_itself() -> None:
     here = CoupledGrasp(0.02, 2e-3, IteratedCoupling)
     states(here, 15)
-    saved = here.grasp.scene.save_state(), here.grasp.soft.save_state(), here.coupling.save_state()
+    saved = here.grasp.scene.state, here.grasp.soft.save_state(), states_of(here.coupling.parts())
     expected = states(here, 6)
-    here.grasp.scene.restore_state(saved[0])
+    here.grasp.scene.state = saved[0]
     here.grasp.soft.restore_state(saved[1])
-    here.coupling.restore_state(saved[2])
+    restore_states(here.coupling.parts(), saved[2])
     assert all(np.array_equal(a, b) for a, b in zip(states(here, 6), expected, strict=True))
 
 

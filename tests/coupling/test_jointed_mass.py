@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.frames import Array
+from cosim.base.state import restore_states, states_of
 from cosim.config.schema.objects import WireTable
 from cosim.errors import SolverError
 from cosim.rigid.build.description import Joint, SceneObject
@@ -63,12 +63,12 @@ def test_a_wire_between_pads_repeats_from_a_saved_state() -> None:
         grasp.tick()
     assert grasp.coupling is not None
     assert grasp.ratio > 1.0
-    parts: tuple[Any, ...] = (grasp.scene, grasp.soft, grasp.coupling)
-    saved = [part.save_state() for part in parts]
+    parts = {"scene": grasp.scene, **grasp.coupling.parts()}
+    soft, saved = grasp.soft.save_state(), states_of(parts)
     ends = []
     for _ in range(2):
-        for part, state in zip(parts, saved, strict=True):
-            part.restore_state(state)
+        grasp.soft.restore_state(soft)
+        restore_states(parts, saved)
         for _ in range(15):
             grasp.tick()
         ends.append(np.concatenate([grasp.scene.body_poses()[0].ravel(), grasp.soft.state.positions.ravel()]))

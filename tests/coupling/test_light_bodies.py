@@ -178,7 +178,7 @@ def test_a_load_of_several_steps_that_acts_late_adds_no_energy() -> None:
     for _ in range(260):
         grasp.tick()
         height.append(grasp.grasp.cube_position[2])
-        fine.append(grasp.coupling.fine.left > 0)
+        fine.append(grasp.coupling.fine.state > 0)
     assert grasp.interface.contact_ratio < 0.5  # it bears its load a tick late
     assert not any(fine[110:])  # and ticks are whole again
     first, last = np.ptp(height[110:160]), np.ptp(height[210:])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
+from cosim.base.state import restore_states, states_of
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
@@ -123,23 +124,23 @@ def grasped(here: Grasp, ticks: int) -> list[Array]:
     return found
 
 
-def states_of(here: Grasp) -> tuple[Any, ...]:
-    """Return the states of all parts of a grasp."""
+def saved_of(here: Grasp | Rig) -> tuple[Any, dict[str, Any]]:
+    """Return the states of the soft side and of all other parts of a pair."""
     assert here.coupling is not None
-    return here.scene.save_state(), here.soft.save_state(), here.coupling.save_state()
+    return here.soft.save_state(), states_of({"scene": here.scene, **here.coupling.parts()})
 
 
-def restore(here: Grasp, states: tuple[Any, ...]) -> None:
-    """Bring all parts of a grasp to their states."""
-    parts: tuple[Any, ...] = (here.scene, here.soft, here.coupling)
-    for part, state in zip(parts, states, strict=True):
-        part.restore_state(state)
+def restore(here: Grasp | Rig, saved: tuple[Any, dict[str, Any]]) -> None:
+    """Bring all parts of a pair to their states."""
+    assert here.coupling is not None
+    here.soft.restore_state(saved[0])
+    restore_states({"scene": here.scene, **here.coupling.parts()}, saved[1])
 
 
 def test_a_grasp_repeats_itself_with_friction_and_a_body_that_gives_way() -> None:
     here = Grasp(LIGHT_KG, STEP_S)
     grasped(here, 60)
-    states = states_of(here)
+    states = saved_of(here)
     assert here.ratio > 1.0
     memory = here.exchange.memory
     assert len(memory.key) > 10
@@ -151,9 +152,9 @@ def test_a_grasp_repeats_itself_with_friction_and_a_body_that_gives_way() -> Non
     restore(other, states)
     assert same(grasped(other, 25), expected)
     # the anchors of the stick springs matter
-    contact = states[2].interface.contact
+    contact = states[1]["contact"]
     untied = replace(contact, memory=memory._replace(offset=np.zeros_like(memory.offset)))
-    restore(here, (*states[:2], replace(states[2], interface=replace(states[2].interface, contact=untied))))
+    restore(here, (states[0], {**states[1], "contact": untied}))
     assert not same(grasped(here, 25), expected)
 
 
@@ -163,7 +164,7 @@ def test_saving_changes_nothing_in_a_grasp(mass_kg: float) -> None:
     plain, saved = Grasp(mass_kg, STEP_S), Grasp(mass_kg, STEP_S)
     for _ in range(25):
         expected = grasped(plain, 1)
-        states = states_of(saved)
+        states = saved_of(saved)
         assert same(grasped(saved, 1), expected)
     restore(plain, states)
     assert same(grasped(plain, 1), expected)
@@ -173,7 +174,7 @@ def test_a_contact_that_ends_right_after_the_state_pushes_no_longer() -> None:
     first, second = Grasp(LIGHT_KG, STEP_S).scene, Grasp(LIGHT_KG, STEP_S).scene
     cube = np.array([first.body_names.index("cube")])
     first.bodies.apply(cube, np.array([[0.0, 0.0, 5.0]]), np.zeros((1, 3)))
-    second.restore_state(first.save_state())
+    second.state = first.state
     heights = []
     for scene in (first, second):
         scene.bodies.apply(cube[:0], np.zeros((0, 3)), np.zeros((0, 3)))
@@ -199,12 +200,10 @@ def driven(here: Rig, first: int, last: int) -> list[Array]:
 def test_a_staggered_pair_repeats_itself(carried_kg: float, integrator: Integrator) -> None:
     here = rig(carried_kg, integrator=integrator)
     driven(here, 0, 13)  # between two weighings
-    states = here.scene.save_state(), here.soft.save_state(), here.coupling.save_state()
-    assert states[2].added.any() == (carried_kg > 0.0)
+    states = saved_of(here)
+    assert states[1]["scheme"].added.any() == (carried_kg > 0.0)
     expected = driven(here, 13, 30)
     other = rig(carried_kg, integrator=integrator)
     for pair in (here, other):
-        pair.scene.restore_state(states[0])
-        pair.soft.restore_state(states[1])
-        pair.coupling.restore_state(states[2])
+        restore(pair, states)
         assert same(driven(pair, 13, 30), expected)

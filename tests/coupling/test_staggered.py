@@ -276,9 +276,9 @@ def test_past_accelerations_are_kept_when_the_ratio_is_found_anew() -> None:
     here.ticks(35, 0.002)
     for _ in range(8):
         found_anew += here.coupling.interface.ratio_is_due
-        before = here.coupling.save_state().past
+        before = here.coupling.state.past
         assert here.ticks(1, 0.002)[0].algorithmic_mass
-        after = here.coupling.save_state().past
+        after = here.coupling.state.past
         np.testing.assert_array_equal(after[1:], before[:-1])
         assert np.abs(after[0] - after[1]).max() > 0.0
     assert found_anew > 0

@@ -247,7 +247,7 @@ def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
     save(tmp_path / "state.npz", state)
     expected = [(s.node_position.tobytes(), repr(s.devices)) for s in steps]
     fewer = build_simulation(scenario(tmp_path, WINCH, CONTROLLER, INFLATE, PULL))
-    with pytest.raises(cosim.InputError, match=r"commands\.pumps has 1 entries, not 0"):
+    with pytest.raises(cosim.InputError, match=r"state\.pumps has 1 entries, here it has 0"):
         fewer.restore_state(state)
     other = build_simulation(given)
     other.restore_state(load(tmp_path / "state.npz"))
@@ -263,10 +263,10 @@ def test_a_run_saved_among_devices_goes_on_bit_for_bit(tmp_path: Path) -> None:
     last = list(branch.steps())[-1].devices
     assert last is not None
     assert (last.controls[0].setpoint, last.pumps[0].setpoint_Pa) == (0.15, 2.3e4)
-    ended = plain.save_state().commands["cables"][1].wanted
-    assert branch.save_state().commands["cables"][1].wanted == pytest.approx(ended - 0.002)
-    assert state.commands["pumps"][0].pump.starts > 0
-    assert state.commands["cables"][1].winch.commanded > 0
+    ended = plain.save_state().parts["cables"][1].wanted
+    assert branch.save_state().parts["cables"][1].wanted == pytest.approx(ended - 0.002)
+    assert state.parts["pumps"][0].pump.starts > 0
+    assert state.parts["cables"][1].winch.commanded > 0
     assert len(found) == len(expected) == 91
     assert found == expected
 

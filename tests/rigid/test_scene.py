@@ -142,7 +142,7 @@ def test_redo_from_a_saved_state_is_bit_identical() -> None:
     run(scene, 20)  # the box is about to land: contacts and warm starts are part of the state
     scene.bodies.carried.carry_on_arm(np.full((6, 6), 0.01) + np.diag(np.full(6, 0.05)))
     scene.apply_flange_wrench(LOAD)
-    state = scene.save_state()
+    state = scene.state
 
     def record() -> list[np.ndarray]:
         run(scene, 50)
@@ -155,7 +155,7 @@ def test_redo_from_a_saved_state_is_bit_identical() -> None:
     scene.bodies.carried.carry_on_arm(np.diag(np.full(6, 3.0)))
     scene.apply_flange_wrench(Wrench())
     run(scene, 3)
-    scene.restore_state(state)
+    scene.state = state
     for a, b in zip(first, record(), strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -164,10 +164,10 @@ def test_restored_state_is_readable_at_once() -> None:
     scene = make_scene()
     scene.apply_flange_wrench(LOAD)
     run(scene, 10)
-    state, q, a = scene.save_state(), scene.joint_position, scene.joint_acceleration
+    state, q, a = scene.state, scene.joint_position, scene.joint_acceleration
     position, sensor = scene.flange_pose.translation, scene.flange.measured[:3]
     run(scene, 10)
-    scene.restore_state(state)
+    scene.state = state
     np.testing.assert_array_equal(scene.joint_position, q)
     np.testing.assert_array_equal(scene.joint_acceleration, a)
     np.testing.assert_array_equal(scene.flange_pose.translation, position)
@@ -189,7 +189,7 @@ def test_carried_inertia_acts_in_the_step_in_progress() -> None:
     torque = (light + damping) @ plain.joint_acceleration
     np.testing.assert_allclose((loaded + damping) @ heavy.joint_acceleration, torque, atol=1e-9)
     heavy.bodies.carried.carry_on_arm(np.zeros((6, 6)))
-    heavy.restore_state(heavy.save_state())
+    heavy.state = heavy.state
     plain.set_joint_state(heavy.joint_position)
     np.testing.assert_allclose(heavy.mass_matrix, plain.mass_matrix, atol=1e-12)
 
@@ -275,10 +275,10 @@ def test_arm_does_not_collide_with_itself_but_with_objects() -> None:
 
 def test_runaway_state_is_named_and_can_be_left() -> None:
     scene = make_scene()
-    state = scene.save_state()
+    state = scene.state
     scene.apply_flange_wrench(Wrench(np.array([np.nan, 0.0, 0.0]), np.zeros(3)))
     with pytest.raises(InstabilityError, match=r"the rigid scene became unstable at 0\.\d+ s"):
         scene.step()
-    scene.restore_state(state)
+    scene.state = state
     run(scene, 5)
     assert np.all(np.isfinite(scene.joint_position))

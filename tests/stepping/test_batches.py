@@ -35,7 +35,7 @@ def fail_at(run: Any, tick: int, error: BaseException) -> None:
     advance = soft.advance
 
     def advance_or_error(*given: Any) -> Any:
-        if carrier._coupling.interface.ticks + 1 == tick:
+        if carrier._coupling.interface.state.ticks + 1 == tick:
             raise error
         return advance(*given)
 

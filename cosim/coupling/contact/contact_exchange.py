@@ -12,12 +12,13 @@ from typing import Annotated, Final, final
 
 import numpy as np
 
-from cosim.base import state
 from cosim.base.frames import Array, IntArray
+from cosim.base.state import check_indices, copied
 from cosim.coupling.contact import contact_arrays, contact_kernels
 from cosim.coupling.contact.contact_arrays import Contacts
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.near_search import NearFilm, NearSearch
+from cosim.errors import InputError
 from cosim.rigid.distance import signed_distance
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import ContactLaw
@@ -61,6 +62,8 @@ class ContactState:
         force: (touched nodes, 3) [N], on the film.
         past: (bodies, 12), loads on bodies before those that act, see `ContactExchange`.
         pressing: (bodies,) [N], sum of the normal forces on each.
+        glued: (glued nodes, 3) [m], where they are tied, in their body's frame.
+        report: what the contacts of the last step did.
     """
 
     memory: ContactMemory
@@ -70,6 +73,8 @@ class ContactState:
     force: Annotated[Array, ("touched nodes", 3)]
     past: Annotated[Array, ("bodies", 12)]
     pressing: Annotated[Array, ("bodies",)]
+    glued: Annotated[Array, ("*", 3)]
+    report: ContactReport
 
 
 @final
@@ -409,13 +414,14 @@ class ContactExchange:
 
     @property
     def state(self) -> ContactState:
-        """What the next tick depends on."""
-        loads = self.loads.centers.copy(), self._force.copy(), self.past.copy(), self.loads.pressing.copy()
-        return ContactState(self.memory, self.planes, self.age, *loads)
+        """What the next tick depends on; the scene is restored before it."""
+        rows = self.loads.centers, self._force, self.past, self.loads.pressing, self.glue.place
+        return ContactState(self.memory, self.planes, self.age, *copied(rows), self.report)
 
     @state.setter
     def state(self, found: ContactState) -> None:
-        # the scene has been restored before
+        self._check(found)
+        self.glue.place[:], self.report = found.glued, found.report
         self.memory, self.planes, self.age = found.memory, found.planes, found.age
         self._contacts = self._concluded = None
         self.__dict__.pop("sticking", None)
@@ -425,18 +431,21 @@ class ContactExchange:
         self._force[:], self.past[:] = found.force, found.past
         self._acts = self._was_near  # bodies may bear what the next step is to end
 
-    def check_state(self, found: ContactState) -> None:
-        """Check what a saved state names, before it is set.
+    def _check(self, found: ContactState) -> None:
+        """Check what a saved state names.
 
         Raises:
             InputError: there is no such node or shape.
         """
+        glued, here = len(found.glued), len(self.glue.place)
+        if glued != here:
+            raise InputError(f"the saved soft robot is glued by {glued} nodes, this one by {here}")
         memory, query, surface = found.memory, self.query, self.surface
         of_features = memory.face >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
-        state.check_indices(features, len(query.features.shape), "features")
+        check_indices(features, len(query.features.shape), "features")
         for triangle in (memory.face[of_features], memory.triangle[memory.triangle >= 0]):
-            state.check_indices(triangle, len(surface.triangles), "triangles")
+            check_indices(triangle, len(surface.triangles), "triangles")
         if found.planes is not None:
-            state.check_indices(found.planes.body, self.bodies.count, "bodies")
+            check_indices(found.planes.body, self.bodies.count, "bodies")
             surface.check_planes(found.planes)

@@ -25,17 +25,9 @@ class Coupling(ABC):
         """What the soft side exerts on the flange at present, at its origin, world axes."""
         return self.interface.wrench
 
-    @abstractmethod
-    def save_state(self) -> Any:
-        """Return what the next tick depends on besides the states of scene and soft side."""
-
-    @abstractmethod
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`; scene and soft side have been restored before.
-
-        Raises:
-            InputError: the state does not fit.
-        """
+    def parts(self) -> dict[str, Any]:
+        """Return what the next tick depends on besides scene and soft side, by name, see `restore_states`."""
+        return {**self.interface.parts(), "scheme": self}
 
     @abstractmethod
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:

@@ -39,14 +39,12 @@ _LAST: Final = (
 class FineTicks:
     """Takes ticks of the clock in pieces while what the film touches moves far in one.
 
-    `left` says how many ticks from the next one on are such ones at least.
-
     Args:
         interface: between the sides.
     """
 
     def __init__(self, interface: Interface) -> None:
-        self._interface, self.left = interface, 0
+        self._interface, self._left = interface, 0
         scene = interface.scene
         known = interface.contact is not None and scene.substeps > 1 and interface.soft.takes_pieces
         self._fast_m_s = _FAR_M / scene.tick_s if known else math.inf
@@ -56,13 +54,18 @@ class FineTicks:
         """Decide on the next tick, after one."""
         interface = self._interface
         if self._fast_m_s < math.inf and interface.contact is not None:
-            bound = (_SETTLED if self.left else 1.0) * self._fast_m_s
+            bound = (_SETTLED if self._left else 1.0) * self._fast_m_s
             moves = interface.contact.fastest_m_s(interface.soft.state) > bound
-            self._go(_CALM_TICKS if moves else max(0, self.left - 1))
+            self._go(_CALM_TICKS if moves else max(0, self._left - 1))
 
-    def restore(self, left: int) -> None:
-        """Be where a saved state was, whose scene and soft side have been restored before."""
-        interface, self.left = self._interface, left
+    @property
+    def state(self) -> int:
+        """How many ticks from the next one on are fine ones at least."""
+        return self._left
+
+    @state.setter
+    def state(self, left: int) -> None:
+        interface, self._left = self._interface, left
         scene = interface.scene
         scene.go_finely(scene.substeps if left else None)
         if interface.light is not None:
@@ -79,7 +82,7 @@ class FineTicks:
         """
         interface = self._interface
         scene, soft = interface.scene, interface.soft
-        count, ticks, begin, before = scene.substeps, interface.ticks, soft.loads, soft.state
+        count, ticks, begin, before = scene.substeps, interface.state.ticks, soft.loads, soft.state
         fine, shapes = interface.room(count), []
         for k in range(count):
             scene.go_finely(count - k)
@@ -88,16 +91,16 @@ class FineTicks:
             shapes.append(soft.state.positions)
         taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin)
         self._condense(fine, taken)
-        interface.ticks = ticks + 1
+        interface.count_as_one(ticks)
         self.look()
-        if not self.left:  # the next one looks back over this one
+        if not self._left:  # the next one looks back over this one
             soft.state = replace(soft.state, earlier=(before.positions, before.velocities))
 
     def _go(self, left: int) -> None:
-        if bool(left) == bool(self.left):
-            self.left = left
+        if bool(left) == bool(self._left):
+            self._left = left
             return
-        self.restore(left)
+        self.state = left
         self._interface.soft.restart()
 
     def _condense(self, fine: TicksTaken, taken: TicksTaken) -> None:

@@ -9,14 +9,16 @@ handed over; in the iterated one, what the same tick hands over, and what the la
 """
 
 import math
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench
+from cosim.base.state import states_of
 from cosim.coupling.contact import contact_arrays, contact_exchange, contact_report
-from cosim.coupling.contact.giving_way import LightBodies, LightBodiesState
+from cosim.coupling.contact.giving_way import LightBodies
 from cosim.coupling.payload import fill_payload
 from cosim.coupling.schemes.transfer import (
     NOTHING,
@@ -45,33 +47,27 @@ _FEWEST_TICKS, _MOST_TICKS, _MOST_TICKS_FAR = 10, 40, 64
 @final
 @dataclass(frozen=True)
 class InterfaceState:
-    """Where an interface is, without scene and soft side.
+    """Where an interface is, without scene, soft side and contacts.
 
     Args:
         wrench: on the flange in the next tick.
         handed: what the soft side has handed over at the end of the last tick.
-        touched: contacts of the last tick.
         ratio: stability ratio of the flange when it was last updated.
         ticks: done.
-        contact: of the soft body with the scene; None where it is not modelled.
-        light: bodies that give way, the same.
     """
 
     wrench: Wrench
     handed: TransferredLoads
-    touched: contact_report.ContactReport
-    ratio: float
-    ticks: int
-    contact: contact_exchange.ContactState | None
-    light: LightBodiesState | None
+    ratio: float = 0.0
+    ticks: int = 0
 
 
 @final
 class Interface:
     """Rigid side, soft side, and what they last exchanged.
 
-    `wrench` is what the soft side exerts on the flange at present, `figures` (FIGURES,) the same with centre
-    and inertia of its mass.
+    `figures` (FIGURES,) are what the soft side exerts on the flange at present, with centre and inertia of
+    its mass.
 
     Args:
         scene: rigid side.
@@ -95,15 +91,28 @@ class Interface:
         untouched = contact_arrays.BodyLoads.of(scene.bodies, ahead=False)
         self._bodies = untouched if contact is None else contact.loads
         self.light = LightBodies(contact, soft, scene.tick_s) if contact is not None else None
-        self._untouched = self._contacts()
-        self.wrench, self.figures = wrench, np.zeros(FIGURES)
-        self.update_figures()
+        self._untouched = states_of(self.contacts())
         about_world = numbers_of(wrench.moved(-scene.flange_pose.translation))
-        self.handed = TransferredLoads(about_world, NOTHING, float(np.abs(wrench.force).max()), 0.0)
-        self.ticks = 0
+        handed = TransferredLoads(about_world, NOTHING, float(np.abs(wrench.force).max()), 0.0)
+        self._state, self.figures = InterfaceState(wrench, handed), np.zeros(FIGURES)
+        self.update_figures()
         self._often = min(max(_FEWEST_TICKS, round(_UPDATED_AFTER_S / scene.tick_s)), _MOST_TICKS)
         self._seldom = min(max(_FEWEST_TICKS, round(_SELDOM_AFTER_S / scene.tick_s)), _MOST_TICKS_FAR)
-        self.ratio, self._updated_every = 0.0, self._seldom
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        return self._state.wrench
+
+    @property
+    def handed(self) -> TransferredLoads:
+        """What the soft side has handed over at the end of the last tick."""
+        return self._state.handed
+
+    @property
+    def ratio(self) -> float:
+        """Stability ratio of the flange when it was last updated."""
+        return self._state.ratio
 
     @property
     def touched(self) -> contact_report.ContactReport:
@@ -118,7 +127,8 @@ class Interface:
     @property
     def ratio_is_due(self) -> bool:
         """Whether the stability ratio is to be updated ahead of the next tick."""
-        return self.ticks % self._updated_every == 0
+        often = self._state.ratio >= _FAR_RATIO
+        return self._state.ticks % (self._often if often else self._seldom) == 0
 
     def update_stability_ratio(self) -> None:
         """Find the stability ratio of the flange, as if no algorithmic mass rode on the joints.
@@ -128,43 +138,44 @@ class Interface:
         """
         body = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
         gain = exchange_gain(self.soft.answer_weights)
-        self._take_ratio(gain * stability_ratio(self.scene.mobility(), body))
+        ratio = gain * stability_ratio(self.scene.mobility(), body)
+        self._state = replace(self._state, ratio=ratio)
 
-    def _take_ratio(self, ratio: float) -> None:
-        self.ratio, self._updated_every = ratio, self._seldom if ratio < _FAR_RATIO else self._often
+    def count_as_one(self, ticks: int) -> None:
+        """Count what was exchanged since so many ticks as one tick."""
+        self._state = replace(self._state, ticks=ticks + 1)
 
-    def save_state(self) -> InterfaceState:
-        """Return what the next exchange depends on besides the states of scene and soft side."""
-        contact, light = self._contacts()
-        return InterfaceState(self.wrench, self.handed, self.touched, self.ratio, self.ticks, contact, light)
+    @property
+    def state(self) -> InterfaceState:
+        """What the next exchange depends on; scene, soft side and contacts are restored before it."""
+        return self._state
 
-    def restore_state(self, state: InterfaceState) -> None:
-        """Return to a state of `save_state`; scene and soft side have been restored before.
-
-        Contact that has not been modelled before begins untouched.
-
-        Raises:
-            InputError: contact is modelled in the state only.
-        """
-        if self.contact is None and state.contact is not None:
-            raise InputError("contact is modelled in the saved state only")
-        self.wrench, self.handed = state.wrench, state.handed
-        self._take_ratio(state.ratio)
-        self.ticks = state.ticks
-        contact, light = (state.contact, state.light) if state.contact else self._untouched
-        if self.contact is not None and contact is not None:
-            self.contact.check_state(contact)
-            self.contact.state = contact
-            self.contact.report = state.touched if state.contact else contact_report.NOTHING_TOUCHED
-        if self.light is not None and light is not None:
-            self.light.state = light
-        handed = state.handed
+    @state.setter
+    def state(self, state: InterfaceState) -> None:
+        self._state, handed = state, state.handed
         self._bodies.handed[:] = *handed.bodies, handed.bodies_size_N, handed.bodies_normal_N
         self.update_figures()
 
-    def _contacts(self) -> tuple[contact_exchange.ContactState | None, LightBodiesState | None]:
-        contact = None if self.contact is None else self.contact.state
-        return contact, None if self.light is None else self.light.state
+    def parts(self) -> dict[str, Any]:
+        """Return what the next exchange depends on besides scene and soft side, by name."""
+        return {**self.contacts(), "exchange": self}
+
+    def contacts(self) -> dict[str, Any]:
+        """Return what knows the contacts, by name; nothing where contact is not modelled."""
+        return {} if self.contact is None else {"contact": self.contact, "light": self.light}
+
+    def completed(self, states: Mapping[str, Any]) -> dict[str, Any]:
+        """Return saved states of the parts; contact that the saved run did not model begins untouched.
+
+        Raises:
+            InputError: contact is modelled in the saved state only.
+        """
+        saved = states.get("contact")
+        if self.contact is None and saved is not None:
+            if glued := len(saved.glued):
+                raise InputError(f"the saved soft robot is glued by {glued} nodes, this one by 0")
+            raise InputError("contact is modelled in the saved state only")
+        return {**self._untouched, **states}
 
     def room(self, count: int) -> TicksTaken:
         """Return room for so many ticks."""
@@ -231,7 +242,7 @@ class Interface:
             reply = soft.advance(flange, loads, tick_s)
         else:
             reply = soft.advance_closely(flange, loads, tick_s, aim)
-        self.wrench = reply.wrench
+        self._state = replace(self._state, wrench=reply.wrench)
         return reply
 
     def _advance_with(self, light: LightBodies, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
@@ -273,7 +284,8 @@ class Interface:
         x, y, z, u, v, w, size_N, normal_N = self._bodies.handed.tolist()
         about_world = about_origin(answer, scene.flange_pose.translation)
         force_N = max(abs(answer[0]), abs(answer[1]), abs(answer[2]))
-        self.handed = TransferredLoads(about_world, (x, y, z, u, v, w), force_N, size_N, normal_N)
+        handed = TransferredLoads(about_world, (x, y, z, u, v, w), force_N, size_N, normal_N)
+        self._state = replace(self._state, handed=handed, ticks=self._state.ticks + 1)
         ticks.power[k] = work_rate(acting, moving), -work_rate(answer, moving), _size(answer, moving)
         if self.contact is not None:
             touched = self.contact.report
@@ -282,7 +294,6 @@ class Interface:
             ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
         taken.stability_ratio[k] = self.ratio
         taken.end_tick(reply, self.soft, self.figures)
-        self.ticks += 1
 
 
 def _size(load: SixNumbers, twist: SixNumbers) -> float:

@@ -15,15 +15,16 @@ Bogaers, Kok, Reddy, Franz, CMAME 279 (2014) 113 (the inverse is kept: MVQN).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, final
+from dataclasses import dataclass, field
+from typing import Annotated, Any, final
 
 import numpy as np
 
 from cosim.base.frames import Array, SixNumbers, Wrench
+from cosim.base.state import restore_states, states_of
 from cosim.coupling import ticks
 from cosim.coupling.schemes.coupling import Coupling
-from cosim.coupling.schemes.interface import Interface, InterfaceState
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.transfer import LEVER_M, six_numbers
 from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError, SolverError
@@ -178,9 +179,8 @@ class InterfaceSearch:
     ) -> None:
         self._interface, self._vector, self._soft_loads = interface, vector, loads
         self._step_rigid, self._options, self.inverse = step_rigid, options, inverse
-        self._rigid, self._before = interface.scene.save_state(), interface.soft.state
-        self._contact = None if interface.contact is None else interface.contact.state
-        self._light = None if interface.light is None else interface.light.state
+        self._parts: dict[str, Any] = {"scene": interface.scene, **interface.contacts()}
+        self._begin, self._before = states_of(self._parts), interface.soft.state
         self._mobility = interface.scene.mobility()
         self._scale = _SMALLEST_N
         self._reached: Array | None = None
@@ -249,13 +249,8 @@ class InterfaceSearch:
 
     def _go_back(self) -> None:
         """Return both sides to the start of the tick; the soft side keeps its factorisation."""
-        interface = self._interface
-        interface.scene.restore_state(self._rigid)
-        interface.soft.restore(self._before)
-        if interface.contact is not None and self._contact is not None:
-            interface.contact.state = self._contact
-        if interface.light is not None and self._light is not None:
-            interface.light.state = self._light
+        self._interface.soft.restore(self._before)
+        restore_states(self._parts, self._begin)
 
     def _learn(self, quasi_newton: QuasiNewton | None) -> None:
         """Keep for the next tick what the secants of this one have shown."""
@@ -278,16 +273,14 @@ class IteratedState:
     """Where an `IteratedCoupling` is.
 
     Args:
-        interface: what it acts on.
         history: wrenches (6,) about the world's origin of up to two iterated ticks, last first.
         left_over: (6,), what has not acted yet, about the world's origin.
         inverse: of the quasi-Newton steps; None before the first.
     """
 
-    interface: InterfaceState
-    history: tuple[Annotated[Array, (6,)], ...]
-    left_over: Annotated[Array, (6,)]
-    inverse: Annotated[Array, (6, 6)] | None
+    history: tuple[Annotated[Array, (6,)], ...] = ()
+    left_over: Annotated[Array, (6,)] = field(default_factory=lambda: np.zeros(6))
+    inverse: Annotated[Array, (6, 6)] | None = None
 
 
 @final
@@ -302,9 +295,8 @@ class IteratedCoupling(Coupling):
     def __init__(self, interface: Interface, options: IterationOptions | None = None) -> None:
         super().__init__(interface)
         self._options = options or IterationOptions()
-        self._inverse: Array | None = None
-        self._history: tuple[Array, ...] = ()
-        self._left_over = np.zeros(6)
+        self.state = IteratedState()
+        """What the next tick depends on besides the interface."""
 
     def advance(self, servos: ticks.Servos, loads: Sequence[Loads]) -> ticks.TicksTaken:
         interface, vector = self.interface, FlangeLoad(self.interface)
@@ -315,35 +307,27 @@ class IteratedCoupling(Coupling):
         def step_rigid() -> None:
             interface.step_rigid(servos.row(0), taken)
 
-        last, owed = vector.answered(), vector.from_world(self._left_over)
-        search = InterfaceSearch(interface, vector, step_rigid, loads[0], self._options, self._inverse)
+        last, owed = vector.answered(), vector.from_world(self.state.left_over)
+        inverse = self.state.inverse
+        search = InterfaceSearch(interface, vector, step_rigid, loads[0], self._options, inverse)
         with interface.soft.work:
             found = search.run(self._expected(vector, last) + owed, last, owed)
         interface.hand_over(found.reply, taken, vector.wrench(found.load))
-        taken.ticks.momentum_error[0] = self._account(vector, found)
-        self._inverse = search.inverse
-        self._history = (vector.about_world(found.answered), *self._history[:1])
+        left_over, history = vector.about_world(found.residual), self.state.history[:1]
+        taken.ticks.momentum_error[0] = self._momentum_error(left_over, found)
+        self.state = IteratedState((vector.about_world(found.answered), *history), left_over, search.inverse)
         taken.ticks.iterations[0], taken.trials[0] = search.newton_iterations, search.trials
         taken.scheme, taken.interface_residual[0] = "iterated", found.size
         return taken
 
-    def save_state(self) -> IteratedState:
-        return IteratedState(self.interface.save_state(), self._history, self._left_over, self._inverse)
-
-    def restore_state(self, state: IteratedState) -> None:
-        self.interface.restore_state(state.interface)
-        self._history, self._left_over, self._inverse = state.history, state.left_over, state.inverse
-
     def _expected(self, vector: FlangeLoad, last: Array) -> Array:
         """Return a load (6,) that continues as it has come."""
-        if len(self._history) < 2:
+        if len(self.state.history) < 2:
             return last
-        now, before = (vector.from_world(loads) for loads in self._history)
+        now, before = (vector.from_world(loads) for loads in self.state.history)
         return np.asarray(2.0 * now - before)
 
-    def _account(self, vector: FlangeLoad, found: Trial) -> float:
-        """Take note of what is left over; return the error of momentum."""
-        left_over = vector.about_world(found.residual)
-        due = six_numbers(self._left_over - left_over)
-        self._left_over = left_over
+    def _momentum_error(self, left_over: Array, found: Trial) -> float:
+        """Return the error of momentum of a tick that leaves (6,) over, about the world's origin."""
+        due = six_numbers(self.state.left_over - left_over)
         return max(self.interface.handed.error(due, found.received), found.on_bodies)

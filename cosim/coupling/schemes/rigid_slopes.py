@@ -33,7 +33,7 @@ def rigid_slopes(
     """
     scene = interface.scene
     assert isinstance(scene, RigidScene), "linear models are of scenes that cosim steps"
-    saved, taken, carries, past = scene.save_state(), interface.room(1), carried.acts, carried.past.copy()
+    saved, taken, carries, past = scene.state, interface.room(1), carried.acts, carried.past.copy()
     joints, last = len(scene.joint_names), np.vstack([scene.joint_acceleration, past])
     last, figures = last.ravel() if carries else last[:0].ravel(), interface.figures.copy()
     here = (scene.joint_position, scene.joint_velocity, last, figures, reference, np.zeros(joints))
@@ -43,7 +43,7 @@ def rigid_slopes(
 
     def after(values: Array) -> Array:
         position, speed, felt, load, aim, pace = np.split(values, ends)
-        scene.restore_state(saved)
+        scene.state = saved
         scene.set_joint_state(position, speed)
         if carries:
             scene.set_acceleration(felt[:joints])
@@ -64,6 +64,6 @@ def rigid_slopes(
             for step, size in zip(np.diag(scale), scale, strict=True)
         ]
     finally:
-        scene.restore_state(saved)
+        scene.state = saved
         interface.figures[:] = figures
     return np.array(columns).T

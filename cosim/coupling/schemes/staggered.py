@@ -9,7 +9,7 @@ Where the scene can be touched, contacts are found between the two steps, and ac
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from cosim.base.frames import Array
 from cosim.coupling.schemes.algorithmic_mass import CarriedInertia, algorithmic_mass, riding_along
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.fine_ticks import FineTicks
-from cosim.coupling.schemes.interface import Interface, InterfaceState
+from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.tick import begin_tick, end_tick, tick
 from cosim.coupling.ticks import ServoRow, Servos, TicksTaken
 from cosim.errors import InstabilityError
@@ -33,16 +33,12 @@ class StaggeredState:
     """Where a `StaggeredCoupling` is.
 
     Args:
-        interface: what it acts on.
         added: (joints, joints) [kg m^2], carried algorithmic mass.
         past: (2, joints) [rad/s^2], accelerations while it was carried.
-        fine: how many ticks from the next one on are fine ones at least.
     """
 
-    interface: InterfaceState
     added: Array
     past: Array
-    fine: int
 
 
 @final
@@ -88,7 +84,7 @@ class StaggeredCoupling(Coupling):
             self._update_when_due()
         taken.algorithmic_mass[taken.done] = self._carried.acts
         with interface.soft.work:
-            if self._fine.left:
+            if self._fine.state:
                 self._fine.take(self._carried, servos, loads, taken)
                 return
             if begun:
@@ -126,17 +122,18 @@ class StaggeredCoupling(Coupling):
         """What takes ticks in pieces."""
         return self._fine
 
-    def save_state(self) -> StaggeredState:
-        carried = self._carried
-        return StaggeredState(
-            self.interface.save_state(), carried.inertia, carried.past.copy(), self._fine.left
-        )
+    @property
+    def state(self) -> StaggeredState:
+        """What the joints carry; the interface is restored before it."""
+        return StaggeredState(self._carried.inertia, self._carried.past.copy())
 
-    def restore_state(self, state: StaggeredState) -> None:
+    @state.setter
+    def state(self, state: StaggeredState) -> None:
         self._begun = None
-        self._fine.restore(state.fine)
-        self.interface.restore_state(state.interface)
         self._carry(state.added, state.past.copy())
+
+    def parts(self) -> dict[str, Any]:
+        return {"fine": self._fine, **super().parts()}
 
     def _carry(self, inertia: Array, past: Array) -> None:
         acts, interface = bool(inertia.any()), self.interface

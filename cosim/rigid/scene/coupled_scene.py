@@ -148,13 +148,15 @@ class CoupledScene(ABC):
         name = self._model.geom(geom).name or self.body_names[self._model.geom_bodyid[geom]]
         return f"the soft robot begins {-1e3 * hits.distance[k]:.1f} mm deep in {name!r}"
 
+    @property
     @abstractmethod
-    def save_state(self) -> Any:
-        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+    def state(self) -> Any:
+        """A copy of all that the next step depends on; everything readable follows one that is set."""
 
+    @state.setter
     @abstractmethod
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`; everything readable follows.
+    def state(self, state: Any) -> None:
+        """Set it.
 
         Raises:
             InputError: the state is of a scene with other bodies or joints.

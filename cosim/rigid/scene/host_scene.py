@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, SixNumbers, Wrench, cross
+from cosim.base.state import check_indices
 from cosim.errors import InputError, InstabilityError
 from cosim.rigid.build import mjcf_files, object_bodies
 from cosim.rigid.distance.signed_distance import ContactQuery
@@ -287,8 +288,9 @@ class HostScene(CoupledScene):
             self.load[:] = forces
             forces[:], torques[:] = given
 
-    def save_state(self) -> HostState:
-        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+    @property
+    def state(self) -> HostState:
+        """A copy of all that the next step depends on, MuJoCo's state included."""
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         on_arm = self.bodies.carried.on_arm.copy()
@@ -297,18 +299,15 @@ class HostScene(CoupledScene):
             self._given_back.copy(),
         )  # fmt: skip
 
-    def restore_state(self, state: HostState) -> None:
-        """Return to a state of `save_state`, MuJoCo's included; everything readable follows.
-
-        Raises:
-            InputError: the state is of a scene with other bodies or joints.
-        """
+    @state.setter
+    def state(self, state: HostState) -> None:
         size = mujoco.mj_stateSize(self._model, _STATE)
         if len(state.integration) != size or len(state.load) != len(self.load):
             raise InputError(
                 f"the saved scene has {len(state.integration)} numbers, here {size}: bodies and joints must "
                 "be as many"
             )
+        check_indices(state.loaded, self.bodies.count, "bodies")
         self.bodies.loaded = state.loaded
         self.bodies.carried.on_arm[:] = state.carried
         mujoco.mj_setState(self._model, self._data, state.integration, _STATE)

@@ -3,7 +3,7 @@
 A step of MuJoCo is taken from its middle: accelerations and integration, then positions and velocities of the
 new state. So everything readable between two steps belongs to one instant.
 
-What `RigidScene.save_state` returns.
+What a step of a `RigidScene` depends on.
 
 Where links of the arm are in one another, in an object or in the floor.
 
@@ -23,6 +23,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, SixNumbers, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact, Solid, SolidShape
+from cosim.base.state import check_indices
 from cosim.errors import InputError
 from cosim.rigid.build import compiled_scene, mjcf_files, object_bodies
 from cosim.rigid.build.description import SceneDescription, body_names
@@ -607,8 +608,9 @@ class RigidScene(coupled_scene.CoupledScene):
             feedforward=np.zeros(len(self.joint_names)) if feedforward is None else feedforward,
         )  # fmt: skip
 
-    def save_state(self) -> RigidState:
-        """Return a copy of the whole state, from which `restore_state` repeats steps bit for bit."""
+    @property
+    def state(self) -> RigidState:
+        """A copy of all that the next step depends on, MuJoCo's state and edits of its model included."""
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         armature, acceleration = np.array(self._model.dof_armature), np.array(self._data.qacc)
@@ -618,15 +620,12 @@ class RigidScene(coupled_scene.CoupledScene):
             integration, armature, acceleration, actuation, servo_torque, load, self.bodies.loaded, on_arm
         )
 
-    def restore_state(self, state: RigidState) -> None:
-        """Return to a state of `save_state`, model edits included; everything readable follows.
-
-        Raises:
-            InputError: the state is of a scene with other bodies or joints.
-        """
+    @state.setter
+    def state(self, state: RigidState) -> None:
         size = mujoco.mj_stateSize(self._model, _STATE)
         if len(state.integration) != size:
             raise InputError(f"the saved scene has {len(state.integration)} numbers, here {size}: {_ALIKE}")
+        check_indices(state.loaded, self.bodies.count, "bodies")
         self._warnings[:] = 0
         self.bodies.loaded = state.loaded
         self.bodies.carried.on_arm[:] = state.on_arm
