@@ -56,10 +56,21 @@ class ShapeRows(NamedTuple):
     body: Indices
 
 
-class Ties(NamedTuple):
-    """What contacts are tied to.
+class Contacts(NamedTuple):
+    """What may be touched in a step: the arrays of `PlaneRows`, and what contacts are tied to.
+
+    One flat record: a leaf takes records within records several times as long.
 
     Args:
+        nodes: (k, 3), and what follows: see `ContactPlanes`.
+        weights: (k, 3).
+        slots: (k, 6).
+        normal: (k, 3).
+        offset: (k,) [m].
+        stiffness: (k,) [N/m].
+        friction: (k,) [N].
+        anchor: (k, 3) [m].
+        body: (k,).
         shape: (k,) that is touched; -1 for glue.
         key: (k,) names the pair of contact point and shape; first points of the film, then features.
         carrier: (k, 3) [m], world: the shape's origin; of a feature: where it is.
@@ -67,6 +78,15 @@ class Ties(NamedTuple):
         approach: (k,) [m/s], at which body and film came on to each other before the step.
     """
 
+    nodes: IndexTable
+    weights: Matrix
+    slots: IndexTable
+    normal: Matrix
+    offset: Vector
+    stiffness: Vector
+    friction: Vector
+    anchor: Matrix
+    body: Indices
     shape: Indices
     key: Indices
     carrier: Matrix
@@ -74,17 +94,10 @@ class Ties(NamedTuple):
     approach: Vector
 
     @classmethod
-    def room(cls, count: int) -> Ties:
-        """Return room for so many."""
-        shape, triangle = np.full(count, -1), np.full(count, -1)
-        return cls(shape, np.full(count, -1), np.zeros((count, 3)), triangle, np.zeros(count))
-
-
-class Contacts(NamedTuple):
-    """What may be touched in a step: k planes, and what they are tied to."""
-
-    planes: PlaneRows
-    ties: Ties
+    def room(cls, count: int) -> Contacts:
+        """Return room for so many, of glue."""
+        shape, key, triangle = np.full((3, count), -1)
+        return cls(*PlaneRows.room(count), shape, key, np.zeros((count, 3)), triangle, np.zeros(count))
 
 
 class NearFeatures(NamedTuple):

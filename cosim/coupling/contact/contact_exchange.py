@@ -122,7 +122,7 @@ class ContactExchange:
         self.planes: ContactPlanes | None = None
         self._contacts: Contacts | None = None
         self._concluded: Array | None = None  # nodes for which the law has been evaluated
-        self._ends = contact_arrays.ContactEnds.room(0)
+        self._ends, self._nothing = contact_arrays.ContactEnds.room(0), Contacts.room(0)
         self._body_ends = contact_arrays.BodyEnds.room(bodies.count)
         self.age = self.met = 0
         self._acts = False  # whether something is left to be ended in a tick in which nothing is touched
@@ -190,24 +190,24 @@ class ContactExchange:
         if not count:
             self.memory = ContactMemory.room(0)
             return None
-        contacts = Contacts(PlaneRows.room(count), contact_arrays.Ties.room(count))
+        contacts = Contacts.room(count)
         self._describe(x, velocity, near, contacts)
         self._take(contacts)
         return self.planes
 
     def _near(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> NearFilm | None:
         """Return what is near the film, None for nothing; shapes are where the film will meet them."""
-        bodies, tick_s, query = self.bodies, ahead_s / AHEAD_TICKS, self.query
-        sight = bodies.foresight
-        sight.at_velocities(tick_s)
+        tick_s, query, moves, coming_m = ahead_s / AHEAD_TICKS, self.query, len(self.movable) > 0, 0.0
+        sight, extent = self.bodies.foresight, Extent.of(x, velocity)
+        if moves:
+            sight.at_velocities(tick_s)
+            # a body that comes on is met a tick before it is there, so its hit finds ticks in pieces
+            coming_m = tick_s * contact_kernels.fastest_body(sight.motions, self.movable)
+            contact_kernels.assume(self.loads, self.past, self.assumed)
         self._place_shapes()
-        extent = Extent.of(x, velocity)
-        # a body that comes on is met a tick before it is there, so its hit finds ticks in pieces
-        coming_m = tick_s * contact_kernels.fastest_body(sight.motions, self.movable)
         reach_m = rest_m + ahead_s * extent.speed_m_s + coming_m
         active = query.near(extent.low, extent.high, reach_m)
-        contact_kernels.assume(self.loads, self.past, self.assumed)
-        if ahead_s > 0.0 and self._meets_ahead(active):
+        if moves and ahead_s > 0.0 and self._meets_ahead(active):
             sight.under_loads(self.assumed, tick_s)
             self._place_shapes()
             active = query.near(extent.low, extent.high, reach_m)
@@ -226,7 +226,7 @@ class ContactExchange:
         ahead = self.bodies.foresight.ahead
         if len(self.glue.point) and ahead[self.glue.body[0]] > 0:
             return True
-        return bool((ahead[self.query.body[active]] > 0).any())
+        return bool(np.count_nonzero(ahead[self.query.body[active]] > 0))
 
     def _place_shapes(self) -> None:
         sight, query = self.bodies.foresight, self.query
@@ -241,7 +241,7 @@ class ContactExchange:
             contact_kernels.describe_points(near.points, self.search.places, surface, shapes, contacts)
             if len(features.feature):
                 contact_kernels.describe_features(x, features, surface, shapes, begin, contacts)
-                contacts.planes.stiffness[begin : begin + len(features.feature)] = self._feature_N_m
+                contacts.stiffness[begin : begin + len(features.feature)] = self._feature_N_m
         if len(self.glue.point):
             contact_kernels.describe_glue(self.glue, surface, sight.lead, contacts)
         if len(self.movable):
@@ -251,19 +251,18 @@ class ContactExchange:
 
     def _take(self, contacts: Contacts) -> None:
         self._contacts = contacts
-        rows = contacts.planes
-        self.planes = ContactPlanes(*rows[:-1], law=self.law, body=rows.body)
+        rows = PlaneRows._make(contacts[: len(PlaneRows._fields)])
+        self.planes = ContactPlanes.of(rows, self.law)
 
     def move(self, contacts: IntArray, shift: Array) -> ContactPlanes:
         """Return what was found with contacts (k,) gone by a shift (k, 3) [m] with their bodies."""
         assert self._contacts is not None, "contacts were found"
-        planes, ties = self._contacts
-        offset, anchor, carrier = planes.offset.copy(), planes.anchor.copy(), ties.carrier.copy()
-        offset[contacts] += np.einsum("kr,kr->k", planes.normal[contacts], shift)
+        found = self._contacts
+        offset, anchor, carrier = found.offset.copy(), found.anchor.copy(), found.carrier.copy()
+        offset[contacts] += np.einsum("kr,kr->k", found.normal[contacts], shift)
         anchor[contacts] += shift
         carrier[contacts] += shift
-        planes, ties = planes._replace(offset=offset, anchor=anchor), ties._replace(carrier=carrier)
-        self._take(Contacts(planes, ties))
+        self._take(found._replace(offset=offset, anchor=anchor, carrier=carrier))
         self._concluded = None
         assert self.planes is not None, "contacts were taken"
         return self.planes
@@ -294,11 +293,11 @@ class ContactExchange:
         """Return whether a body that was found may give way, and whether it is known how all of them do."""
         if self.planes is None or not len(self.movable):
             return False, True
-        ahead, body = self.bodies.foresight.ahead > 0, self.planes.body
-        if not ahead[body].any():
+        near, ahead = self.planes.body, self.bodies.foresight.ahead
+        if not np.count_nonzero(ahead[near] > 0):
             return False, True
-        unknown = ahead & (self.gives[:, 0] == UNKNOWN) & (self.loads.loaded != 0)
-        return True, not unknown[body].any()
+        unknown = (ahead > 0) & (self.gives[:, 0] == UNKNOWN) & (self.loads.loaded != 0)
+        return True, not np.count_nonzero(unknown[near])
 
     def disagreement(self, x: Array, tolerance_N: float, tick_s: float) -> float:
         """Return how far bodies go from where a step has met them, under its loads, over what they may.
@@ -316,7 +315,7 @@ class ContactExchange:
         most = contact_kernels.disagreement(ends, loads, self.assumed, sight.ahead, self.gives, tolerance_N)
         if not most <= 1.0:
             most = self._away_m(tick_s) / AGREED_M if most < np.inf else most
-        if most <= 1.0 and ends.acting[sight.ahead > 0].any():
+        if most <= 1.0 and np.count_nonzero(ends.acting[sight.ahead > 0]):
             self.met += 1
         return float(most)
 
@@ -336,7 +335,7 @@ class ContactExchange:
         contacts = self._contacts
         if self._concluded is x or contacts is None:
             return
-        self._ends = contact_arrays.ContactEnds.room(len(contacts.planes.body))
+        self._ends = contact_arrays.ContactEnds.room(len(contacts.body))
         friction, bodies = self.query.friction, self._body_ends
         contact_kernels.conclude(x, contacts, self._widths, friction, self._ends, bodies)
         self._concluded = x
@@ -354,12 +353,14 @@ class ContactExchange:
             return self.report
         if contacts is None:
             self._body_ends.clear()
-            self.memory, ends, planes = ContactMemory.room(0), self._ends.own[:0], PlaneRows.room(0)
+            self._ends, self.memory = contact_arrays.ContactEnds.room(0), ContactMemory.room(0)
+            ending = self._nothing
         else:
             self._conclude(x)
-            self.memory, ends, planes = self._remembered(contacts), self._ends.own, contacts.planes
+            self.memory, ending = self._remembered(contacts), contacts
             self.age += 1
-        work_J = contact_kernels.add_work(planes, ends, before, x, self._force)
+        film = before, x, self._force
+        work_J = contact_kernels.add_work(ending.nodes, ending.weights, self._ends.own, *film)
         contact_kernels.load_bodies(self._body_ends, self.loads, self.past)
         self._acts = contacts is not None
         self.report = self._reported(float(work_J))

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from cosim.base.kernel_types import Indices, Matrix, Vector
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
 from cosim.coupling.contact.contact_arrays import (
     BodyEnds,
@@ -153,19 +153,18 @@ def describe_points(
         shapes: of the scene.
         contacts: filled.
     """
-    planes, ties = contacts.planes, contacts.ties
     for e in range(hits.point.shape[0]):
         p, g, height = hits.point[e], hits.shape[e], 0.0
         for r in range(3):
-            planes.nodes[e, r], planes.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
-            planes.normal[e, r], planes.anchor[e, r] = hits.found[e, 1 + r], places[p, r]
-            ties.carrier[e, r] = shapes.position[g, r]
-            height += planes.normal[e, r] * places[p, r]
+            contacts.nodes[e, r], contacts.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
+            contacts.normal[e, r], contacts.anchor[e, r] = hits.found[e, 1 + r], places[p, r]
+            contacts.carrier[e, r] = shapes.position[g, r]
+            height += contacts.normal[e, r] * places[p, r]
         for k in range(6):
-            planes.slots[e, k] = surface.slots[p, k]
-        planes.offset[e], planes.body[e] = height - hits.found[e, 0], shapes.body[g]
-        planes.stiffness[e], planes.friction[e] = surface.stiffness[p], 0.0
-        ties.shape[e], ties.key[e], ties.triangle[e] = g, g * surface.nodes.shape[0] + p, -1
+            contacts.slots[e, k] = surface.slots[p, k]
+        contacts.offset[e], contacts.body[e] = height - hits.found[e, 0], shapes.body[g]
+        contacts.stiffness[e], contacts.friction[e] = surface.stiffness[p], 0.0
+        contacts.shape[e], contacts.key[e], contacts.triangle[e] = g, g * surface.nodes.shape[0] + p, -1
 
 
 @kernel
@@ -182,21 +181,25 @@ def describe_features(
         begin: the first of these contacts.
         contacts: filled.
     """
-    planes, ties, first_key = contacts.planes, contacts.ties, shapes.body.shape[0] * surface.nodes.shape[0]
+    first_key = shapes.body.shape[0] * surface.nodes.shape[0]
     for f in range(near.feature.shape[0]):
         e, t, height = begin + f, near.triangle[f], 0.0
         for k in range(6):
-            planes.slots[e, k] = surface.triangle_slots[t, k]
+            contacts.slots[e, k] = surface.triangle_slots[t, k]
         for r in range(3):
-            planes.nodes[e, r], planes.weights[e, r] = surface.triangles[t, r], near.weight[f, r]
-            planes.normal[e, r], ties.carrier[e, r] = -near.found[f, 1 + r], near.place[f, r]
-            planes.anchor[e, r] = 0.0
+            contacts.nodes[e, r], contacts.weights[e, r] = surface.triangles[t, r], near.weight[f, r]
+            contacts.normal[e, r], contacts.carrier[e, r] = -near.found[f, 1 + r], near.place[f, r]
+            contacts.anchor[e, r] = 0.0
             for a in range(3):
-                planes.anchor[e, r] += near.weight[f, a] * x[surface.triangles[t, a], r]
-            height += planes.normal[e, r] * planes.anchor[e, r]
-        planes.offset[e], planes.body[e] = height - near.found[f, 0], shapes.body[near.owner[f]]
-        planes.friction[e] = 0.0
-        ties.shape[e], ties.key[e], ties.triangle[e] = near.owner[f], first_key + near.feature[f], t
+                contacts.anchor[e, r] += near.weight[f, a] * x[surface.triangles[t, a], r]
+            height += contacts.normal[e, r] * contacts.anchor[e, r]
+        contacts.offset[e], contacts.body[e] = height - near.found[f, 0], shapes.body[near.owner[f]]
+        contacts.friction[e] = 0.0
+        contacts.shape[e], contacts.key[e], contacts.triangle[e] = (
+            near.owner[f],
+            first_key + near.feature[f],
+            t,
+        )
 
 
 @kernel
@@ -209,21 +212,21 @@ def describe_glue(glue: Glue, surface: SurfaceRows, lead: Matrix, contacts: Cont
         lead: (bodies, 6), see `Foresight`.
         contacts: filled.
     """
-    planes, place = contacts.planes, small_vector(3)
+    place = small_vector(3)
     for k in range(glue.point.shape[0]):
-        p, b, e = glue.point[k], glue.body[0], planes.body.shape[0] - glue.point.shape[0] + k
+        p, b, e = glue.point[k], glue.body[0], contacts.body.shape[0] - glue.point.shape[0] + k
         for r in range(3):
-            planes.nodes[e, r], planes.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
-            planes.normal[e, r] = 0.0
+            contacts.nodes[e, r], contacts.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
+            contacts.normal[e, r] = 0.0
             place[r] = glue.position[b, r]
             for s in range(3):
                 place[r] += glue.axes[b, 3 * r + s] * glue.place[k, s]
         for r in range(3):
-            planes.anchor[e, r] = place[r] + led(lead[b], place, r)
+            contacts.anchor[e, r] = place[r] + led(lead[b], place, r)
         for r in range(6):
-            planes.slots[e, r] = surface.slots[p, r]
-        planes.offset[e], planes.stiffness[e], planes.friction[e] = 0.0, glue.stiffness, GLUED
-        planes.body[e] = b
+            contacts.slots[e, r] = surface.slots[p, r]
+        contacts.offset[e], contacts.stiffness[e], contacts.friction[e] = 0.0, glue.stiffness, GLUED
+        contacts.body[e] = b
 
 
 @kernel
@@ -236,20 +239,20 @@ def fill_approach(contacts: Contacts, velocity: Matrix, resolved: Vector, motion
         resolved: (bodies,) [m], infinite for bodies that no load moves: of these it stays zero.
         motions: of all bodies.
     """
-    planes, ties, body, of = contacts.planes, contacts.ties, small_vector(6), -1
-    for e in range(planes.body.shape[0]):
-        if ties.shape[e] < 0 or not resolved[planes.body[e]] < np.inf:
+    body, of = small_vector(6), -1
+    for e in range(contacts.body.shape[0]):
+        if contacts.shape[e] < 0 or not resolved[contacts.body[e]] < np.inf:
             continue
-        if of != planes.body[e]:
-            of = planes.body[e]
+        if of != contacts.body[e]:
+            of = contacts.body[e]
             fill_speed(motions, of, body)
         speed = 0.0
         for r in range(3):
-            own = led(body, planes.anchor[e], r)
+            own = led(body, contacts.anchor[e], r)
             for a in range(3):
-                own -= planes.weights[e, a] * velocity[planes.nodes[e, a], r]
-            speed += planes.normal[e, r] * own
-        ties.approach[e] = speed
+                own -= contacts.weights[e, a] * velocity[contacts.nodes[e, a], r]
+            speed += contacts.normal[e, r] * own
+        contacts.approach[e] = speed
 
 
 @kernel
@@ -261,22 +264,21 @@ def recall(memory: ContactMemory, shapes: ShapeRows, contacts: Contacts) -> None
         shapes: of the scene.
         contacts: filled.
     """
-    planes, ties = contacts.planes, contacts.ties
-    for e in range(planes.body.shape[0]):
-        found = _place_of(ties.key[e], memory.key) if ties.shape[e] >= 0 else -1
+    for e in range(contacts.body.shape[0]):
+        found = _place_of(contacts.key[e], memory.key) if contacts.shape[e] >= 0 else -1
         if found < 0:
             continue
-        g = ties.shape[e]
-        planes.friction[e] = shapes.friction[g] * memory.normal_force[found]
+        g = contacts.shape[e]
+        contacts.friction[e] = shapes.friction[g] * memory.normal_force[found]
         for r in range(3):
             turned = 0.0
             for s in range(3):
                 turned += shapes.rotation[g, r, s] * memory.offset[found, s]
             # a feature has moved under the film, whose point there is another one than before: the stretch
             # continues from where it was
-            moved = ties.carrier[e, r] - memory.place[found, r]
-            before = ties.carrier[e, r] if ties.triangle[e] < 0 else planes.anchor[e, r] + moved
-            planes.anchor[e, r] = turned + before
+            moved = contacts.carrier[e, r] - memory.place[found, r]
+            before = contacts.carrier[e, r] if contacts.triangle[e] < 0 else contacts.anchor[e, r] + moved
+            contacts.anchor[e, r] = turned + before
 
 
 @device_function
@@ -302,32 +304,32 @@ def conclude(
         ends: filled.
         bodies: filled, but for the hit.
     """
-    planes, ties, width, stick, pressing, size = contacts.planes, contacts.ties, widths[0], widths[1], 0, 0.0
+    width, stick, pressing, size = widths[0], widths[1], 0, 0.0
     tangent, deepest = small_matrix(3, 3), 0.0
     bodies.loads[:], bodies.acting[:], bodies.held[:], bodies.pressing[:] = 0.0, 0, 0.0, 0.0
     bodies.film[:], bodies.figures[:4], bodies.figures[4] = 0.0, 0.0, -1.0
-    for e in range(planes.body.shape[0]):
+    for e in range(contacts.body.shape[0]):
         point, own, n, b, distance = (
             ends.point[e],
             ends.own[e],
-            planes.normal[e],
-            planes.body[e],
-            -planes.offset[e],
+            contacts.normal[e],
+            contacts.body[e],
+            -contacts.offset[e],
         )
         for r in range(3):
             point[r] = 0.0
             for a in range(3):
-                point[r] += planes.weights[e, a] * x[planes.nodes[e, a], r]
+                point[r] += contacts.weights[e, a] * x[contacts.nodes[e, a], r]
             distance += n[r] * point[r]
-        limit, anchor, stiffness = planes.friction[e], planes.anchor[e], planes.stiffness[e]
-        _, push = touch(point, n, planes.offset[e], stiffness, limit, anchor, width, stick, own, tangent)
+        limit, anchor, stiffness = contacts.friction[e], contacts.anchor[e], contacts.stiffness[e]
+        _, push = touch(point, n, contacts.offset[e], stiffness, limit, anchor, width, stick, own, tangent)
         ends.push[e], ends.distance[e] = push, distance
         if limit == GLUED:
             ends.slack_friction[e] = limit
             bodies.held[b] += 3.0 * stiffness
             size += abs(own[0]) + abs(own[1]) + abs(own[2])
         else:
-            slack = friction[ties.shape[e]] * push
+            slack = friction[contacts.shape[e]] * push
             ends.slack_friction[e] = slack
             pressed = stiffness * min(max((0.5 * width - distance) / width, 0.0), 1.0)
             bodies.held[b] += pressed + 4.0 * slack / stick
@@ -336,7 +338,7 @@ def conclude(
             bodies.acting[b] = 1
             _add_load(1.0, own, point, bodies.loads[b])
             for a in range(3):
-                _add_load(planes.weights[e, a], own, x[planes.nodes[e, a]], bodies.film)
+                _add_load(contacts.weights[e, a], own, x[contacts.nodes[e, a]], bodies.film)
         if push > 0.0:
             bodies.figures[0] += push
             bodies.pressing[b] += push
@@ -358,7 +360,7 @@ def see_hits(contacts: Contacts, push: Vector, resolved: Vector, figures: Vector
         figures: see `BodyEnds`; the hit is filled.
     """
     for e in range(push.shape[0]):
-        body, speed = contacts.planes.body[e], contacts.ties.approach[e]
+        body, speed = contacts.body[e], contacts.approach[e]
         if push[e] > 0.0 and speed > 0.0:
             way = resolved[body]
             if figures[4] < 0.0 or speed * figures[3] > figures[2] * way:
@@ -378,32 +380,35 @@ def remember(
         shapes: of the scene.
         memory: with as many rows as contacts press, filled.
     """
-    planes, ties, stretch, kept = contacts.planes, contacts.ties, small_vector(3), 0
+    stretch, kept = small_vector(3), 0
     for e in range(ends.push.shape[0]):
         if not ends.push[e] > 0.0:
             continue
-        point, g = ends.point[e], ties.shape[e]
+        point, g = ends.point[e], contacts.shape[e]
         for r in range(3):
-            stretch[r] = point[r] - planes.anchor[e, r]
-        shorten(stretch, planes.normal[e], widths[1])
-        memory.key[kept], memory.normal_force[kept] = ties.key[e], ends.push[e]
-        memory.triangle[kept] = memory.face[kept] = ties.triangle[e]
+            stretch[r] = point[r] - contacts.anchor[e, r]
+        shorten(stretch, contacts.normal[e], widths[1])
+        memory.key[kept], memory.normal_force[kept] = contacts.key[e], ends.push[e]
+        memory.triangle[kept] = memory.face[kept] = contacts.triangle[e]
         if -ends.distance[e] < 0.5 * widths[0]:  # what only brushes an edge may slip off it
             memory.triangle[kept] = -1
         for r in range(3):
-            memory.place[kept, r], memory.offset[kept, r] = ties.carrier[e, r], 0.0
+            memory.place[kept, r], memory.offset[kept, r] = contacts.carrier[e, r], 0.0
             for s in range(3):
-                behind = point[s] - ties.carrier[e, s] if ties.triangle[e] < 0 else 0.0
+                behind = point[s] - contacts.carrier[e, s] if contacts.triangle[e] < 0 else 0.0
                 memory.offset[kept, r] += shapes.rotation[g, s, r] * (behind - stretch[s])
         kept += 1
 
 
 @kernel
-def add_work(planes: PlaneRows, own: Matrix, before: Matrix, x: Matrix, force: Matrix) -> float:
+def add_work(
+    nodes: IndexTable, weights: Matrix, own: Matrix, before: Matrix, x: Matrix, force: Matrix
+) -> float:
     """Return the contacts' work on the film in a step [J], by the mean of forces at its ends; keep the last.
 
     Args:
-        planes: of the step.
+        nodes: (k, 3) of the contacts.
+        weights: (k, 3).
         own: (k, 3) [N], forces on bodies at its end.
         before: (n, 3) [m], nodes at its beginning.
         x: (n, 3) [m], nodes at its end.
@@ -414,11 +419,11 @@ def add_work(planes: PlaneRows, own: Matrix, before: Matrix, x: Matrix, force: M
         for r in range(3):
             work += 0.5 * force[i, r] * (x[i, r] - before[i, r])
             force[i, r] = 0.0
-    for e in range(planes.body.shape[0]):
+    for e in range(own.shape[0]):
         for a in range(3):
-            i = planes.nodes[e, a]
+            i = nodes[e, a]
             for r in range(3):
-                share = planes.weights[e, a] * own[e, r]
+                share = weights[e, a] * own[e, r]
                 force[i, r] -= share
                 work -= 0.5 * share * (x[i, r] - before[i, r])
     return work

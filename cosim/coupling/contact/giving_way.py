@@ -383,9 +383,9 @@ class LightBodies:
 
     def _heavy_are_due(self) -> bool:
         """Return whether heavy bodies are to be weighed: released ones, and after a time or a firmer grip."""
-        heavy = self._heavy != 0
-        if not heavy.any():
+        if not np.count_nonzero(self._heavy):
             return False
+        heavy = self._heavy != 0
         released = self._exchange.loads.loaded[self._movable] == 0
         firmer = self._exchange.held_N_m[self._movable] > RENEW_ABOVE * self._touching
         return bool((heavy & (released | firmer | (self._exchange.age >= self._ticks))).any())

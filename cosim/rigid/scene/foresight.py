@@ -48,8 +48,10 @@ class Foresight:
         self._flange = flange
         self.motions = self._motions(data)
         self._diagonal = np.asarray(model.M_rowadr + model.M_rownnz - 1, np.int64)
-        self._second = mujoco.MjData(model) if pace[0] > 1 else data
-        self._motions_then = self._motions(self._second)
+        self._second = there = mujoco.MjData(model) if pace[0] > 1 else data
+        self._motions_then, self._applied = self._motions(there), data.xfrc_applied
+        self._copied = [(getattr(there, name), getattr(data, name)) for name in _COPIED]
+        self._aims, self._speeds = there.ctrl[0::3], there.ctrl[1::3]
         self.lead: Array = np.zeros((model.nbody, 6))
         self.ahead: IntArray = np.zeros(model.nbody, np.int64)
 
@@ -77,7 +79,7 @@ class Foresight:
                 what they bear.
             tick_s: length of the step [s].
         """
-        applied = self._data.xfrc_applied
+        applied = self._applied
         before, ahead = applied.copy(), self.ahead > 0
         applied[ahead] = loads[ahead]
         if self.steps > 1:
@@ -100,22 +102,17 @@ class Foresight:
         mujoco.mj_comVel(model, data)
 
     def _take_steps(self) -> None:
-        model, here, there = self._model, self._data, self._second
-        for name in _COPIED:
-            getattr(there, name)[:] = getattr(here, name)
-        step_s, control = float(model.opt.timestep), there.ctrl
+        model, there, (inertia, places) = self._model, self._second, self._carried
+        for then, now in self._copied:
+            np.copyto(then, now)
+        step_s, carries = float(model.opt.timestep), np.count_nonzero(inertia)
         self.lead[self.ahead > 0] = 0.0
         for _ in range(self.steps):
             mujoco.mj_step1(model, there)
-            self._carry(there)
-            control[0::3] += step_s * control[1::3]
+            if carries:
+                there.M[places[self._lower]] += inertia[self._lower]
+                mujoco.mj_factorM(model, there)
+            self._aims += step_s * self._speeds
             mujoco.mj_step2(model, there)
             mujoco.mj_comVel(model, there)
             add_way(self._motions_then, self.ahead, 1, step_s, self.lead)
-
-    def _carry(self, data: mujoco.MjData) -> None:
-        """Add what the joints carry to the mass matrix of a state that MuJoCo has brought up to date."""
-        inertia, places = self._carried
-        if np.count_nonzero(inertia):
-            data.M[places[self._lower]] += inertia[self._lower]
-            mujoco.mj_factorM(self._model, data)

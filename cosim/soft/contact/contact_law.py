@@ -168,16 +168,17 @@ def combine(x: Matrix, nodes: IndexTable, weights: Matrix, chosen: Indices, out:
 
 
 @kernel
-def span(x: Matrix, v: Matrix, low: Vector, high: Vector, fastest: Vector) -> None:
-    """Fill smallest and largest coordinates of x and, in fastest[0], the largest |v| squared."""
-    low[:], high[:], fastest[0] = np.inf, -np.inf, 0.0
+def span(x: Matrix, v: Matrix, low: Vector, high: Vector) -> float:
+    """Fill smallest and largest coordinates of x; return the largest |v|."""
+    low[:], high[:], fastest = np.inf, -np.inf, 0.0
     for n in range(x.shape[0]):
         square = 0.0
         for r in range(3):
             low[r] = min(low[r], x[n, r])
             high[r] = max(high[r], x[n, r])
             square += v[n, r] * v[n, r]
-        fastest[0] = max(fastest[0], square)
+        fastest = max(fastest, square)
+    return np.sqrt(fastest)
 
 
 @device_function

@@ -39,9 +39,8 @@ class Extent:
     @classmethod
     def of(cls, positions: Array, velocities: Array) -> "Extent":
         """Return that of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
-        low, high, fastest = np.empty(3), np.empty(3), np.empty(1)
-        contact_law.span(positions, velocities, low, high, fastest)
-        return cls(low, high, float(np.sqrt(fastest[0])))
+        low, high = np.empty(3), np.empty(3)
+        return cls(low, high, contact_law.span(positions, velocities, low, high))
 
 
 @final

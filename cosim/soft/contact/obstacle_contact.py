@@ -121,6 +121,13 @@ class ContactPlanes:
     def __len__(self) -> int:
         return len(self.nodes)
 
+    @classmethod
+    def of(cls, rows: PlaneRows, law: ContactLaw) -> "ContactPlanes":
+        """Return contacts with such arrays."""
+        found = cls(*rows[:-1], law=law, body=rows.body)
+        found.__dict__["rows"] = rows
+        return found
+
     @cached_property
     def rows(self) -> PlaneRows:
         """The arrays."""

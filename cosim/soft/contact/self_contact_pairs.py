@@ -227,29 +227,90 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
     return missing
 
 
+@device_function
+def _fill_rub(pairs: PairRows, e: int, u: Vector, rub: Vector) -> None:
+    """Fill the force of a pair's stick spring, against its point, from its stretch, which is flattened."""
+    limit, m, along, square = pairs.friction[e], pairs.normal[e], 0.0, 0.0
+    for r in range(3):
+        along += m[r] * u[r]
+    for r in range(3):
+        u[r] -= along * m[r]
+        square += u[r] * u[r]
+    secant = contact_law.dragging_law(np.sqrt(square), pairs.widths[1])[1]
+    for r in range(3):
+        rub[r] = limit * secant * u[r]
+
+
+@device_function
+def _work_of(
+    before: Matrix, x: Matrix, pairs: PairRows, e: int, pushes: tuple[float, float], n: Vector
+) -> float:
+    """Return the work of a pair on the film in a step, given its normal forces and its normal at the end."""
+    nodes, u0, u1 = pairs.nodes[e], small_vector(3), small_vector(3)
+    rub0, rub1 = small_vector(3), small_vector(3)
+    slope, foot, y, first, last = small_matrix(3, 3), small_vector(3), small_vector(3), 0.0, 0.0
+    if pushes[1] != 0.0:
+        fill_point(x, nodes, pairs.weights[e], y)
+        contact_law.fill_slopes(x, nodes[3:], n, plane_of(x, nodes[3:], n), slope)
+        contact_law.fill_weights(x, nodes[3:], slope, y, foot)
+    for r in range(3):
+        u0[r] = u1[r] = pairs.stretch[e, r]
+        for a in range(3):
+            u0[r] += pairs.weights[e, a] * before[nodes[a], r] - pairs.foot[e, a] * before[nodes[3 + a], r]
+            u1[r] += pairs.weights[e, a] * x[nodes[a], r] - pairs.foot[e, a] * x[nodes[3 + a], r]
+        went = gone = u1[r] - u0[r]  # of the point against its foot: that at the beginning, that at the end
+        if pushes[1] != 0.0:
+            for a in range(3):
+                moved = x[nodes[3 + a], r] - before[nodes[3 + a], r]
+                gone += (pairs.foot[e, a] - foot[a]) * moved
+        first += pairs.normal[e, r] * went
+        last += n[r] * gone
+    work = pushes[0] * first + pushes[1] * last
+    if pairs.friction[e] > 0.0:
+        went0, went1, went2 = u1[0] - u0[0], u1[1] - u0[1], u1[2] - u0[2]
+        _fill_rub(pairs, e, u0, rub0)
+        _fill_rub(pairs, e, u1, rub1)
+        work -= (rub0[0] + rub1[0]) * went0 + (rub0[1] + rub1[1]) * went1 + (rub0[2] + rub1[2]) * went2
+    return 0.5 * work
+
+
 @kernel
-def fill_ends(x: Matrix, pairs: PairRows, resting: bool, ends: Matrix) -> int:
-    """Fill what the next step knows of each pair at the end of one; return how many press.
+def end_pairs(
+    before: Matrix, x: Matrix, pairs: PairRows, resting: bool, pressing: Indices, ends: Matrix
+) -> tuple[int, float]:
+    """Fill what the next step knows of the pairs that press at the end of one.
 
     Args:
+        before: (n, 3) [m], nodes at the beginning, for which the pairs were found.
         x: (n, 3) [m], at the end.
-        pairs: as they were found before it.
+        pairs: k.
         resting: whether all stick springs are slack, as at the start of a motion; otherwise their stretch is
             brought to its end: at most `stick`, in the plane.
-        ends: (k, 5), normal force [N], distance [m] and stretch (3,) [m] of each; filled. Of pairs that do
-            not press, only that their force is zero.
+        pressing: (k,), filled from its beginning with those that press.
+        ends: (k, 5), filled with normal force [N], distance [m] and stretch (3,) [m] of each of these.
+
+    Returns:
+        How many press, and the work [J] that all pairs do on the film in the step, by the mean of the forces
+        at its ends.
     """
-    y, n, count, width = small_vector(3), small_vector(3), 0, pairs.widths[0]
+    y, n, count, width, work = small_vector(3), small_vector(3), 0, pairs.widths[0], 0.0
     for e in range(pairs.nodes.shape[0]):
-        nodes, weights, stretch = pairs.nodes[e], pairs.weights[e], ends[e, 2:]
+        nodes, weights, spare, k = pairs.nodes[e], pairs.weights[e], pairs.spare[e], pairs.stiffness[e]
+        fill_point(before, nodes, weights, y)
+        first = distance_of(before, nodes[3], pairs.normal[e], y)
         fill_point(x, nodes, weights, y)
         plane_of(x, nodes[3:], n)
-        distance = distance_of(x, nodes[3], n, y)
-        push = pairs.stiffness[e] * pressing_law(0.5 * width - distance - pairs.spare[e], width)[1]
-        ends[e, 0], ends[e, 1] = 0.0, distance + min(pairs.spare[e], 0.0)
-        if not push > 0.0:
+        last = distance_of(x, nodes[3], n, y)
+        pushes = (
+            k * pressing_law(0.5 * width - first - spare, width)[1],
+            k * pressing_law(0.5 * width - last - spare, width)[1],
+        )
+        if pushes[0] != 0.0 or pushes[1] != 0.0 or pairs.friction[e] > 0.0:
+            work += _work_of(before, x, pairs, e, pushes, n)
+        if not pushes[1] > 0.0:
             continue
-        ends[e, 0] = push
+        stretch = ends[count, 2:]
+        pressing[count], ends[count, 0], ends[count, 1] = e, pushes[1], last + min(spare, 0.0)
         for r in range(3):
             stretch[r] = 0.0 if resting else pairs.stretch[e, r]
             for a in range(0 if resting else 3):
@@ -257,7 +318,7 @@ def fill_ends(x: Matrix, pairs: PairRows, resting: bool, ends: Matrix) -> int:
         if not resting:
             contact_law.shorten(stretch, pairs.normal[e], pairs.widths[1])
         count += 1
-    return count
+    return count, work
 
 
 _NEAR_WIDTHS = 2.0  # of the law's transition: such pairs often act in the next solution
@@ -315,6 +376,15 @@ class FilmPairs:
         acting = (self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)
         return self.rows.nodes[acting | (np.abs(distance) < _NEAR_WIDTHS * widths[0])]
 
+    def end(self, before: Array, positions: Array) -> tuple[FilmMemory | None, float]:
+        """Return what the next step knows of the contacts that press, None for none, and their work [J].
+
+        Args:
+            before: (n, 3) [m], at the beginning of the step, for which the pairs were found.
+            positions: (n, 3) [m], at its end.
+        """
+        return self._ended(before, positions, resting=False)
+
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
         """Return what the next step knows of the contacts that press at the end of this one; None for none.
 
@@ -322,19 +392,15 @@ class FilmPairs:
             positions: (n, 3) [m], at the end.
             resting: whether all stick springs are slack, as at the start of a motion.
         """
-        ends = np.empty((len(self), 5))
-        if not fill_ends(positions, self.rows, resting, ends):
-            return None
-        pressing = ends[:, 0] > 0.0
-        found = ends[pressing]
-        return FilmMemory(self.key[pressing], found[:, 0].copy(), found[:, 1].copy(), found[:, 2:].copy())
+        return self._ended(positions, positions, resting=resting)[0]
 
-    def work(self, before: Array, positions: Array) -> float:
-        """Return the work [J] on the film in a step from (n, 3) [m] to (n, 3) [m], by mean forces."""
-        force = np.zeros_like(before)
-        add_pairs(before, self.rows, force)
-        add_pairs(positions, self.rows, force)
-        return -0.5 * float(np.vdot(force, positions - before))
+    def _ended(self, before: Array, x: Array, *, resting: bool) -> tuple[FilmMemory | None, float]:
+        pressing, ends = np.empty(len(self), np.int64), np.empty((len(self), 5))
+        count, work_J = end_pairs(before, x, self.rows, resting, pressing, ends)
+        if not count:
+            return None, work_J
+        kept, key = ends[:count], self.key[pressing[:count]]
+        return FilmMemory(key, kept[:, 0].copy(), kept[:, 1].copy(), kept[:, 2:].copy()), work_J
 
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
         """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""

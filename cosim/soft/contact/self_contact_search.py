@@ -107,12 +107,14 @@ def _choose(
     contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
     px, py, pz = place[0], place[1], place[2]
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
+    spare = rows.spare[p]
     for entry in range(short.first[p], short.first[p + 1]):
         t = short.listed[entry]
-        d, valley = over_plane(sides[t], px, py, pz), rows.relation[face, rows.films[t, 0]] == VALLEY
-        if d < -behind or d + rows.spare[p] > (reach if valley else furthest):
+        d = over_plane(sides[t], px, py, pz)
+        if d < -behind or d + spare > furthest or not least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
             continue
-        if not least_weight(sides[t], px, py, pz) >= -BEYOND_EDGES:
+        valley = rows.relation[face, rows.films[t, 0]] == VALLEY
+        if valley and d + spare > reach:
             continue
         if not known:
             _fill_outward(x, rows, p, outward)
@@ -128,7 +130,7 @@ def _choose(
             continue
         if slot == near:
             near, units[slot], best[slot], distance[slot] = near + 1, rows.films[t, 1], np.inf, -np.inf
-        closer, spared = abs(d) < best[slot] - _TIE_M, d + rows.spare[p]
+        closer, spared = abs(d) < best[slot] - _TIE_M, d + spare
         if closer or (abs(d) < best[slot] + _TIE_M and spared > distance[slot]):
             best[slot], distance[slot], chosen[slot] = abs(d), spared, t if facing else -1
     return near

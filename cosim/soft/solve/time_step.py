@@ -100,17 +100,14 @@ class Stepper:
         films = self.self_contact
         if films is None:
             return self._step(state, world_from_flange, loads, step_s, before, aim)
-        waits, pairs = films.waits(state), None
-        if not waits:
-            pairs = films.step_pairs(state, step_s)
-        acting = loads if waits else replace(loads, self_contact=pairs)
+        waits, films.work_J = films.waits(state), 0.0
+        acting = loads if waits else replace(loads, self_contact=films.step_pairs(state, step_s))
         end, result = self._step(state, world_from_flange, acting, step_s, before, aim)
         if waits and films.press(end, step_s):
             pairs = films.step_pairs(state, step_s)
             if pairs is not None:
                 acting = replace(loads, self_contact=pairs)
                 end, result = self._step(state, world_from_flange, acting, step_s, before, aim)
-        films.work_J = 0.0 if pairs is None else pairs.work(state.positions, end.positions)
         return end, result
 
     def _step(
@@ -293,7 +290,9 @@ class Stepper:
         """Return the state that the next step begins from."""
         x, pairs = result.positions, loads.self_contact
         velocities = (x - self._base) / scheme.bed.span
-        touching = None if pairs is None else pairs.memory(x)
+        touching = None
+        if pairs is not None and self.self_contact is not None:
+            touching, self.self_contact.work_J = pairs.end(state.positions, x)
         memory = self.solver.film.advanced(x, result.memory)
         return SoftState(x, velocities, memory, (state.positions, state.velocities), touching)
 
