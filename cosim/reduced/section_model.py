@@ -352,7 +352,6 @@ class SectionBody:
         self._nodes_at = self._pressure = np.nan
         self.coefficients: Array = np.zeros(model.energy.shape[1:])
         self.inverse_length: Array = np.zeros(model.length.shape[1])
-        self.terms = model.spline.terms(0.0)
 
     @cached_property
     def reach_m(self) -> float:
@@ -382,9 +381,9 @@ class SectionBody:
         if pressure_Pa == self._pressure:
             return
         self._pressure = pressure_Pa
-        self.terms = self.model.spline.terms(pressure_Pa)
-        self.terms.values(self._energies, self.coefficients.reshape(-1))
-        self.terms.values(self._lengths, self.inverse_length)
+        spline = self.model.spline
+        spline.fill(pressure_Pa, self._energies, self.coefficients.reshape(-1))
+        spline.fill(pressure_Pa, self._lengths, self.inverse_length)
         np.divide(1.0, self.inverse_length, out=self.inverse_length)
 
     def volume(self, frames: Array) -> Array:
@@ -436,7 +435,7 @@ class SectionBody:
         """Return (n, 2, 4): each node as a combination of the points of the frames beside it."""
         if pressure_Pa != self._nodes_at:
             self._nodes_at = pressure_Pa
-            self.model.spline.terms(pressure_Pa).values(self._films, self._nodes.reshape(-1))
+            self.model.spline.fill(pressure_Pa, self._films, self._nodes.reshape(-1))
         return self._nodes
 
     def positions(self, frames: Array, pressure_Pa: float) -> Array:

@@ -145,8 +145,8 @@ def test_only_so_many_functions_of_the_spline_are_not_zero() -> None:
     spline, table = PressureSpline(40e3, 6), np.random.default_rng(1).normal(size=(9, 5))
     value, h = np.empty(5), 1e-2
     for pressure in (-10.0, 0.5, 3.0, 999.0, 39e3, 41e3):
-        terms, basis_there = spline.terms(pressure), spline.basis(pressure)
-        terms.values(table, value)
+        basis_there = spline.basis(pressure)
+        spline.fill(pressure, table, value)
         assert value == pytest.approx(basis_there[0] @ table)
         assert basis_there[0].sum() == pytest.approx(1.0)
         numeric = (spline.basis(pressure + h)[0] - spline.basis(pressure - h)[0]) @ table / (2.0 * h)

@@ -9,12 +9,12 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import supplied_wrench
-from cosim.reduced.solve import stability
 from cosim.reduced.solve.chain_film import chain_of, film_of
 from cosim.reduced.solve.chain_solver import ChainSolver, ChainTask
 from cosim.reduced.solve.chain_step import ChainScheme, ChainStep
 from cosim.reduced.solve.clamp import INSTEAD, FrameClamp, check_pressure, place_in_range, upright
 from cosim.reduced.solve.commanded_cables import solve_loaded
+from cosim.reduced.solve.stability import RestingChain
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
@@ -94,7 +94,7 @@ class ChainEquilibria:
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
         film = film_of(self._section, found.chain, found.pressure_Pa)
-        tangent = stability.ChainStiffness(self._solver, found.frames, clamp.free, loads, found.pressure_Pa)
+        resting = RestingChain(self._solver, clamp, found.frames, loads, found.pressure_Pa)
         return Equilibrium(
             film,
             flange,
@@ -104,7 +104,7 @@ class ChainEquilibria:
             found.iterations,
             found.potential_J,
             found.shifted,
-            negative_pivots=tangent.negative_pivots,
+            negative_pivots=resting.negative_pivots,
         )
 
     def _settle_contacts(

@@ -13,13 +13,15 @@ from cosim.coupling.soft_sides import chain_equilibria, soft_side
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
-from cosim.reduced.solve import stability, tangent
+from cosim.reduced.solve import tangent
 from cosim.reduced.solve.chain_film import chain_of, film_of
 from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.chain_step import ChainState, ChainStep
 from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.commanded_cables import point_of
+from cosim.reduced.solve.linear_chain import linear_step
 from cosim.reduced.solve.reused_factor import SavedFactor
+from cosim.reduced.solve.stability import RestingChain
 from cosim.reduced.solve.time_step import ChainStepper
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_rings
@@ -268,31 +270,31 @@ class SectionArm(soft_side.SoftSide):
 
     def softest(self, here: Equilibrium) -> Softest:
         """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
-        return self._stiffness_at(here).softest
+        return self._resting_at(here).softest
 
     def named(self, here: Equilibrium, lowest: Softest) -> Branching:
         """Return what is known of an equilibrium that gives way along a mode by itself."""
-        return self._stiffness_at(here).named(lowest, max(1, here.negative_pivots or 0))
+        return self._resting_at(here).named(lowest, max(1, here.negative_pivots or 0))
 
-    def _stiffness_at(self, here: Equilibrium) -> stability.ChainStiffness:
+    def _resting_at(self, here: Equilibrium) -> RestingChain:
         chain, pressure = self.chain_of(here.state, here.world_from_flange)
-        return self._stiffness(chain.frames, here.loads, pressure)
+        return self._resting(chain.frames, here.loads, pressure)
 
     def undecided(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
-        stiffness = self._stiffness(shape.frames, loads, shape.pressure_Pa)
-        return stiffness.unstable if stiffness.negative_pivots else None
+        resting = self._resting(shape.frames, loads, shape.pressure_Pa)
+        return resting.unstable if resting.negative_pivots else None
 
     def footing(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Footing:
         """Return how firmly a shape stands, as if it was at rest."""
-        return self._stiffness(shape.frames, loads, shape.pressure_Pa).footing(self._system)
+        return self._resting(shape.frames, loads, shape.pressure_Pa).footing(self._system)
 
     @cached_property
     def _system(self) -> FilmPotential:
         return FilmPotential(self.body)
 
-    def _stiffness(self, frames: Array, loads: Loads, pressure_Pa: float) -> stability.ChainStiffness:
-        return stability.ChainStiffness(self._solver, frames, self.clamp.free, loads, pressure_Pa)
+    def _resting(self, frames: Array, loads: Loads, pressure_Pa: float) -> RestingChain:
+        return RestingChain(self._solver, self.clamp, frames, loads, pressure_Pa)
 
     def sensitivity(self, here: Equilibrium) -> tangent.ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
@@ -336,9 +338,9 @@ class SectionArm(soft_side.SoftSide):
 
     def linear_step(self, step_s: float) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest."""
-        last, loads = self._now.last, self._now.loads
-        resting = stability.RestingChain(self._solver, self.clamp, last.frames, loads, last.pressure_Pa)
-        return resting.linear_step(self._dynamics.bed(step_s))
+        last = self._now.last
+        resting = self._resting(last.frames, self._now.loads, last.pressure_Pa)
+        return linear_step(resting, self._dynamics.bed(step_s))
 
     def save_state(self) -> SectionArmState:
         """Return what the next step depends on."""

@@ -25,8 +25,7 @@ Source of the splines: de Boor, A Practical Guide to Splines, chapter IX.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Final, NamedTuple, final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -65,21 +64,14 @@ class PressureSpline(NamedTuple):
 
         Beyond the range the functions continue as straight lines in p.
         """
-        found: Array = self.bases(np.array((pressure_Pa,)))[0]
+        found, terms = np.zeros((2, self.size)), np.empty((2, TERMS))
+        first = active_terms(pressure_Pa, self, terms)
+        found[:, first : first + TERMS] = terms
         return found
 
-    def bases(self, pressure_Pa: Array) -> Array:
-        """Return `basis` of many pressures (k,) [Pa]: (k, 2, size)."""
-        result = np.zeros((len(pressure_Pa), 2, self.size))
-        for row, pressure in zip(result, pressure_Pa.tolist(), strict=True):
-            terms = self.terms(pressure)
-            row[:, terms.first : terms.first + TERMS] = terms.weights
-        return result
-
-    def terms(self, pressure_Pa: float) -> "SplineTerms":
-        """Return the functions that are not zero at a pressure."""
-        weights = np.empty((2, TERMS))
-        return SplineTerms(active_terms(pressure_Pa, self, weights), weights)
+    def fill(self, pressure_Pa: float, table: Array, out: Array) -> None:
+        """Fill out (m,) with the values of splines of coefficients (size, m) at a pressure."""
+        spline_values(self, pressure_Pa, table, out)
 
 
 @kernel(taken_in=True)
@@ -120,22 +112,12 @@ def weighted_rows(table: Matrix, first: int, weights: Vector, out: Vector) -> No
         )  # fmt: skip
 
 
-@final
-@dataclass(frozen=True)
-class SplineTerms:
-    """The functions of a spline that are not zero at one pressure.
-
-    Args:
-        first: of them; the others follow it.
-        weights: (2, TERMS), their values and slopes d/dp [1/Pa].
-    """
-
-    first: int
-    weights: Array
-
-    def values(self, table: Array, out: Array) -> None:
-        """Fill out (m,) with the values of splines of coefficients (size, m)."""
-        weighted_rows(table, self.first, self.weights[0], out)
+@kernel
+def spline_values(spline: PressureSpline, pressure: float, table: Matrix, out: Vector) -> None:
+    """Fill out (m,) with the values of splines of coefficients (size, m) at a pressure [Pa]."""
+    terms = small_matrix(2, TERMS)
+    first = active_terms(pressure, spline, terms)
+    weighted_rows(table, first, terms[0], out)
 
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}

@@ -145,7 +145,8 @@ class ChainLoads:
             if loads.nodal_force is not None:
                 self._chain.load[:] += self._section.spread(loads.nodal_force, pressure_Pa)
         if other_pressure and self._ratios:
-            self._section.terms.values(self._eyelet_table, self._chain.eyelets.reshape(-1))
+            spline = self._section.model.spline
+            spline.fill(pressure_Pa, self._eyelet_table, self._chain.eyelets.reshape(-1))
         self._pull(loads, self._ratios)
 
     def _pull(self, loads: Loads, ratios: list[Array]) -> None:
