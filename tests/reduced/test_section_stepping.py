@@ -80,7 +80,7 @@ def test_frames_weigh_as_the_points_that_ride_on_them() -> None:
 
 def test_a_step_ends_at_the_speed_at_which_its_frames_have_moved() -> None:
     solver, base = ChainSolver(section()), FrameClamp.of_base(section())
-    step_s, begin = 1e-3, ChainState.at_rest(section().straight(25e3))
+    step_s, begin = 1e-3, ChainState.at_rest(section().straight(25e3), 25e3)
     loads = Loads((25e3,), (2.0, 0.0), (4.0, 0.0, -9.81))
     euler, bdf2 = (ChainStepper(solver, StepOptions(name)) for name in ("implicit_euler", "bdf2"))
     first = euler.step(euler.task(begin, base, step_s), loads)

@@ -93,7 +93,7 @@ class ChainEquilibria:
                 raise OutOfRangeError(text, *spent, end.text)
             raise ConvergenceError(text, *spent)
         check_pressure(self._section, found.pressure_Pa, *spent)
-        film = film_of(self._section, found.chain, found.pressure_Pa)
+        film = film_of(self._section, found.chain)
         resting = RestingChain(self._solver, clamp, found.frames, loads, found.pressure_Pa)
         return Equilibrium(
             film,
@@ -161,12 +161,12 @@ class ChainEquilibria:
             load_factor = min(1.0, done + piece)
             pose = begin.world_from_flange.interpolated(flange, load_factor)
             motion = pose @ here.world_from_flange.inverse()
-            chain, pressure = chain_of(self._section, here.state, here.world_from_flange, pressure_Pa)
+            chain = chain_of(self._section, here.state, here.world_from_flange, pressure_Pa)
             load, frames = begin.loads.interpolated(loads, load_factor), chain.frames
             if self._section.gas(load) is None:
-                frames = self._section.stretched(frames, pressure, self._section.pressure(load))
+                frames = self._section.stretched(frames, chain.pressure_Pa, self._section.pressure(load))
             try:
-                found = self.solve(carried(frames, motion), clamp, pose, load, pressure)
+                found = self.solve(carried(frames, motion), clamp, pose, load, chain.pressure_Pa)
             except ConvergenceError as error:
                 spent, piece = spent + error.iterations, 0.5 * piece
                 if piece < 0.5**_SPLITS_MAX:

@@ -140,8 +140,8 @@ class SectionArm(soft_side.SoftSide):
         self._leaves = 0  # of unstable equilibria, one on the way on from another
         clamp = FrameClamp.of_base(section)
         loads = Loads((), (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
-        drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange))
-        last = self._standing(drawn, 0.0, np.zeros((len(drawn.frames), 6)), clamp)
+        drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange), 0.0)
+        last = self._standing(drawn, np.zeros((len(drawn.frames), 6)), clamp)
         self._now = SectionArmState(last, clamp, world_from_flange, loads)
         self._film: SoftState | None = None
         # where the last step began; and where the one that was taken back had ended
@@ -157,17 +157,17 @@ class SectionArm(soft_side.SoftSide):
     def state(self) -> SoftState:
         """The film's nodes on the frames."""
         if self._film is None:
-            self._film = film_of(self.section, self._now.last.chain, self._now.last.pressure_Pa)
+            self._film = film_of(self.section, self._now.last.chain)
         return self._film
 
     @state.setter
     def state(self, film: SoftState) -> None:
-        chain, pressure = self.chain_of(film, self._now.flange)
-        last = self._standing(chain, pressure, self._now.last.gradient, self.clamp)
+        chain = self.chain_of(film, self._now.flange)
+        last = self._standing(chain, self._now.last.gradient, self.clamp)
         self._now, self._film = replace(self._now, last=last), film
 
-    def chain_of(self, film: SoftState, flange: Pose) -> tuple[ChainState, float]:
-        """Return the chain of a film with the flange at a pose, and the pressure [Pa] it was made with.
+    def chain_of(self, film: SoftState, flange: Pose) -> ChainState:
+        """Return the chain of a film with the flange at a pose.
 
         Args:
             film: that such an arm has made, or any other, whose frames are then fitted.
@@ -175,12 +175,10 @@ class SectionArm(soft_side.SoftSide):
         """
         return chain_of(self.section, film, flange, self._now.last.pressure_Pa)
 
-    def _standing(
-        self, chain: ChainState, pressure_Pa: float, gradient: Array, clamp: FrameClamp
-    ) -> ChainStep:
+    def _standing(self, chain: ChainState, gradient: Array, clamp: FrameClamp) -> ChainStep:
         """Return a chain as if a step had ended there."""
         figures = figures_of(chain.frames, clamp.free, self.section.mass, gradient)
-        return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0, pressure_Pa)
+        return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
         """Advance by one step, with the flange at its new pose."""
@@ -218,7 +216,7 @@ class SectionArm(soft_side.SoftSide):
         now, (flange, loads) = self._now, end
         task = self._stepper.task(now.last.chain, now.clamp, step_s, flange)
         try:
-            last = self._stepper.step(task, loads, now.last.pressure_Pa, aim)
+            last = self._stepper.step(task, loads, aim)
         except ConvergenceError as error:
             self.work.spend(error.iterations, error.residual_N)
             raise
@@ -245,8 +243,8 @@ class SectionArm(soft_side.SoftSide):
     ) -> Equilibrium:
         """Find the equilibrium near a state in one go; the present state stays."""
         begin = state if start is None else SoftState.at_rest(start, state.memory)
-        chain, pressure = self.chain_of(begin, world_from_flange)
-        return self._equilibria.solve(chain.frames, self.clamp, world_from_flange, loads, pressure)
+        chain = self.chain_of(begin, world_from_flange)
+        return self._equilibria.solve(chain.frames, self.clamp, world_from_flange, loads, chain.pressure_Pa)
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
@@ -277,29 +275,28 @@ class SectionArm(soft_side.SoftSide):
         return self._resting_at(here).named(lowest, max(1, here.negative_pivots or 0))
 
     def _resting_at(self, here: Equilibrium) -> RestingChain:
-        chain, pressure = self.chain_of(here.state, here.world_from_flange)
-        return self._resting(chain.frames, here.loads, pressure)
+        return self._resting(self.chain_of(here.state, here.world_from_flange), here.loads)
 
     def undecided(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
-        resting = self._resting(shape.frames, loads, shape.pressure_Pa)
+        resting = self._resting(shape.chain, loads)
         return resting.unstable if resting.negative_pivots else None
 
     def footing(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Footing:
         """Return how firmly a shape stands, as if it was at rest."""
-        return self._resting(shape.frames, loads, shape.pressure_Pa).footing(self._system)
+        return self._resting(shape.chain, loads).footing(self._system)
 
     @cached_property
     def _system(self) -> FilmPotential:
         return FilmPotential(self.body)
 
-    def _resting(self, frames: Array, loads: Loads, pressure_Pa: float) -> RestingChain:
-        return RestingChain(self._solver, self.clamp, frames, loads, pressure_Pa)
+    def _resting(self, chain: ChainState, loads: Loads) -> RestingChain:
+        return RestingChain(self._solver, self.clamp, chain.frames, loads, chain.pressure_Pa)
 
     def sensitivity(self, here: Equilibrium) -> tangent.ChainSensitivity:
         """Return how the tip moves at an equilibrium."""
-        chain, pressure = self.chain_of(here.state, here.world_from_flange)
-        at = point_of(self._solver, chain.frames, here.loads, pressure)
+        chain = self.chain_of(here.state, here.world_from_flange)
+        at = point_of(self._solver, chain.frames, here.loads, chain.pressure_Pa)
         return tangent.ChainSensitivity(self._solver, at, self.clamp.free)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
@@ -314,12 +311,11 @@ class SectionArm(soft_side.SoftSide):
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
-        chain, pressure = self.chain_of(found.state, found.world_from_flange)
-        given = point_of(self._solver, chain.frames, found.loads, pressure).loads
-        gradient = self._solver.evaluate(chain.frames, given, pressure)
+        chain = self.chain_of(found.state, found.world_from_flange)
+        gradient = self._resting(chain, found.loads).gradient
         # what touches is found again in every step
         loads = replace(found.loads, contact=None)
-        last = self._standing(chain, pressure, gradient, self.clamp)
+        last = self._standing(chain, gradient, self.clamp)
         self._now, self._film = SectionArmState(last, self.clamp, found.world_from_flange, loads), found.state
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
@@ -338,8 +334,7 @@ class SectionArm(soft_side.SoftSide):
 
     def linear_step(self, step_s: float) -> LinearStep:
         """Return a step of some length [s] as a matrix, about the present shape as if it was at rest."""
-        last = self._now.last
-        resting = self._resting(last.frames, self._now.loads, last.pressure_Pa)
+        resting = self._resting(self._now.last.chain, self._now.loads)
         return linear_step(resting, self._dynamics.bed(step_s))
 
     def save_state(self) -> SectionArmState:

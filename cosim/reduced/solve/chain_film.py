@@ -13,8 +13,9 @@ from cosim.reduced.solve.clamp import rates_from_nodes
 from cosim.soft.solve.state import SoftState
 
 
-def film_of(section: SectionBody, chain: ChainState, pressure_Pa: float) -> SoftState:
-    """Return the film's nodes on a chain, with gas at a gauge pressure."""
+def film_of(section: SectionBody, chain: ChainState) -> SoftState:
+    """Return the film's nodes on a chain."""
+    pressure_Pa = chain.pressure_Pa
     parts = [chain.motion] if chain.earlier is None else [chain.motion, chain.earlier]
     return SoftState(
         section.positions(chain.frames, pressure_Pa),
@@ -23,28 +24,25 @@ def film_of(section: SectionBody, chain: ChainState, pressure_Pa: float) -> Soft
     )
 
 
-def chain_of(
-    section: SectionBody, film: SoftState, flange: Pose, pressure_Pa: float
-) -> tuple[ChainState, float]:
-    """Return the chain of a film, and the pressure [Pa] that it was made with.
+def chain_of(section: SectionBody, film: SoftState, flange: Pose, pressure_Pa: float) -> ChainState:
+    """Return the chain of a film.
 
     Args:
         section: whose film it is.
         film: made by `film_of`, or any other.
         flange: pose of the first frame, where frames are fitted.
-        pressure_Pa: returned for a film that remembers none.
+        pressure_Pa: of the gas, for a film that remembers none.
     """
     frames, shape = None, (2, *section.frames.drawn.shape)
     if len(film.memory) % int(np.prod(shape)) == 1:
-        pressure_Pa = float(film.memory[0])
-        known = ChainState(*film.memory[1:].reshape(-1, *shape))
-        made = film_of(section, known, pressure_Pa)
+        pressure_Pa, (motion, *earlier) = float(film.memory[0]), film.memory[1:].reshape(-1, *shape)
+        known = ChainState(motion, pressure_Pa, *earlier)
+        made = film_of(section, known)
         if np.array_equal(made.positions, film.positions):
             if np.array_equal(made.velocities, film.velocities):
-                return known, pressure_Pa
+                return known
             frames = known.frames
     if frames is None:
         frames = section.frames.fit(film.positions, flange)
-    return ChainState(
-        np.array((frames, rates_from_nodes(section.frames, frames, film.velocities)))
-    ), pressure_Pa
+    rates = rates_from_nodes(section.frames, frames, film.velocities)
+    return ChainState(np.array((frames, rates)), pressure_Pa)

@@ -156,8 +156,8 @@ class ChainSolver:
         if factor is not None:
             factor.keep(reusable, clamp, scheme.bed)
         return ChainStep(
-            ChainState(there, None if begin is None else motion), gradient, figures, OUTCOMES[outcome],
-            iterations, residual, pressure_Pa, potential, shifted,
+            ChainState(there, pressure_Pa, None if begin is None else motion), gradient, figures,
+            OUTCOMES[outcome], iterations, residual, potential, shifted,
         )  # fmt: skip
 
     def evaluate(

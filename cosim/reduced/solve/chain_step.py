@@ -33,20 +33,22 @@ _HALVINGS_MAX = 20
 @final
 @dataclass(frozen=True)
 class ChainState:
-    """Points of all frames and their velocities.
+    """Points of all frames and their velocities, and the gas between them.
 
     Args:
         motion: (2, f, 4, 3), positions [m] of the origins and unit axes, and the velocities of both.
+        pressure_Pa: gauge pressure of the gas.
         earlier: (2, f, 4, 3), the same one step before, for two-step integrators; None for none.
     """
 
     motion: Annotated[Array, (2, "frames", 4, 3)]
+    pressure_Pa: float
     earlier: Annotated[Array, (2, "frames", 4, 3)] | None = None
 
     @classmethod
-    def at_rest(cls, frames: Array) -> "ChainState":
+    def at_rest(cls, frames: Array, pressure_Pa: float) -> "ChainState":
         """Return frames (f, 4, 3) without velocity."""
-        return cls(np.array((frames, np.zeros_like(frames))))
+        return cls(np.array((frames, np.zeros_like(frames))), pressure_Pa)
 
     @property
     def frames(self) -> Array:
@@ -73,7 +75,6 @@ class ChainStep:
         outcome: how Newton's method ended.
         iterations: linear solves.
         residual_N: largest out-of-balance force of a free frame, or moment over its lever.
-        pressure_Pa: gauge pressure of the gas.
         potential_J: there.
         shifted: solves that met an indefinite tangent.
     """
@@ -84,7 +85,6 @@ class ChainStep:
     outcome: Outcome
     iterations: int
     residual_N: float
-    pressure_Pa: float
     potential_J: float = float("nan")
     shifted: int = 0
 
@@ -92,6 +92,11 @@ class ChainStep:
     def frames(self) -> Array:
         """(f, 4, 3)."""
         return self.chain.frames
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Gauge pressure of the gas."""
+        return self.chain.pressure_Pa
 
 
 class ChainSide(NamedTuple):

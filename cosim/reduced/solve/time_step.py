@@ -49,27 +49,25 @@ class ChainStepper:
         scheme = self.scheme(step_s, first=chain.earlier is None)
         return ChainTask(clamp, scheme, chain, flange_axes(flange or Pose()), self.factor)
 
-    def step(
-        self, task: ChainTask, loads: Loads, begin_Pa: float = 0.0, aim: StepAim | None = None
-    ) -> ChainStep:
+    def step(self, task: ChainTask, loads: Loads, aim: StepAim | None = None) -> ChainStep:
         """Advance by one step.
 
         Args:
             task: of `task`.
             loads: at the end.
-            begin_Pa: gauge pressure at the beginning, with sealed gas.
             aim: how closely; `start` is of frames (f, 4, 3). As an ordinary step unless given.
 
         Raises:
             ConvergenceError: no solution; the caller still holds the chain.
         """
+        begin = task.begin
+        assert begin is not None, "a step begins somewhere"
         for start in _STARTS if aim is None or aim.start is None else (aim.start, *_STARTS):
-            found = solve_loaded(self._solver, task, loads, start, begin_Pa)
+            found = solve_loaded(self._solver, task, loads, start, begin.pressure_Pa)
             if found.outcome is not Outcome.NOT_FINITE:
                 break
         if found.outcome is not Outcome.CONVERGED:
-            assert task.begin is not None
-            raise self._failure(found, task.begin)
+            raise self._failure(found, begin)
         check_pressure(self._solver.section, found.pressure_Pa, found.residual_N, found.iterations)
         if aim is not None and found.residual_N > aim.tolerance_N:
             return self._closer(task, loads, aim, found)
