@@ -17,11 +17,14 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
 
-from cosim.base.numba_insides import SLOW
+import numba
 
+from cosim.base.numba_insides import KNOWN
+
+_SLOW: Final = "" if KNOWN else f" numba {numba.__version__} is not 0.68: half as long again."
 ANNOUNCEMENT: Final = (
     "Compiling kernels as they are first called, once per machine: about a minute of processor time in a "
-    f"first run.{SLOW}"
+    f"first run.{_SLOW}"
 )
 _QUIET_S: Final = 20.0  # for so long after a compilation, the next one belongs to what was announced
 _MOST_PROCESSES: Final = 4  # the slowest kernel bounds what more of them save

@@ -53,24 +53,12 @@ def kernel(function: Function) -> Function:
 
 @overload
 def kernel(
-    function: None = None,
-    *,
-    reorder_sums: bool = ...,
-    allocates: bool = ...,
-    for_c: bool = ...,
-    taken_in: bool = ...,
+    function: None = None, *, reorder_sums: bool = ..., allocates: bool = ...
 ) -> Callable[[Function], Function]:
     """Return what turns a function into a kernel."""
 
 
-def kernel(
-    function: Any = None,
-    *,
-    reorder_sums: bool = False,
-    allocates: bool = False,
-    for_c: bool = False,
-    taken_in: bool = True,
-) -> Any:
+def kernel(function: Any = None, *, reorder_sums: bool = False, allocates: bool = False) -> Any:
     """Turn a function into a kernel with the signature of its annotations, kept as `fixed_signature`.
 
     Args:
@@ -90,12 +78,10 @@ def kernel(
             raise TypeError(f"a kernel of {fixed} returns arrays: it has to say that it allocates")
         options = _OPTIONS | counting(allocates=allocates)
         options["fastmath"] = _ANY_ORDER if reorder_sums else False  # not that of a kernel that calls it
-        if for_c:
-            options.pop("no_cfunc_wrapper", None)
         result: Any = numba.njit(function, **options)
         if KNOWN:
             result.__class__ = numba_insides.Kernel
-            result.options = options
+            result.taken_in = cache(partial(numba_insides.device_function, function, **options))
         result.fixed_signature, result.cache = fixed, cache_of(function)
         result.compile = partial(compilation.compile_called, result, result.compile)
         if result.cache is not None:

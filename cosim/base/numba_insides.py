@@ -1,13 +1,11 @@
-"""The compiler's settings for kernels: all that uses numba's private modules, or writes code for LLVM.
+"""The compiler's settings for kernels: all that uses private modules of numba.
 
-Kernels count no references and have no wrapper for C. Functions that they call are compiled with each of
-them, not for themselves as well. Any numba other than `KNOWN` compiles in its public way instead, four times
-as long; results are the same up to rounding.
+Kernels count no references; functions that they call are compiled with each of them, not for themselves.
+Another numba than `KNOWN` compiles in its public way: half as long again, the same results up to rounding.
 """
 
 import pickle
-from collections.abc import Callable
-from functools import cached_property
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Final, NoReturn, final
 
@@ -15,19 +13,15 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 from llvmlite import ir
-from numba import types
 from numba.extending import intrinsic
 
 KNOWN: Final = str(numba.__version__).startswith("0.68.")  # its insides are as the code below expects
-SLOW: Final = "" if KNOWN else f" numba {numba.__version__} is not 0.68 and takes four times as long."
-"""What to say of the insides that are not known."""
-untyped_intrinsic: Callable[..., Any] = intrinsic  # typed for mypy
-_ALIGNMENT: Final = 32  # [bytes], of the widest loads
+_intrinsic: Any = intrinsic  # typed for mypy
 
 
 def has_arrays(kind: Any) -> bool:
     """Return whether a type of numba is an array, or a tuple with arrays in it."""
-    return isinstance(kind, types.Array) or any(map(has_arrays, getattr(kind, "types", ())))
+    return isinstance(kind, numba.types.Array) or any(map(has_arrays, getattr(kind, "types", ())))
 
 
 def counting(*, allocates: bool) -> dict[str, Any]:
@@ -96,7 +90,7 @@ if KNOWN:
             """Compile; numba refuses to return an uncounted array by itself, but not in a tuple."""
             found: Any = super().compile(signature)
             returned = any(has_arrays(entry.return_type) for entry in self.nopython_signatures)
-            if returned and not self.targetoptions["_nrt"] and not getattr(self, "hands_on_views", False):
+            if returned and not self.targetoptions["_nrt"]:
                 raise TypeError(f"{self.py_func.__name__}() returns arrays: mark it as allocating")
             return found
 
@@ -104,12 +98,11 @@ if KNOWN:
     class Kernel(CPUDispatcher):
         """What Python calls; another kernel that calls it by its name takes the function in."""
 
-        options: dict[str, Any]
+        taken_in: Any
 
-        @cached_property
+        @property
         def _numba_type_(self) -> Any:
-            self.taken_in = device_function(self.py_func, **self.options)  # a type holds it weakly
-            return types.Dispatcher(self.taken_in)
+            return numba.types.Dispatcher(self.taken_in())
 
 
 def device_function(function: Any, **options: Any) -> Any:
@@ -122,10 +115,10 @@ def device_function(function: Any, **options: Any) -> Any:
     return found
 
 
-@untyped_intrinsic
+@_intrinsic  # type: ignore[untyped-decorator]
 def same_bits(_typing: Any, value: Any) -> Any:
     """Return the uint64 with the bits of a real number, or the reverse; loops over lanes stay vectorised."""
-    kind = types.uint64 if isinstance(value, types.Float) else types.float64
+    kind = numba.types.uint64 if isinstance(value, numba.types.Float) else numba.types.float64
 
     def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         return builder.bitcast(values[0], context.get_value_type(kind))
@@ -135,23 +128,22 @@ def same_bits(_typing: Any, value: Any) -> Any:
 
 def stack_array(asked: tuple[Any, ...], *, zeros: bool = False) -> Any:
     """Return type and code of an array on a kernel's stack, which needs no counting; None if sizes vary."""
-    shape = [int(length.literal_value) for length in asked if isinstance(length, types.IntegerLiteral)]
+    shape = [int(length.literal_value) for length in asked if isinstance(length, numba.types.IntegerLiteral)]
     if len(shape) < len(asked):
         return None
-    made = types.Array(types.float64, len(shape), "C")
+    made = numba.types.Array(numba.types.float64, len(shape), "C")
 
     def generate(context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
         with builder.goto_entry_block():  # once, however often a loop comes by
             place = builder.alloca(ir.ArrayType(ir.DoubleType(), int(np.prod(shape))))
-            place.align = _ALIGNMENT
+            place.align = 32  # [bytes], of the widest loads
         if zeros:
             builder.store(ir.Constant(place.type.pointee, None), place)
-        array, integer = make_array(made)(context, builder), context.get_value_type(types.intp)
+        array, integer = make_array(made)(context, builder), context.get_value_type(numba.types.intp)
         strides = [8 * int(np.prod(shape[k + 1 :])) for k in range(len(shape))]
-        lengths, steps = (
-            pack_array(builder, [ir.Constant(integer, k) for k in ks]) for ks in (shape, strides)
-        )
-        data, item = builder.bitcast(place, ir.DoubleType().as_pointer()), ir.Constant(integer, 8)
+        number = partial(ir.Constant, integer)
+        lengths, steps = (pack_array(builder, [*map(number, ks)]) for ks in (shape, strides))
+        data, item = builder.bitcast(place, ir.DoubleType().as_pointer()), number(8)
         populate_array(array, data=data, shape=lengths, strides=steps, itemsize=item, meminfo=None)
         return array._getvalue()
 

@@ -123,7 +123,7 @@ def solve_tangent(free: Flags, work: ChainWork, load: Blocks, step: Blocks) -> N
                 step[k, f, i] = work.step[f, i]
 
 
-@kernel(taken_in=True)
+@kernel
 def assemble(
     frames: Blocks, chain: LoadedChain, bed: Bed, gradient: Matrix, work: ChainWork, hessian: bool
 ) -> float:
@@ -134,7 +134,7 @@ def assemble(
     return energy + add_contacts(frames, chain, gradient, work, hessian)
 
 
-@kernel(taken_in=True)
+@kernel
 def change_frames(frames: Blocks, step: Matrix, factor: float, out: Blocks) -> None:
     """Move every frame by factor times its step (dr, phi): out = (r + dr, exp(S(phi)) a_i)."""
     phi, v, w = small_vector(3), small_vector(3), small_vector(3)
@@ -160,7 +160,7 @@ def change_frames(frames: Blocks, step: Matrix, factor: float, out: Blocks) -> N
                 out[f, a, r] = frames[f, a, r] + sine * v[r] + versine * w[r]
 
 
-@kernel(taken_in=True)
+@kernel
 def combine_points(frames: Blocks, before: Indices, weights: Blocks, out: Matrix) -> None:
     """Fill out (n, 3) with combinations (n, 2, 4) of the points of two frames, `before` (n,) and the next."""
     for n in range(out.shape[0]):
@@ -269,7 +269,7 @@ def center_and_inertia(figures: Array) -> tuple[Array, Array]:
     return figures[CENTER:INERTIA], figures[INERTIA:].reshape(3, 3)
 
 
-@kernel(taken_in=True)
+@kernel
 def fill_figures(frames: Blocks, free: Flags, mass: Blocks, gradient: Matrix, out: Vector) -> None:
     """Fill out (FIGURES,): the wrench on the flange at its origin, centre and inertia of the mass.
 

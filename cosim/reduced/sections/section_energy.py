@@ -74,7 +74,7 @@ class PressureSpline(NamedTuple):
         spline_values(self, pressure_Pa, table, out)
 
 
-@kernel(taken_in=True)
+@kernel
 def active_terms(pressure: float, spline: PressureSpline, out: Matrix) -> int:
     """Fill out (2, TERMS): values and slopes d/dp [1/Pa] of the functions that are not zero.
 
@@ -102,7 +102,7 @@ def active_terms(pressure: float, spline: PressureSpline, out: Matrix) -> int:
     return first
 
 
-@kernel(taken_in=True)
+@kernel
 def weighted_rows(table: Matrix, first: int, weights: Vector, out: Vector) -> None:
     """Fill out (m,) with TERMS rows of table (size, m) from `first` on, times weights (TERMS,)."""
     for k in range(out.shape[0]):

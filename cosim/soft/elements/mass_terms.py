@@ -44,7 +44,7 @@ def add_inertia(
     return energy
 
 
-@kernel(taken_in=True)
+@kernel
 def mass_moments(mass: Blocks, points: Blocks, moments: Vector) -> float:
     """Set moments (9,) to the first ones, and xx, xy, xz, yy, yz, zz of the second; return the mass [kg].
 

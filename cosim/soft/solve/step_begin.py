@@ -37,7 +37,7 @@ class BedNumbers(NamedTuple):
     share: float
 
 
-@kernel(taken_in=True)
+@kernel
 def fill_bed(
     x: Matrix,
     velocity: Matrix,
