@@ -205,9 +205,9 @@ def linearise(
 
     Before its first tick, the model is that after one tick; the simulation stays where it is.
 
-    The soft half of a tick is exact: tangent, mass and losses of its implicit step, losses along cables
+    The soft step of a tick is exact: tangent, mass and losses of the implicit step, losses along cables
     held. Of a film, it is that of its slowest natural modes, and of how it gives way to each load and lags
-    behind the flange; faster motion follows at once. The rigid half is by central differences of MuJoCo's
+    behind the flange; faster motion follows at once. The rigid step is by central differences of MuJoCo's
     step. Contact is not part of it.
 
     Args:
@@ -251,13 +251,13 @@ def _about(simulation: Simulation, motions: int) -> LinearModel:
             f"'lumped', 'refined' or 'section'; here are {scenario.mode!r} and {scenario.fidelity!r}"
         )
     carrier = run.carrier
-    rigid, jacobian = carrier.linear_half(), carrier.flange_jacobian()
+    rigid, jacobian = carrier.linear_rigid_step(), carrier.flange_jacobian()
     chambers = [chamber.name for chamber in soft.body.gas_chambers]
     return _joined(scenario, (soft_step, _load_names(scenario, soft_step, chambers)), (rigid, jacobian))
 
 
 def _joined(scenario: Scenario, half: tuple[LinearStep, list[str]], arm: tuple[Array, Array]) -> LinearModel:
-    """Return the tick of both sides: the rigid half first, the soft one with the flange's new pose."""
+    """Return the tick of both sides: the rigid step first, the soft one with the flange's new pose."""
     (rigid, jacobian), (soft, loaded) = arm, half
     tick_s, joints = scenario.clock.tick_s, jacobian.shape[1]
     sizes = (joints, joints, len(rigid) - 2 * joints, joints, FIGURES, soft.states)

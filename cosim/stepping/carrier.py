@@ -124,7 +124,7 @@ class Carrier(ABC):
         """What the soft robot pressed on in the last tick."""
         return NOTHING_TOUCHED
 
-    def linear_half(self) -> Array:
+    def linear_rigid_step(self) -> Array:
         """Return the rigid step of a tick to first order, see `rigid_slopes`.
 
         Raises:
@@ -203,7 +203,7 @@ class Carrier(ABC):
         return ""
 
     def begin_with_others(self, servos: Servos) -> None:
-        """Begin a tick, whose rigid half is then taken for several arms at once, ahead of `advance`."""
+        """Begin a tick, whose rigid step is then taken for several arms at once, ahead of `advance`."""
         raise NotImplementedError("no other arm is in the scene")
 
     @abstractmethod

@@ -189,7 +189,7 @@ class DynamicSimulation(SteppedRun):
         return self._parts.shape_reader.positions(self.soft.shape_now())
 
     def begin_tick(self) -> None:
-        """Begin the next tick, whose rigid half is then taken for several arms at once."""
+        """Begin the next tick, whose rigid step is then taken for several arms at once."""
         assert self._cursor is not None, "the state at rest comes before"
         to = self._cursor.following(self._counts)
         assert to is not None, "all arms have as many ticks"
@@ -365,7 +365,7 @@ class ArmsRun:
 
     Args:
         runs: by the arm's name; all have as many ticks.
-        step: takes the rigid half of a tick, once all arms have begun theirs.
+        step: takes the rigid step of a tick, once all arms have begun theirs.
     """
 
     def __init__(self, runs: Mapping[str, DynamicSimulation], step: Callable[[], None]) -> None:

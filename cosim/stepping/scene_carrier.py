@@ -184,7 +184,7 @@ class ArmCarrier(SceneCarrier):
         scene.servos.torque[:] = scene.bias_torque - scene.flange.jacobian().T @ load
         return scene.servo_torque
 
-    def linear_half(self) -> Array:
+    def linear_rigid_step(self) -> Array:
         coupling = self._coupling
         if not isinstance(coupling, StaggeredCoupling):
             raise InputError("a linear model is of the staggered exchange: set coupling.scheme = 'staggered'")

@@ -28,11 +28,12 @@ def tick(
 
 
 def begin_tick(interface: Interface, carried: CarriedInertia) -> None:
-    """Load the rigid side; contacts of the last tick load bodies already."""
-    interface.load_flange(interface.wrench)
+    """Load the rigid side: what follows is its step, whoever takes that."""
+    interface.load_flange(interface.wrench)  # contacts of the last tick load bodies already
     carried.give_back(interface.scene)
 
 
 def end_tick(interface: Interface, loads: Loads, taken: TicksTaken) -> None:
-    """Take the soft step, which finds contacts and loads bodies with them, and hand its wrench over."""
-    interface.hand_over(interface.advance_soft(loads), taken)
+    """Take the soft step after the rigid one, and hand its wrench over for the next tick."""
+    reply = interface.advance_soft(loads)  # finds contacts, steps the soft robot, loads bodies
+    interface.hand_over(reply, taken)

@@ -86,7 +86,7 @@ class SceneOfArms:
         self._servos = tuple(arm.servos for arm in self.arms)
 
     def step(self) -> None:
-        """Take the rigid half of a tick, for which all arms have begun theirs.
+        """Take the rigid step of a tick, for which all arms have begun theirs.
 
         Raises:
             InstabilityError: the state is no longer finite.
