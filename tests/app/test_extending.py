@@ -64,6 +64,7 @@ def contents(*folders: Path) -> dict[str, str]:
     ("title", "module", "name"),
     [
         ("A kind of elements", "dashpots", "DashpotTable"),
+        ("An element as a leaf", "springs", "SpringTable"),
         ("A source of commands", "sine", "SineTable"),
         ("A body from a file", "tubes", "TubeTable"),
         ("A custom body", "own_tube", "tube"),
