@@ -14,7 +14,7 @@ from cosim.reduced.sampling import Sampler, Samples, WorkingRange
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
 from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline, basis
 from cosim.reduced.solve.chain_solver import ChainSolver
-from cosim.reduced.solve.clamp import place_in_range
+from cosim.reduced.solve.working_range import place_in_range
 from cosim.soft.body import loads, places
 from cosim.soft.body.body import SoftBody
 from cosim.soft.film.film import FilmPotential

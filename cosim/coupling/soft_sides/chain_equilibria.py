@@ -12,9 +12,10 @@ from cosim.reduced.sections.assembly import supplied_wrench
 from cosim.reduced.solve.chain_film import chain_of, film_of
 from cosim.reduced.solve.chain_solver import ChainSolver, ChainTask
 from cosim.reduced.solve.chain_step import ChainScheme, ChainStep
-from cosim.reduced.solve.clamp import INSTEAD, FrameClamp, check_pressure, place_in_range, upright
+from cosim.reduced.solve.clamp import FrameClamp, upright
 from cosim.reduced.solve.commanded_cables import solve_loaded
 from cosim.reduced.solve.stability import RestingChain
+from cosim.reduced.solve.working_range import INSTEAD, check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome

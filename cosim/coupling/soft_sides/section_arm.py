@@ -144,7 +144,7 @@ class SectionArm(soft_side.SoftSide):
         last = self._standing(drawn, np.zeros((len(drawn.frames), 6)), clamp)
         self._now = SectionArmState(last, clamp, world_from_flange, loads)
         self._film: SoftState | None = None
-        # where the last step began; and where the one that was taken back had ended
+        # where the last step began, and where the one that was undone had ended
         self._begin = self._now
         self._reached: Array = drawn.frames
 

@@ -175,7 +175,7 @@ def _residual(gradient: Matrix, free: Flags, lever: float) -> float:
 
 @device_function
 def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -> tuple[float, float, float]:
-    """Fill the step along a tangent, of which a new factor is made if told to.
+    """Fill the step along a tangent; `renewed`: of which a new factor is made first.
 
     Returns the least shift [N/m] tried that makes it definite, or one too large; the potential's slope along
     the step, and the factor that bounds it.

@@ -1,19 +1,14 @@
-"""How a chain is held, moves in time, and where in the working range of its model it is.
+"""Which frames of a chain the flange holds, and how frames move with the film's nodes and these with them."""
 
-Which frames of a chain the flange holds, and where.
-"""
-
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
-from cosim.errors import InputError, OutOfRangeError
+from cosim.errors import InputError
 from cosim.reduced.section_model import RingFrames, SectionBody, carried
-from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
 from cosim.soft.solve.state import Clamp
 
 
@@ -152,92 +147,6 @@ class FrameClamp:
         for f, ring in enumerate(section.frames.rings, start=1):
             held[f] &= not np.isin(ring, nodes).any()
         return FrameClamp(held, self.offsets)
-
-
-_AT_ITS_END = 0.95
-"""Share of the range from which on a solution that is not found is put down to it."""
-
-
-_ROUNDING = 1e-9
-_NO_STRETCH = 1e-100  # what a stretch over it is: finite, and beyond any range
-INSTEAD: Final = "use fidelity = 'lumped', which knows what lies beyond"
-
-
-@final
-@dataclass(frozen=True)
-class PlaceInRange:
-    """The section that is nearest to the end of its range.
-
-    Args:
-        fraction: of the range that it uses; 1 at its end.
-        text: which section, which strain, its value and the end of its range.
-    """
-
-    fraction: float
-    text: str
-
-    @property
-    def at_its_end(self) -> bool:
-        """Whether a step or an equilibrium that is not found there is one that the model does not have."""
-        return self.fraction > _AT_ITS_END
-
-
-def place_in_range(
-    section: SectionBody, frames: Array, pressure_Pa: float, *, bends_only: bool = False
-) -> PlaceInRange:
-    """Return where the section is that uses most of its range.
-
-    Args:
-        section: model.
-        frames: (f, 4, 3).
-        pressure_Pa: gauge.
-        bends_only: whether stretch does not count.
-    """
-    section.set_pressure(pressure_Pa)
-    values, limits = section.frames.strains(frames), section.coefficients
-    stretch = values[:, 2] * section.inverse_length - 1.0
-    # a spline through few pressures may leave its sign between them: no bend or stretch is within range there
-    bend_end = np.sqrt(np.maximum(limits[:, BENT], np.finfo(float).tiny))
-    bend = np.hypot(values[:, 3], values[:, 4])
-    stretch_end = np.where(
-        stretch < 0.0, np.minimum(limits[:, LOW], -_NO_STRETCH), np.maximum(limits[:, HIGH], _NO_STRETCH)
-    )
-    fractions = np.stack([np.where(bends_only, 0.0, stretch / stretch_end), bend / bend_end])
-    kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
-    copy, at = divmod(worst, count := len(stretch) // section.frames.copies)
-    names = ("flange", *section.body.frame_rings, "tip")
-    where = f"section {at + 1} of {count} ({names[at]} to {names[at + 1]})"
-    if section.frames.copies > 1:
-        where += f" of copy {copy + 1}"
-    if kind:
-        what = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
-    else:
-        word = "shortened" if stretch[worst] < 0.0 else "stretched"
-        value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
-        what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
-    return PlaceInRange(float(fractions[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
-
-
-def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, iterations: int) -> None:
-    """Check that a solution is within the pressures that a model was built from.
-
-    Args:
-        section: model.
-        pressure_Pa: gauge, of the solution.
-        residual_N: of it.
-        iterations: that it took.
-
-    Raises:
-        OutOfRangeError: it is beyond them.
-    """
-    end = section.model.spline.largest_Pa
-    if pressure_Pa > end * (1.0 + _ROUNDING):
-        text = f"its gas is at {1e-3 * pressure_Pa:.4g} kPa, its model ends at {1e-3 * end:.4g}"
-        raise OutOfRangeError(f"the section model ends here: {text}; {INSTEAD}", residual_N, iterations, text)
-
-
-def _degrees(sine: float) -> str:
-    return f"{math.degrees(math.asin(min(float(sine), 1.0))):.1f}"
 
 
 def film_clamp(section: SectionBody, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:

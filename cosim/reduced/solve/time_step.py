@@ -7,9 +7,10 @@ from cosim.base.frames import Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.solve.chain_solver import ChainSolver, ChainTask
 from cosim.reduced.solve.chain_step import CARRIED, FREE_FLIGHT, STANDING, ChainScheme, ChainState, ChainStep
-from cosim.reduced.solve.clamp import INSTEAD, FrameClamp, check_pressure, place_in_range
+from cosim.reduced.solve.clamp import FrameClamp
 from cosim.reduced.solve.commanded_cables import solve_loaded
 from cosim.reduced.solve.reused_factor import ReusedFactor
+from cosim.reduced.solve.working_range import INSTEAD, check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
 from cosim.soft.solve.state import StepAim, StepOptions, flange_axes, inertia_weight
