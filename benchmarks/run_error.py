@@ -194,7 +194,7 @@ class Meshes:
     def at_rest(self, end: PhaseEnd) -> Found:
         """Return the state at rest at the end of a phase on each."""
         state = film_of(end)
-        self.run.restore_state(state)
+        self.run.full_state = state
         return self.near(at_rest(self.run, state))
 
     def near(self, rest: Equilibrium) -> Found:

@@ -89,7 +89,7 @@ def at_rest_in(run: Scenario) -> tuple[SoftArm, Equilibrium, float]:
     """Return the pouch at rest at a run's end, and how far its tip is aside in the run [mm]."""
     ended = stepped(run)
     side, state = ended.side, film_of(ended.ends[-1])
-    side.restore_state(state)
+    side.full_state = state
     in_run_mm = 1e3 * float(side.body.tip_position(state.soft.positions)[1])
     return side, at_rest(side, state), in_run_mm
 

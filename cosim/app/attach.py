@@ -414,7 +414,7 @@ class Attached:
         return self._state(run)
 
     def _state(self, run: _Hung) -> AttachedState:
-        soft, parts = run.parts.soft.save_state(), states_of(run.stateful())
+        soft, parts = run.parts.soft.full_state, states_of(run.stateful())
         saved = AttachedState(run.tick, soft, parts, run.loads, self.ledger)
         self._known.add(saved)
         return saved
@@ -438,7 +438,7 @@ class Attached:
             check_state(state, self._state(run), AttachedState, sizes=sizes)
             check_states(run.stateful(), states, "state", sizes)
         self._break_off()
-        run.parts.soft.restore_state(state.soft)
+        run.parts.soft.full_state = state.soft
         restore_states(run.stateful(), states)
         run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
         run.steps, run.ahead = 0, ()

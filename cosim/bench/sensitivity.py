@@ -336,7 +336,7 @@ def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
             raise InputError(
                 f"{row.name}: has no derivative in time; set mode = 'quasistatic', or leave it out"
             )
-    values, slopes = _values(wanted, soft.loads, model), RunSlopes(wanted, model, soft.save_state())
+    values, slopes = _values(wanted, soft.loads, model), RunSlopes(wanted, model, soft.full_state)
     for _ in range(simulation.ticks_left):
         snapshot = simulation.step()
         if snapshot.ledger.contacts or snapshot.ledger.self_contacts:
@@ -344,7 +344,7 @@ def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
                 f"tick {snapshot.tick}: the soft robot touches something, which has no derivative in time; "
                 "move it away, or set contact.enabled = false and contact.self_contact = false"
             )
-        slopes.tick(soft.save_state(), simulation.scenario.clock.tick_s)
+        slopes.tick(soft.full_state, simulation.scenario.clock.tick_s)
     return _jacobian(wanted, rows, values, slopes.read(rows))
 
 

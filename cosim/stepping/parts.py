@@ -128,20 +128,20 @@ def brought_to_rest(
     def hung() -> tuple[Equilibrium | None, Any]:
         with soft.searching("start"):
             found = soft.hang(flange, loads.gravity)
-        return found, None if found is None else soft.save_state()
+        return found, None if found is None else soft.full_state
 
     def settled() -> tuple[Equilibrium, Any]:
         # hung up without pressure and tension it is the same for all of them
         begin, state = kept.made("hung up", name_of(model_name, flange, loads.gravity), hung, _MOST)
         if state is not None:
-            soft.restore_state(state)
+            soft.full_state = state
         found = planning.start_equilibrium(soft, flange, loads, begin)
         soft.settle(found)
-        return found, soft.save_state()
+        return found, soft.full_state
 
     found, state = kept.made("state at rest", name_of(model_name, flange, loads), settled, _MOST)
     # that of a side which has just found it changes nothing
-    soft.restore_state(state)
+    soft.full_state = state
     return found
 
 

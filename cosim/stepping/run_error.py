@@ -375,7 +375,7 @@ class ErrorFinder:
             self._swings.observe(batch.film.node_position())
         if self._ends_at.get(int(batch.tick[-1])) != phase or not isinstance(side, SoftArm | SectionArm):
             return
-        state, footing = side.save_state(), batch.footing.get(len(batch) - 1)
+        state, footing = side.full_state, batch.footing.get(len(batch) - 1)
         why_not = self._branched.get(phase, "")
         if batch.slides[-1]:
             why_not = _SNAPS
@@ -403,7 +403,7 @@ class ErrorFinder:
             return RunErrors(reason=why)
         self._most = math.inf if everywhere or chain is not None else cost
         side, soft = self.side, self._parts.soft
-        saved, found = soft.save_state(), dict[int, dict[str, Any]]()
+        saved, found = soft.full_state, dict[int, dict[str, Any]]()
         whole = len(self.ends) == len(self._counts)
         reason = None if whole else "only of the phases that ended since the run was resumed"
         if len(self.ends) * _USUAL * 4 * side.body.nodes * _ITERATION_S > _TOLD_ABOVE_S:
@@ -420,7 +420,7 @@ class ErrorFinder:
         except MeshError as error:
             reason = str(error)
         finally:
-            soft.restore_state(saved)
+            soft.full_state = saved
         return RunErrors(found, reason, mesh.iterations, time.perf_counter() - began)
 
     def _film(self, place: int) -> SoftArmState:
@@ -490,7 +490,7 @@ class ErrorFinder:
             ConvergenceError: no equilibrium was found near that of the run.
         """
         side, film = self.side, self._film(place)
-        side.restore_state(film)
+        side.full_state = film
         try:
             return at_rest(side, film)
         except ConvergenceError:
@@ -519,7 +519,7 @@ class ErrorFinder:
         if pair is None:
             return {}, end.why_not or _HELD
         film = self._film(place)
-        side.restore_state(film)
+        side.full_state = film
         mesh.hold(pair.clamp)
         frame = (film.flange.translation, film.flange.rotation[:, 2])
         here = shape_figures(side, pair.rest.state.positions, frame)

@@ -293,7 +293,7 @@ class SteppedRun(ABC):
             raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
         if not self.saves_now:
             raise InputError(f"a later tick than {self._cursor.tick} has been begun: save before or after it")
-        soft, parts = self._parts.soft.save_state(), states_of(self.parts())
+        soft, parts = self._parts.soft.full_state, states_of(self.parts())
         saved = RunState(self._cursor, soft, parts, self.choices)
         self._known.add(saved)
         return saved
@@ -316,10 +316,10 @@ class SteppedRun(ABC):
         states = self._parts.carrier.completed(state.parts)
         if not known:
             sizes = dict[str, int]()
-            check_state(state.soft, self._parts.soft.save_state(), place="state.soft", sizes=sizes)
+            check_state(state.soft, self._parts.soft.full_state, place="state.soft", sizes=sizes)
             check_states(self.parts(), states, "state", sizes)
         self._failed = False
-        self._parts.soft.restore_state(state.soft)
+        self._parts.soft.full_state = state.soft
         restore_states(self.parts(), states)
         self._cursor = state.cursor
         self._known.add(state)

@@ -19,8 +19,8 @@ FOLDERS = (
 )  # fmt: skip
 ROOMS = "cosim.devices", "cosim.plan"
 """Whose objects are among the parts of the commands."""
-SAVES = {"state", "save_state", "_save_own", "_lend_factor"}
-"""Any of these saves: a property, a method, what a run adds to its base class, what a linear solver adds."""
+SAVES = {"state", "full_state", "save_state", "_lend_factor"}
+"""Any of these saves: a property, a method, what a linear solver adds."""
 
 SAVED_OTHERWISE = {
     "AddedInertia": "by RigidScene",

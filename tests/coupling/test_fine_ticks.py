@@ -83,7 +83,7 @@ def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
         ticks_of(grasp, 1)
         state = states_of(grasp.coupling.parts())
         fine.append(state["fine"] > 0)
-        seen.append((grasp.grasp.scene.state, grasp.grasp.soft.save_state(), state))
+        seen.append((grasp.grasp.scene.state, grasp.grasp.soft.full_state, state))
     assert any(fine)
     assert not all(fine)
     k = fine.index(True)
@@ -91,7 +91,7 @@ def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
     for one in (grasp, again):
         scene, soft, state = seen[k]
         one.grasp.scene.state = scene
-        one.grasp.soft.restore_state(soft)
+        one.grasp.soft.full_state = soft
         restore_states(one.coupling.parts(), state)
     first, second = ticks_of(grasp, 10), ticks_of(again, 10)
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))

@@ -118,12 +118,12 @@ def test_it_goes_on_from_a_saved_state_bit_for_bit() -> None:
     arm, other = frozen(), frozen()
     loads = no_load(arm.body, pressure_Pa=(1e3,))
     arm.advance(turning(0.001), loads, STEP_S)
-    saved = arm.save_state()
+    saved = arm.full_state
     expected = arm.advance(turning(0.003), loads, STEP_S)
-    other.restore_state(saved)
+    other.full_state = saved
     assert other.pressures_Pa[0] == 1e3
     again = other.advance(turning(0.003), loads, STEP_S)
     assert (again.wrench.force == expected.wrench.force).all()
     assert (other.state.velocities == arm.state.velocities).all()
     with pytest.raises(InputError, match="nodes"):
-        other.restore_state(replace(saved, shape=saved.shape[:-1]))
+        other.full_state = replace(saved, shape=saved.shape[:-1])

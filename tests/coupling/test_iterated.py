@@ -136,10 +136,10 @@ def states(here: CoupledGrasp, ticks: int) -> list[Array]:
 def test_a_saved_state_repeats_itself() -> None:
     here = CoupledGrasp(0.02, 2e-3, IteratedCoupling)
     states(here, 15)
-    saved = here.grasp.scene.state, here.grasp.soft.save_state(), states_of(here.coupling.parts())
+    saved = here.grasp.scene.state, here.grasp.soft.full_state, states_of(here.coupling.parts())
     expected = states(here, 6)
     here.grasp.scene.state = saved[0]
-    here.grasp.soft.restore_state(saved[1])
+    here.grasp.soft.full_state = saved[1]
     restore_states(here.coupling.parts(), saved[2])
     assert all(np.array_equal(a, b) for a, b in zip(states(here, 6), expected, strict=True))
 

@@ -64,10 +64,10 @@ def test_a_wire_between_pads_repeats_from_a_saved_state() -> None:
     assert grasp.coupling is not None
     assert grasp.ratio > 1.0
     parts = {"scene": grasp.scene, **grasp.coupling.parts()}
-    soft, saved = grasp.soft.save_state(), states_of(parts)
+    soft, saved = grasp.soft.full_state, states_of(parts)
     ends = []
     for _ in range(2):
-        grasp.soft.restore_state(soft)
+        grasp.soft.full_state = soft
         restore_states(parts, saved)
         for _ in range(15):
             grasp.tick()

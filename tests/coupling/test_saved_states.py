@@ -53,15 +53,15 @@ def test_a_soft_arm_repeats_itself(integrator: str, closed: bool, loss_factor: f
     arm = soft_arm(closed, loss_factor, integrator=integrator)
     assert isinstance(arm.equilibrium_solver.solver.linear, EnvelopeCholesky if closed else OpenCapSolver)
     swung(arm, 0, 20)
-    state = arm.save_state()
+    state = arm.full_state
     assert state.soft.earlier is not None
     assert state.newton.factor is not None  # the next step begins with a factorisation of this one
     expected = swung(arm, 20, 32)
-    arm.restore_state(state)
+    arm.full_state = state
     assert same(swung(arm, 20, 32), expected)
     other = soft_arm(closed, loss_factor, integrator=integrator)
     swung(other, 0, 3, 2e3)
-    other.restore_state(state)
+    other.full_state = state
     assert same(swung(other, 20, 32), expected)
 
 
@@ -69,13 +69,13 @@ def test_a_soft_arm_repeats_itself(integrator: str, closed: bool, loss_factor: f
 def test_the_kept_factorisation_and_the_step_before_are_parts_of_the_state(integrator: str) -> None:
     arm = soft_arm(integrator=integrator)
     swung(arm, 0, 20)
-    state = arm.save_state()
+    state = arm.full_state
     expected = swung(arm, 20, 32)
     if integrator == "bdf2":
         state = replace(state, soft=replace(state.soft, earlier=None))
     else:
         state = replace(state, newton=replace(state.newton, kept=None, factor=None))
-    arm.restore_state(state)
+    arm.full_state = state
     assert not same(swung(arm, 20, 32), expected)
 
 
@@ -84,27 +84,27 @@ def test_saving_changes_nothing_and_branches_do_not_disturb_each_other() -> None
     plain = swung(other, 0, 24)
     found, states = [], []
     for k in range(24):
-        states.append(arm.save_state())
+        states.append(arm.full_state)
         found += swung(arm, k, k + 1)
     assert same(found, plain)
     # a branch taken in between, with other loads, spoils neither the states nor their factorisations
-    arm.restore_state(states[10])
+    arm.full_state = states[10]
     swung(arm, 10, 20, 1e3)
     for k in (20, 5, 10):
-        arm.restore_state(states[k])
+        arm.full_state = states[k]
         assert same(swung(arm, k, 24), plain[3 * k :])
 
 
 def test_what_is_held_is_part_of_the_state() -> None:
     arm = soft_arm()
     swung(arm, 0, 5)
-    state = arm.save_state()
+    state = arm.full_state
     expected = swung(arm, 5, 10)
     held = np.zeros((arm.body.nodes, 3), dtype=bool)
     held[arm.body.tip] = True
     arm.hold_also(held, HANGING)
     swung(arm, 5, 8)
-    arm.restore_state(state)
+    arm.full_state = state
     assert same(swung(arm, 5, 10), expected)
 
 
@@ -112,7 +112,7 @@ def test_a_state_of_another_body_is_refused() -> None:
     arm = soft_arm()
     other = SoftArm(hexagon_arm(1), HANGING, NewtonOptions(), StepOptions())
     with pytest.raises(InputError, match="has 90 nodes, this one 48"):
-        other.restore_state(arm.save_state())
+        other.full_state = arm.full_state
 
 
 def grasped(here: Grasp, ticks: int) -> list[Array]:
@@ -127,13 +127,13 @@ def grasped(here: Grasp, ticks: int) -> list[Array]:
 def saved_of(here: Grasp | Rig) -> tuple[Any, dict[str, Any]]:
     """Return the states of the soft side and of all other parts of a pair."""
     assert here.coupling is not None
-    return here.soft.save_state(), states_of({"scene": here.scene, **here.coupling.parts()})
+    return here.soft.full_state, states_of({"scene": here.scene, **here.coupling.parts()})
 
 
 def restore(here: Grasp | Rig, saved: tuple[Any, dict[str, Any]]) -> None:
     """Bring all parts of a pair to their states."""
     assert here.coupling is not None
-    here.soft.restore_state(saved[0])
+    here.soft.full_state = saved[0]
     restore_states({"scene": here.scene, **here.coupling.parts()}, saved[1])
 
 

@@ -171,11 +171,11 @@ def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
     loads = Loads((26e3,), (1.0, 0.0), gas=(gas,))
     for _ in range(4):
         arm.advance(FLANGE, loads, 0.002)
-    saved = arm.save_state()
+    saved = arm.full_state
     assert saved.factor is not None
     first = [arm.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
     for other in (arm, arms(StepOptions("bdf2"))[0]):
-        other.restore_state(saved)
+        other.full_state = saved
         again = [other.advance(FLANGE, loads, 0.002).wrench.force for _ in range(3)]
         assert (np.array(first) == np.array(again)).all()
 
@@ -187,7 +187,7 @@ def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:
         reply = arm.advance(
             SIDEWAYS.interpolated(FLANGE, 1.0 - 0.01 * tick), Loads((25e3,), (0.0, 2.0)), 2e-3
         )
-    state, mass, found = arm.save_state(), section().mass, arm.mass_properties()
+    state, mass, found = arm.full_state, section().mass, arm.mass_properties()
     frames, force = state.last.frames, state.last.gradient[0, :3]  # the flange holds the first frame alone
     assert reply.wrench.force == pytest.approx(-force)
     assert reply.wrench.torque == pytest.approx(-state.last.gradient[0, 3:])
@@ -273,7 +273,7 @@ def test_its_damping_is_an_inner_loss() -> None:
     chain.settle(chain.start(FLANGE, loads))
     moved = Pose(FLANGE.rotation @ rotation_from_vector(np.array([0.0, 2e-3, 0.0])), FLANGE.translation)
     reply = chain.advance(moved, loads, h)
-    last, mass = chain.save_state().last, chain.section.mass
+    last, mass = chain.full_state.last, chain.section.mass
     # of points: origins and axes of the frames, which carry their rings together
     load = np.einsum("fab,fbr->far", mass, -last.chain.rates / h)
     load += mass[:, :, :1] * np.array([0.0, 0.0, -9.81])

@@ -210,13 +210,13 @@ def test_a_saved_factor_is_not_written_to() -> None:
     solver = DissectedCholesky(system.pattern, free, system.tied)
     loads = np.ones((system.body.nodes, 3))
     solver.factor(system.blocks)
-    expected, saved = solver.solve(loads), solver.save_state()
+    expected, saved = solver.solve(loads), solver.state
     solver.factor(2.0 * system.blocks)
     assert solver.solve(loads) == pytest.approx(0.5 * expected)
-    solver.restore_state(saved)
+    solver.state = saved
     assert (solver.solve(loads) == expected).all()
     solver.factor(2.0 * system.blocks)
-    solver.restore_state(saved)
+    solver.state = saved
     assert (solver.solve(loads) == expected).all()
 
 

@@ -103,15 +103,15 @@ def test_unsymmetric_parts_go_beside_cholesky_or_into_a_general_factor(shift: fl
 @pytest.mark.parametrize("shift", [0.0, -40.0])
 def test_a_factor_with_unsymmetric_parts_is_saved(shift: float) -> None:
     solver, blocks, load, expected = unsymmetric(shift)
-    saved = solver.save_state()
+    saved = solver.state
     assert (len(saved.parts) == 3) is (shift < 0.0)  # a general factor
     assert solver.factor(3.0 * blocks)
     for other in (solver, OpenCapSolver(solver.pattern, solver.free, np.zeros(0, np.int64))):
-        other.restore_state(saved)
+        other.state = saved
         assert other.solve(load).ravel() == pytest.approx(expected, rel=1e-11, abs=1e-13)
     alone = FactorState((saved.parts[0], np.zeros((1, 1)), *saved.parts[2:]), None)
     with pytest.raises(InputError):
-        solver.restore_state(alone)
+        solver.state = alone
 
 
 def test_the_order_keeps_the_envelope_narrow() -> None:

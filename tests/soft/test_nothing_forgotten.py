@@ -78,18 +78,18 @@ def again(state: Any, folder: Path) -> Any:
 
 def test_what_an_element_remembers_more_is_saved_and_a_state_without_it_refused(tmp_path: Path) -> None:
     plain, more = (stepped(element) for element in (StepCount(PAIR), WeightedStepCount(PAIR, 5.0)))
-    assert again(plain.save_state(), tmp_path).soft.memory[-1:].tolist() == [STEPS]
-    assert again(more.save_state(), tmp_path).soft.memory[-2:].tolist() == [STEPS, 5.0 + STEPS]
+    assert again(plain.full_state, tmp_path).soft.memory[-1:].tolist() == [STEPS]
+    assert again(more.full_state, tmp_path).soft.memory[-2:].tolist() == [STEPS, 5.0 + STEPS]
     for found, present in ((plain, more), (more, plain)):
         with pytest.raises(InputError, match=r"state\.soft\.memory has shape"):
-            check_state(found.save_state(), present.save_state())
+            check_state(found.full_state, present.full_state)
 
 
 def test_what_loads_have_more_is_saved_and_a_file_without_it_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arm = stepped(StepCount(PAIR))
-    state = arm.save_state()
+    state = arm.full_state
     windy: Any = Windy(
         **{entry.name: getattr(state.loads, entry.name) for entry in fields(Loads)}, wind_m_s=3.0
     )

@@ -141,15 +141,15 @@ def test_factors_of_different_steps_are_part_of_the_state() -> None:
     arm = held(gripper())
     move = stepper(arm)
     state = pressed(arm, move, at_rest(), range(TICKS // 2)).state
-    saved = arm.newton.save_state()
+    saved = arm.newton.state
     assert saved.kept is not None
     expected = pressed(arm, move, state, range(TICKS // 2, TICKS)).state
     other = held(gripper())
-    other.newton.restore_state(saved)
+    other.newton.state = saved
     found = pressed(other, stepper(other), state, range(TICKS // 2, TICKS)).state
     np.testing.assert_array_equal(found.positions, expected.positions)
     with pytest.raises(InputError):
-        held(finger()).newton.restore_state(saved)
+        held(finger()).newton.state = saved
 
 
 @pytest.mark.parametrize("bad", [0, 1, 2])

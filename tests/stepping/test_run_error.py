@@ -101,7 +101,7 @@ def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
     model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
     side = model.side()
     assert isinstance(side, SoftArm)
-    mesh, flange = FinerMesh(side.body, model.refined(1)), side.save_state().flange
+    mesh, flange = FinerMesh(side.body, model.refined(1)), side.full_state.flange
     less, more = (
         side.start(flange, Loads((pressure_Pa,), (), (0.0, 0.0, 0.0))) for pressure_Pa in (200.0, 2e3)
     )
@@ -119,7 +119,7 @@ def test_a_difference_that_folds_films_is_not_taken_along() -> None:
     side = model.side()
     assert isinstance(side, SoftArm)
     mesh = FinerMesh(side.body, model.refined(1))
-    rest = side.start(side.save_state().flange, Loads((2e3,), (), (0.0, 0.0, 0.0)))
+    rest = side.start(side.full_state.flange, Loads((2e3,), (), (0.0, 0.0, 0.0)))
     clamp = mesh.clamp(side.clamp)
     found = mesh.at_rest(clamp, rest)
     spent, x = mesh.iterations, found.state.positions

@@ -164,11 +164,11 @@ class SourceFilm:
     def state(self, saved: section_arm.SectionArmState) -> lumped_arm.SoftArmState:
         """Return the film in the shape of a chain: rings that are held there are held as they are."""
         chain, film = self.chain, self.film
-        chain.restore_state(saved)
+        chain.full_state = saved
         shape = chain.state.positions
         film.hold(self._clamp(saved.clamp, shape, saved.flange))
         soft = film.in_shape(shape, saved.flange)
-        return replace(film.save_state(), soft=soft, flange=saved.flange, loads=saved.loads)
+        return replace(film.full_state, soft=soft, flange=saved.flange, loads=saved.loads)
 
     def _clamp(self, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
         """Return what holds the film as some frames are held; the same one for the same frames."""
@@ -186,7 +186,7 @@ class SourceFilm:
             ConvergenceError: no equilibrium was found near it.
         """
         chain = self.chain
-        chain.restore_state(saved)
+        chain.full_state = saved
         begin = SoftState.at_rest(chain.state.positions, chain.state.memory)
         found = chain.solve(begin, saved.flange, saved.loads)
         chain.settle(found)

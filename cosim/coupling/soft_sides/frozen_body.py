@@ -133,18 +133,15 @@ class FrozenBody(SoftSide):
         self.state = found.state
         self._take(found.world_from_flange, found.loads, np.zeros(3))
 
-    def save_state(self) -> FrozenState:
-        """Return what the next step depends on."""
+    @property
+    def full_state(self) -> FrozenState:
+        """All that the next step depends on."""
         return FrozenState(
             self.state, self._shape, self._volumes, self._pressures, self._flange, self._supplied
         )
 
-    def restore_state(self, state: FrozenState) -> None:
-        """Return to a state of `save_state`, of this body or of one with the same mesh.
-
-        Raises:
-            InputError: the state is of a body with another number of nodes.
-        """
+    @full_state.setter
+    def full_state(self, state: FrozenState) -> None:
         if len(state.shape) != self.body.nodes:
             raise InputError(f"the saved soft robot has {len(state.shape)} nodes, this one {self.body.nodes}")
         self._keep(state.shape, state.volumes_m3)

@@ -51,15 +51,15 @@ class SoftArmState:
         flange: pose of the flange at the end of the last step.
         loads: there.
         residual_N: of the last step.
-        newton: what its solver has kept.
+        newton: what its solver has kept; None where it is not asked for.
     """
 
     soft: SoftState
     clamp: Clamp
     flange: Pose
     loads: Loads
-    residual_N: float
-    newton: NewtonState
+    residual_N: float = 0.0
+    newton: NewtonState | None = None
 
     def check(self, nodes: int) -> None:
         """Check that it is of a body with so many nodes.
@@ -102,22 +102,35 @@ class SoftArm(soft_side.SoftSide):
         dynamics: StepOptions,
         self_contact: FilmContactLaw | None = None,
     ) -> None:
-        self.body, self.state = body, SoftState.drawn(body, world_from_flange)
+        self.body = body
         self.effort: newton_options.SearchEffort = newton_options.SearchEffort(statics.search_iterations_max)
         self._film = FilmPotential(body)
         self._statics, self.dynamics = statics, dynamics
         films = None if self_contact is None else SelfContact(body, self_contact)
         self.films = films if films is not None and films.can_touch else None
-        self._flange = world_from_flange
-        self._loads = Loads((), (0.0,) * len(body.cables), (0.0, 0.0, 0.0))
-        self._residual = 0.0
+        drawn, loads = SoftState.drawn(body, world_from_flange), Loads((), (0.0,) * len(body.cables))
+        self._now = SoftArmState(drawn, Clamp.of_base(body), world_from_flange, loads)
         self._work = [0.0, 0.0]
-        self._begin: soft_side.Drive = (self._flange, self._loads)  # of the last step
-        self.hold(Clamp.of_base(body))
+        self._begin: soft_side.Drive = (world_from_flange, loads)  # of the last step
+        self.hold(self.clamp)
+
+    @property
+    def state(self) -> SoftState:
+        """Shape and motion of the film."""
+        return self._now.soft
+
+    @state.setter
+    def state(self, state: SoftState) -> None:
+        self._now = replace(self._now, soft=state)
+
+    @property
+    def clamp(self) -> Clamp:
+        """What is held."""
+        return self._now.clamp
 
     def hold(self, clamp: Clamp) -> None:
         """Be held as a clamp has it."""
-        self.clamp = clamp
+        self._now = replace(self._now, clamp=clamp)
         newton = NewtonSolver(self._film, clamp.mask(self.body.nodes))
         newton.tick_work = self.work
         self.equilibrium_solver = EquilibriumSolver(newton, clamp, self._statics, self.films, self.effort)
@@ -150,11 +163,11 @@ class SoftArm(soft_side.SoftSide):
 
     def restore(self, before: SoftState) -> None:
         """Undo the last step; the factorisation stays."""
-        self.state = before
-        self._flange, self._loads = self._begin
+        flange, loads = self._begin
+        self._now = replace(self._now, soft=before, flange=flange, loads=loads)
 
     def _advance(self, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
-        begin, before = (self._flange, self._loads), self.state
+        begin, before = (self._now.flange, self._now.loads), self.state
         self._begin = begin
         self._work = [0.0, 0.0]
         try:
@@ -163,9 +176,10 @@ class SoftArm(soft_side.SoftSide):
         except BaseException:
             self.state = before
             raise
-        self._flange, self._loads = end
-        wrench = self._stepper.wrench(self.state, self._flange)
-        return soft_side.SoftReply(wrench, self._residual, iterations, *self._work)
+        flange, loads = end
+        self._now = now = replace(self._now, flange=flange, loads=loads)
+        wrench = self._stepper.wrench(now.soft, flange)
+        return soft_side.SoftReply(wrench, now.residual_N, iterations, *self._work)
 
     @property
     def stepper(self) -> time_step.Stepper:
@@ -175,7 +189,7 @@ class SoftArm(soft_side.SoftSide):
     @property
     def loads(self) -> Loads:
         """Loads at the end of the last step, contacts not counted."""
-        return self._loads
+        return self._now.loads
 
     def fill_mass(self, figures: Array) -> None:
         fill_mass(self.body.node_mass, self.state.positions, figures)
@@ -209,8 +223,8 @@ class SoftArm(soft_side.SoftSide):
         Returns:
             (k, n, 3) [m]; None where the tangent is indefinite.
         """
-        loads = replace(self._loads, contact=contact)
-        if not self._stepper.factorise(self.state, self._flange, loads, step_s):
+        loads = replace(self._now.loads, contact=contact)
+        if not self._stepper.factorise(self.state, self._now.flange, loads, step_s):
             return None
         return self._stepper.solver.linear.solve_all(forces)
 
@@ -220,8 +234,8 @@ class SoftArm(soft_side.SoftSide):
 
     def _step(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         before = self.state
-        self.state, result = self._stepper.step(before, *end, step_s, begin[0], aim)
-        self._residual = result.residual_N
+        soft, result = self._stepper.step(before, *end, step_s, begin[0], aim)
+        self._now = replace(self._now, soft=soft, residual_N=result.residual_N)
         if self.films is not None:
             self._work[0] += self.films.work_J
         after = self.state
@@ -358,10 +372,10 @@ class SoftArm(soft_side.SoftSide):
             raise InputError("a linear model has no contact; films press on one another here")
 
         def seen(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> LinearStep:
-            resting = resting_film.RestingFilm(newton, self.clamp, self._flange, state, loads)
+            resting = resting_film.RestingFilm(newton, self.clamp, self._now.flange, state, loads)
             return resting.linear_step(self.dynamics.bed(step_s), motions)
 
-        return self._looked(seen, self.state.positions, self._flange, self._loads)
+        return self._looked(seen, self.state.positions, self._now.flange, self._now.loads)
 
     @property
     def _tested(self) -> NewtonSolver:
@@ -393,29 +407,25 @@ class SoftArm(soft_side.SoftSide):
 
     def settle(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
-        self.state, self._flange = found.state, found.world_from_flange
-        # what touches is found anew in every step
-        self._loads = replace(found.loads, contact=None, self_contact=None)
+        loads = replace(found.loads, contact=None, self_contact=None)  # found again in every step
+        self._now = replace(self._now, soft=found.state, flange=found.world_from_flange, loads=loads)
 
-    def save_state(self) -> SoftArmState:
-        """Return what the next step depends on; costs no copy but one of the nodal forces."""
-        newton = self.equilibrium_solver.solver.save_state()
-        return SoftArmState(self.state, self.clamp, self._flange, self._loads, self._residual, newton)
+    @property
+    def full_state(self) -> SoftArmState:
+        """All that the next step depends on; costs no copy but one of the nodal forces."""
+        return replace(self._now, newton=self.equilibrium_solver.solver.state)
 
-    def restore_state(self, state: SoftArmState) -> None:
-        """Return to a state of `save_state`, of this arm or of one with the same body.
-
-        Raises:
-            InputError: the state is of a body with another number of nodes.
-        """
+    @full_state.setter
+    def full_state(self, state: SoftArmState) -> None:
         state.check(self.body.nodes)
         if state.loads.contact is not None:
             self.contact_surface().check_planes(state.loads.contact)
         if not state.clamp.holds_as(self.clamp):
             self.hold(state.clamp)
-        self.state, self._residual = state.soft, state.residual_N
-        self._flange, self._loads = state.flange, state.loads
-        self.equilibrium_solver.solver.restore_state(state.newton)
+        if state.newton is None:
+            raise InputError("the saved soft robot has no factorisation")
+        self._now = replace(state, newton=None)
+        self.equilibrium_solver.solver.state = state.newton
 
     @property
     def reaction(self) -> Array:
@@ -438,5 +448,5 @@ class SoftArm(soft_side.SoftSide):
     @property
     def pressures_Pa(self) -> tuple[float, ...]:
         """Gauge pressure in each chamber: the given one, or that of the sealed gas at the present volume."""
-        loads, count = self._loads, self._film.gas.count
+        loads, count = self._now.loads, self._film.gas.count
         return loads.pressures(count) if not any(loads.gas) else loads.pressures_at(self.volumes_m3)

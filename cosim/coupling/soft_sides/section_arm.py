@@ -337,16 +337,13 @@ class SectionArm(soft_side.SoftSide):
         resting = self._resting(self._now.last.chain, self._now.loads)
         return linear_step(resting, self._dynamics.bed(step_s))
 
-    def save_state(self) -> SectionArmState:
-        """Return what the next step depends on."""
+    @property
+    def full_state(self) -> SectionArmState:
+        """All that the next step depends on."""
         return replace(self._now, factor=self._stepper.factor.save_state(self.clamp))
 
-    def restore_state(self, state: SectionArmState) -> None:
-        """Return to a state of `save_state`, of this arm or of one with the same frames.
-
-        Raises:
-            InputError: the state is of an arm with another number of frames.
-        """
+    @full_state.setter
+    def full_state(self, state: SectionArmState) -> None:
         state.check(len(self.section.frames))
         self._now, self._film = replace(state, factor=None), None
         self._stepper.factor.restore_state(state.factor, state.clamp)

@@ -515,13 +515,15 @@ class SoftSide(ABC):
             displacement: (n, 3) [m], of all nodes.
         """
 
+    @property
     @abstractmethod
-    def save_state(self) -> Any:
-        """Return everything that the next step depends on, as a frozen dataclass."""
+    def full_state(self) -> Any:
+        """All that the next step depends on, as a frozen dataclass; that of another such side can be set."""
 
+    @full_state.setter
     @abstractmethod
-    def restore_state(self, state: Any) -> None:
-        """Return to a state of `save_state`, of this side or of one with the same body.
+    def full_state(self, state: Any) -> None:
+        """Set it.
 
         Raises:
             InputError: the state is of another body.

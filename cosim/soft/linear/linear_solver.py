@@ -156,7 +156,7 @@ def by_component(mask: Mask) -> Mask:
 @final
 @dataclass(frozen=True)
 class FactorState:
-    """A factorisation, for `LinearSolver.restore_state`; its arrays are not written to again.
+    """A factorisation, for `LinearSolver.state`; its arrays are not written to again.
 
     Args:
         parts: of the sparse factor, as the kind of solver has them.
@@ -240,12 +240,13 @@ class LinearSolver(ABC):
             solutions = np.ascontiguousarray(self._solve_sparse(loads - answered))
         return solutions
 
-    def save_state(self) -> FactorState:
-        """Return the factorisation in store."""
+    @property
+    def state(self) -> FactorState:
+        """The factorisation; one of a solver with the same pattern and free components can be set."""
         return FactorState(self._lend_factor(), self._correction)
 
-    def restore_state(self, state: FactorState) -> None:
-        """Take a factorisation of `save_state`, of a solver with the same pattern and free components."""
+    @state.setter
+    def state(self, state: FactorState) -> None:
         correction = state.correction
         if correction is not None and correction.vectors.shape[1] != 3 * self.pattern.nodes:
             raise InputError("the saved correction of a factorisation is of another body")

@@ -502,15 +502,16 @@ class NewtonSolver:
         """Remember for what the factorisation was made; None: the next solution makes its own."""
         self.factor.keep(kept)
 
-    def save_state(self) -> NewtonState:
-        """Return what the next solution depends on besides its arguments."""
+    @property
+    def state(self) -> NewtonState:
+        """What the next solution depends on besides its arguments; that of the same clamp can be set."""
         factor = self.factor
-        saved = None if factor.kept is None else factor.solver.save_state()
+        saved = None if factor.kept is None else factor.solver.state
         wide = None if factor.solver is factor.narrow else factor.pattern
         return NewtonState(factor.kept, saved, self.film.gradient.copy(), wide, self._definite)
 
-    def restore_state(self, state: NewtonState) -> None:
-        """Return to a state of `save_state`, of a solver with the same clamp."""
+    @state.setter
+    def state(self, state: NewtonState) -> None:
         film, factor = self.film, self.factor
         if state.wide is not None:
             check_widened(film.pattern, state.wide)
@@ -518,7 +519,7 @@ class NewtonSolver:
             raise InputError("the saved factorisation is not whole")
         factor.fit(film.pattern if state.wide is None else state.wide)
         if state.factor is not None:
-            factor.solver.restore_state(state.factor)
+            factor.solver.state = state.factor
         factor.keep(state.kept)
         film.gradient[:], self._definite = state.gradient, state.definite
 
