@@ -1,14 +1,15 @@
 """Machine code of kernels on disk: a folder for each state of the source that it may come from.
 
-The folder is named by one hash of all files with kernels, of the compiler, and of the processor. numba's own
-cache does not notice that a function was edited in another file; here that is another folder. Kernels outside
-of the package have their own, by all files of their package, or beside them, as well. Where folders are, and
-when files are deleted: `cosim.base.caches`.
+The folder is named by one hash of all files that name this module or `cosim.base.kernels`, of the compiler,
+and of the processor. numba's own cache does not notice that a function was edited in another file; here that
+is another folder. Kernels outside of the package have one by all files of their package, or beside them, as
+well. Where folders are, and when files are deleted: `cosim.base.caches`.
 """
 
 import os
 import re
 import sys
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -23,7 +24,7 @@ from cosim.base import caches
 from cosim.base.numba_insides import KNOWN, from_bytes, to_bytes
 
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
-_IMPORT: Final = re.compile(r"^\s*(?:from|import) (\.*)([\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+_HAS_KERNELS: Final = re.compile(rb"^(?:from|import) numba|cosim\.base\.kernel", re.MULTILINE)
 processor: Any = llvm.get_host_cpu_name
 _NO_MATTER: Final = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
 
@@ -41,12 +42,13 @@ class KernelCache:
     def __init__(self, function: Any) -> None:
         folder = caches.folders(caches.KERNELS)[0]
         self.keeps, self.cache_path = folder is not None, str(folder)
-        place = folder_of(Path(function.__code__.co_filename).resolve())
-        self._base = f"{place}/{function.__module__}.{function.__qualname__}"
+        path = Path(function.__code__.co_filename).resolve()
+        self._base = f"{folder_of(path)}/{function.__module__}.{function.__qualname__}"
+        self._place = path.name, function.__code__.co_firstlineno  # two scripts are of one module's name
 
     def name(self, signature: Any) -> str:
         """Return the name of the file for a signature, or a tuple of argument types."""
-        return f"{self._base}-{sha256(str(signature).encode()).hexdigest()[:8]}.nbc"
+        return f"{self._base}-{sha256(f'{self._place} {signature}'.encode()).hexdigest()[:8]}.nbc"
 
     def is_there(self, signature: Any) -> bool:
         """Return whether there is sound machine code."""
@@ -73,46 +75,35 @@ def cache_of(function: Any) -> KernelCache | None:
     return KernelCache(function) if in_file and any(caches.folders(caches.KERNELS)) else None
 
 
-@cache
 def folder_of(path: Path) -> str:
-    """Return a name: the hash of a file, of those that it imports from its package, and of the compiler."""
+    """Return the name of the folder for the kernels in a file."""
+    if path.is_relative_to(_PACKAGE):
+        return _of_package()
+    top = path.parent
+    while (top.parent / "__init__.py").is_file():
+        top = top.parent
+    return _of_others(top)
+
+
+@cache
+def _of_package() -> str:
+    """Return a hash of this package's files with kernels, of what compiles them, and of the processor."""
     settings = sorted(entry for entry in os.environ.items() if entry[0].startswith("NUMBA_"))
     chosen = [entry for entry in settings if entry[0] not in _NO_MATTER]
     versions = numba.__version__, np.__version__, sys.version_info[:2]
-    digest, found, to_do = sha256(f"{versions} {KNOWN} {processor()} {chosen}".encode()), {path}, [path]
-    while to_do:
-        for imported in _imports(to_do.pop()) - found:
-            found.add(imported)
-            to_do.append(imported)
-    for entry in sorted(found):
-        digest.update(_text(entry).encode())
-    return digest.hexdigest()[:12]
+    texts = (path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py")))
+    return _hash_of(f"{versions} {KNOWN} {processor()} {chosen}", filter(_HAS_KERNELS.search, texts))
 
 
 @cache
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
+def _of_others(top: Path) -> str:
+    """Return a hash of the files of another package, or of those beside one another, and of `_of_package`."""
+    found = top.rglob("*.py") if (top / "__init__.py").is_file() else top.glob("*.py")
+    return _hash_of(_of_package(), (path.read_bytes() for path in sorted(found)))
 
 
-@cache
-def _imports(path: Path) -> frozenset[Path]:
-    """Return the files that a file imports from cosim, from its own package, or from beside it."""
-    top, found = path, set()
-    while (top.parent / "__init__.py").is_file():
-        top = top.parent
-    for dots, module, names in _IMPORT.findall(_text(path)):
-        first = module.partition(".")[0]
-        if dots:
-            root = path.parents[len(dots) - 1]
-        elif first == _PACKAGE.name:
-            root = _PACKAGE.parent
-        elif first == top.stem or (top == path and (top.parent / f"{first}.py").is_file()):
-            root = top.parent
-        else:
-            continue
-        folder = root.joinpath(*filter(None, module.split(".")))
-        for name in ("", *re.findall(r"\w+", names)):
-            candidate = (folder / name if name else folder).with_suffix(".py")
-            if candidate.is_file():
-                found.add(candidate)
-    return frozenset(found)
+def _hash_of(begin: str, texts: Iterable[bytes]) -> str:
+    digest = sha256(begin.encode())
+    for text in texts:
+        digest.update(text)
+    return digest.hexdigest()[:16]

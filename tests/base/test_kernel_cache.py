@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import CodeType, ModuleType
 
 import pytest
 
 from cosim.base import compilation, kernel_cache, kernels
 from tests.base.forked_python import run_forked
+from tests.compiled import all_modules
 
 SOURCES = Path(kernels.__file__).parent
 KERNEL = """
@@ -49,7 +53,8 @@ def write(
         qualified: whether files import one another as modules, not names from these.
     """
     kernel, helper = map(of_modules, (KERNEL, HELPER)) if qualified else (KERNEL, HELPER)
-    (folder / "constants.py").write_text(f"FACTOR = {constant}\n", encoding="utf-8")
+    numbers = f"# of kernels, see cosim.base.kernel_cache\nFACTOR = {constant}\n"
+    (folder / "constants.py").write_text(numbers, encoding="utf-8")
     (folder / "factor.py").write_text(helper.format(package=name, factor=factor), encoding="utf-8")
     (folder / "scaled.py").write_text(kernel.format(package=name), encoding="utf-8")
 
@@ -182,15 +187,39 @@ def test_a_first_call_loads_what_was_compiled_before_it(package: Path) -> None:
     assert run(package)[:2] == (2.0, 0)
 
 
-def test_imports_of_every_form_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel_cache, "_PACKAGE", tmp_path / "cosim")
-    (tmp_path / "cosim").mkdir()
-    for name in ("cosim/a", "cosim/b", "cosim/c", "cosim/d", "cosim/e", "f", "g"):
-        (tmp_path / f"{name}.py").touch()
-    main = tmp_path / "main.py"
-    main.write_text(
-        "from cosim.a import x\nfrom cosim import b, no\nfrom cosim import (\n    c,\n    d as other,\n)\n"
-        "import numpy\nimport f\nfrom . import g\ndef f():\n    import cosim.e\n",
-        encoding="utf-8",
-    )
-    assert {path.stem for path in kernel_cache._imports(main)} == {*"abcdefg"}
+def test_scripts_beside_one_another_have_their_own(package: Path) -> None:
+    runs = []
+    for name in ("one", "other"):
+        script = package.parent / f"{name}.py"
+        script.write_text(KERNEL.format(package="cosim").replace("x)", f"x) + {len(name)}"), encoding="utf-8")
+        runs.append(f"print(runpy.run_path({str(script)!r}, run_name='__main__')['scaled'](1.0))")
+    for _ in range(2):
+        done = run_forked(f"import runpy; {'; '.join(runs)}", package.parent)
+        assert done.stdout.split() == ["5.0", "7.0"], done.stderr
+
+
+def test_files_from_which_kernels_take_names_are_part_of_the_hash() -> None:
+    """Numbers as well, which are compiled into them."""
+    outside = set()
+    for module in all_modules():
+        own = [each.py_func for each in vars(module).values() if hasattr(each, "py_func")]
+        read = {name for function in own for name in names_in(function.__code__)}
+        tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cosim"):
+                names = [alias.name for alias in node.names if (alias.asname or alias.name) in read]
+                for name in names:
+                    found = sys.modules.get(f"{node.module}.{name}", sys.modules[str(node.module)])
+                    outside |= set() if has_kernels(found) else {found.__name__}
+    assert outside == set()
+
+
+def names_in(code: CodeType) -> set[str]:
+    """Return the names that code reads, in functions within as well."""
+    within = (constant for constant in code.co_consts if isinstance(constant, CodeType))
+    return {*code.co_names, *(name for each in within for name in names_in(each))}
+
+
+def has_kernels(module: ModuleType) -> bool:
+    """Return whether a module is part of the hash."""
+    return bool(kernel_cache._HAS_KERNELS.search(Path(str(module.__file__)).read_bytes()))

@@ -73,10 +73,10 @@ def test_all_is_compiled_once_and_nothing_is_started_when_all_is_there(package: 
     assert run(package) == (VALUES, 6, 0, 0, 0)
 
 
-def test_a_kernel_that_was_edited_is_compiled_without_another_process(package: Path) -> None:
+def test_where_a_file_was_edited_all_are_compiled_anew(package: Path) -> None:
     run(package)
     (package / "part_0.py").write_text(MODULE.format(factor=30.5), encoding="utf-8")
-    assert run(package) == ("[305.0, 306.0, 10.0, 11.0, 20.0, 21.0]", 4, 2, 0, 1)
+    assert run(package, IDLE) == ("[305.0, 306.0, 10.0, 11.0, 20.0, 21.0]", 6, 0, 1, 1)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from cosim.soft.elements.fabric import Fabric
 
 FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"]
 
+# laws as kernels know them, see cosim.base.kernel_cache
 PLAIN: Final = 0
 TENSION_FIELD: Final = 1
 EDGE_STRAIN: Final = 2
