@@ -39,7 +39,7 @@ docs: kernels
 
 # once, before the tests and the notebooks would each compile them
 kernels: .venv/installed-dev
-	$(BIN)/python -c 'from cosim.base.compilation import compile_modules; from tests.compiled import all_modules; compile_modules(print, all_modules())'
+	$(BIN)/python -c 'from cosim.base.compilation import compile_modules; from tests.compiled import all_modules; compile_modules(all_modules())'
 
 site: kernels
 	$(BIN)/python -m pytest --quiet tests/docs/test_site.py
