@@ -30,6 +30,7 @@ class ShortList(NamedTuple):
         points: (p,), first those that have an entry.
         used: (t,), first the triangles that have one.
         sides: (t, 13), see `measure_side`, of these.
+        areas: (t, 3) [m^2], twice the outward area of each triangle; scratch.
     """
 
     first: Indices
@@ -37,13 +38,14 @@ class ShortList(NamedTuple):
     points: Indices
     used: Indices
     sides: Matrix
+    areas: Matrix
 
     @classmethod
     def room(cls, points: int, triangles: int) -> "ShortList":
         """Return an empty list of so many points and triangles."""
         first, listed = np.zeros(points + 1, np.int64), np.empty(0, np.int64)
         used = np.zeros(points, np.int64), np.zeros(triangles, np.int64)
-        return cls(first, listed, *used, np.empty((triangles, 13)))
+        return cls(first, listed, *used, np.empty((triangles, 13)), np.empty((triangles, 3)))
 
 
 @device_function
@@ -72,14 +74,23 @@ def measure_sides(x: Matrix, triangles: IndexTable, used: Indices, count: int, s
 
 
 @device_function
-def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
+def _fill_areas(x: Matrix, triangles: IndexTable, areas: Matrix) -> None:
+    """Fill twice the outward areas of all triangles."""
+    for t in range(triangles.shape[0]):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        vx, vy, vz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+        areas[t, 0], areas[t, 1], areas[t, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@device_function
+def _fill_outward(rows: FilmRows, areas: Matrix, p: int, outward: Vector) -> None:
     """Fill a point's outer normal, of unit length."""
-    normal, square = small_vector(3), 0.0
+    square = 0.0
     outward[:] = 0.0
     for k in range(rows.start[p], rows.start[p + 1]):
-        shrink = contact_law.plane_of(x, rows.triangles[rows.around[k]], normal)
         for r in range(3):
-            outward[r] += normal[r] / shrink
+            outward[r] += areas[rows.around[k], r]
     for r in range(3):
         square += outward[r] * outward[r]
     for r in range(3):
@@ -117,7 +128,7 @@ def _choose(
         if valley and d + spare > reach:
             continue
         if not known:
-            _fill_outward(x, rows, p, outward)
+            _fill_outward(rows, short.areas, p, outward)
             known = True
         cosine = outward[0] * sides[t, 3] + outward[1] * sides[t, 4] + outward[2] * sides[t, 5]
         facing = cosine < (_FACING_VALLEY if valley else _FACING_APART)
@@ -157,6 +168,8 @@ def fill_over(
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     chosen, units = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     room, count, reach = (best, distance, chosen, units), 0, bounds[0]
+    if points > 0:
+        _fill_areas(x, rows.triangles, short.areas)
     for k in range(points):
         p = short.points[k]
         near, begin = _choose(x, rows, short, p, bounds, room), count
