@@ -92,7 +92,8 @@ def test_a_phase_that_ends_near_its_branching_says_so(caplog: pytest.LogCaptureF
 
 
 def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
-    summary = pouch(clock__tick_s=0.004, phase__inflate__settle_s=8.0).summary
+    # at 3 to 5 ms rounding may leave it on its way for 8 s, where it is unstable still, and is told so
+    summary = pouch(clock__tick_s=0.002, phase__inflate__settle_s=8.0).summary
     (found,) = large(summary)
     # rounding decides on the place, and some places are near neutral; but it is aside
     assert summary["phases"][-1]["stability"] in ("after a branching", "near neutral")

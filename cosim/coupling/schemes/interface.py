@@ -282,6 +282,7 @@ class Interface:
         if acted is not None:
             acting = numbers_of(acted)
         x, y, z, u, v, w, size_N, normal_N = self._bodies.handed.tolist()
+        acted_N = self.handed.bodies_normal_N
         about_world = about_origin(answer, scene.flange_pose.translation)
         force_N = max(abs(answer[0]), abs(answer[1]), abs(answer[2]))
         handed = TransferredLoads(about_world, (x, y, z, u, v, w), force_N, size_N, normal_N)
@@ -290,7 +291,7 @@ class Interface:
         if self.contact is not None:
             touched = self.contact.report
             ticks.contacts[k], ticks.work[k, 0] = touched.count, touched.work_J
-            ticks.contact[k] = normal_N, touched.depth_m, self.contact_ratio
+            ticks.contact[k] = acted_N, touched.depth_m, self.contact_ratio
             ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
         taken.stability_ratio[k] = self.ratio
         taken.end_tick(reply, self.soft, self.figures)
