@@ -134,6 +134,13 @@ def unchecked(kernel: Function) -> Function:
     return found
 
 
+def for_these(kernel: Function, *given: Any) -> Function:
+    """Return `unchecked(kernel)` if these arguments have the annotated types, otherwise the kernel."""
+    fixed = getattr(kernel, "fixed_signature", None)
+    found = fixed is not None and tuple(map(numba.typeof, given)) == tuple(fixed.args)
+    return unchecked(kernel) if found else kernel
+
+
 def _small_array(dimensions: int, *, zeros: bool = False) -> Any:
     """Return what makes arrays of so many lengths in a kernel."""
     if KNOWN:

@@ -13,7 +13,15 @@ import pytest
 from cosim.base import compilation, numba_insides
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Indices, Matrix, Vector, nothing_of
-from cosim.base.kernels import allocating, device_function, kernel, small_matrix, unchecked, zero_vector
+from cosim.base.kernels import (
+    allocating,
+    device_function,
+    for_these,
+    kernel,
+    small_matrix,
+    unchecked,
+    zero_vector,
+)
 from cosim.soft.elements.mass_terms import add_gravity
 from tests.base.forked_python import run_forked
 
@@ -155,3 +163,12 @@ def test_a_call_without_a_look_at_types_does_the_same() -> None:
         energy = call(x, mass, gravity, gradient)
         found.append((energy, gradient.tobytes()))
     assert found[0] == found[1]
+
+
+def test_only_a_call_with_the_annotated_types_goes_without_a_look_at_them() -> None:
+    x, mass, gravity = np.zeros((4, 3)), np.ones(4), np.ones(3)
+    assert for_these(add_gravity, x, mass, gravity, np.zeros((4, 3))) is unchecked(add_gravity)
+    for wrong in (np.zeros((4, 3), np.float32), np.zeros((3, 4)).T, np.zeros((4, 6))[:, ::2], np.zeros(12)):
+        assert for_these(add_gravity, x, mass, gravity, wrong) is add_gravity
+    plain = add_gravity.py_func
+    assert for_these(plain, x, mass, gravity, np.zeros((4, 3))) is plain

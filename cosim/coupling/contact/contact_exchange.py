@@ -13,6 +13,7 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import unchecked
 from cosim.base.state import check_indices, copied
 from cosim.coupling.contact import contact_arrays, contact_kernels
 from cosim.coupling.contact.contact_arrays import Contacts
@@ -231,23 +232,25 @@ class ContactExchange:
     def _place_shapes(self) -> None:
         sight, query = self.bodies.foresight, self.query
         centers = self.bodies.mass_centers, sight.lead
-        contact_kernels.place_shapes(query.geom_poses, *centers, query.poses, self.loads.centers)
+        unchecked(contact_kernels.place_shapes)(query.geom_poses, *centers, query.poses, self.loads.centers)
 
     def _describe(self, x: Array, velocity: Array, near: NearFilm | None, contacts: Contacts) -> None:
         """Fill tangent planes and what they are tied to; what pressed before keeps force and anchor."""
         surface, shapes, sight = self._surface, self._shapes, self.bodies.foresight
         if near is not None:
             begin, features = len(near.points.point), near.features
-            contact_kernels.describe_points(near.points, self.search.places, surface, shapes, contacts)
+            unchecked(contact_kernels.describe_points)(
+                near.points, self.search.places, surface, shapes, contacts
+            )
             if len(features.feature):
-                contact_kernels.describe_features(x, features, surface, shapes, begin, contacts)
+                unchecked(contact_kernels.describe_features)(x, features, surface, shapes, begin, contacts)
                 contacts.stiffness[begin : begin + len(features.feature)] = self._feature_N_m
         if len(self.glue.point):
             contact_kernels.describe_glue(self.glue, surface, sight.lead, contacts)
         if len(self.movable):
-            contact_kernels.fill_approach(contacts, velocity, self._resolved, sight.motions)
+            unchecked(contact_kernels.fill_approach)(contacts, velocity, self._resolved, sight.motions)
         if len(self.memory.key):
-            contact_kernels.recall(self.memory, shapes, contacts)
+            unchecked(contact_kernels.recall)(self.memory, shapes, contacts)
 
     def _take(self, contacts: Contacts) -> None:
         self._contacts = contacts
@@ -312,7 +315,9 @@ class ContactExchange:
         """
         self._conclude(x)
         ends, loads, sight = self._body_ends, self.loads, self.bodies.foresight
-        most = contact_kernels.disagreement(ends, loads, self.assumed, sight.ahead, self.gives, tolerance_N)
+        most = unchecked(contact_kernels.disagreement)(
+            ends, loads, self.assumed, sight.ahead, self.gives, tolerance_N
+        )
         if not most <= 1.0:
             most = self._away_m(tick_s) / AGREED_M if most < np.inf else most
         if most <= 1.0 and np.count_nonzero(ends.acting[sight.ahead > 0]):
@@ -337,7 +342,7 @@ class ContactExchange:
             return
         self._ends = contact_arrays.ContactEnds.room(len(contacts.body))
         friction, bodies = self.query.friction, self._body_ends
-        contact_kernels.conclude(x, contacts, self._widths, friction, self._ends, bodies)
+        unchecked(contact_kernels.conclude)(x, contacts, self._widths, friction, self._ends, bodies)
         self._concluded = x
 
     def settle(self, before: Array, x: Array) -> ContactReport:
@@ -361,7 +366,7 @@ class ContactExchange:
             self.age += 1
         film = before, x, self._force
         work_J = contact_kernels.add_work(ending.nodes, ending.weights, self._ends.own, *film)
-        contact_kernels.load_bodies(self._body_ends, self.loads, self.past)
+        unchecked(contact_kernels.load_bodies)(self._body_ends, self.loads, self.past)
         self._acts = contacts is not None
         self.report = self._reported(float(work_J))
         self.__dict__.pop("sticking", None)
@@ -372,10 +377,10 @@ class ContactExchange:
         push = self._ends.push
         memory = ContactMemory.room(int(np.count_nonzero(push > 0.0)))
         if len(memory.key):
-            contact_kernels.remember(contacts, self._ends, self._widths, self._shapes, memory)
+            unchecked(contact_kernels.remember)(contacts, self._ends, self._widths, self._shapes, memory)
             if len(self.movable):
                 figures = self._body_ends.figures
-                contact_kernels.see_hits(contacts, push, self._resolved, figures)
+                unchecked(contact_kernels.see_hits)(contacts, push, self._resolved, figures)
         return memory
 
     def _reported(self, work_J: float) -> ContactReport:
@@ -401,7 +406,9 @@ class ContactExchange:
             return 0.0
         bodies, touched = self.bodies.foresight.motions, self.loads.loaded
         film = after.positions, after.velocities
-        return float(contact_kernels.fastest_touched(self.planes.rows, bodies, self.movable, touched, *film))
+        return float(
+            unchecked(contact_kernels.fastest_touched)(self.planes.rows, bodies, self.movable, touched, *film)
+        )
 
     @property
     def rest_reach_m(self) -> float:

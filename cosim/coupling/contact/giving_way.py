@@ -355,7 +355,7 @@ class LightBodies:
         if not known:
             return None
         try:
-            acting = loads if planes is None else replace(loads, contact=planes)
+            acting = loads if planes is None else loads.touching(planes)
             reply = soft.advance(flange, acting, tick_s)
         except ConvergenceError:
             if gives_way:

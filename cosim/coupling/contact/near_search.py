@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, Indices, Matrix
-from cosim.base.kernels import kernel
+from cosim.base.kernels import kernel, unchecked
 from cosim.coupling.contact.contact_arrays import NearFeatures
 from cosim.coupling.contact.contact_kernels import fill_held
 from cosim.coupling.contact.contact_report import ContactMemory
@@ -101,7 +101,7 @@ class NearSearch:
             self._surface.fill_points(x, listed.listed[first:last], places)
         query = self._query
         asked = PointLists(active, spans, listed.listed)
-        count = points_near(places, query.shapes, query.poses, asked, reach_m, hits)
+        count = unchecked(points_near)(places, query.shapes, query.poses, asked, reach_m, hits)
         return HitRows(hits.point[:count], hits.shape[:count], hits.found[:count])
 
     def _find_features(
@@ -114,7 +114,7 @@ class NearSearch:
             carry(query.position, query.rotation, features.shape, features.position, listed, around)
             film = FilmTriangles(x, self._surface.triangles)
             reach = FilmReach(reach_m, behind_m, extent.low - reach_m, extent.high + reach_m)
-            count = film_near(around, film, self._triangles, reach, self._held, rows)
+            count = unchecked(film_near)(around, film, self._triangles, reach, self._held, rows)
         point, found = rows.point[:count], rows.found[:count]
         feature = listed[point]
         owner, place = query.features.shape[feature], around[point]

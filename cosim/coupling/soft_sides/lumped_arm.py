@@ -167,18 +167,17 @@ class SoftArm(soft_side.SoftSide):
         self._now = replace(self._now, soft=before, flange=flange, loads=loads)
 
     def _advance(self, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
-        begin, before = (self._now.flange, self._now.loads), self.state
-        self._begin = begin
+        before = self._now
+        self._begin = begin = before.flange, before.loads
         self._work = [0.0, 0.0]
         try:
             with self.work:
                 iterations = soft_side.step_or_halves(self._stepping, begin, end, step_s, aim)
         except BaseException:
-            self.state = before
+            self._now = before
             raise
-        flange, loads = end
-        self._now = now = replace(self._now, flange=flange, loads=loads)
-        wrench = self._stepper.wrench(now.soft, flange)
+        now = self._now
+        wrench = self._stepper.wrench(now.soft, now.flange)
         return soft_side.SoftReply(wrench, now.residual_N, iterations, *self._work)
 
     @property
@@ -223,7 +222,7 @@ class SoftArm(soft_side.SoftSide):
         Returns:
             (k, n, 3) [m]; None where the tangent is indefinite.
         """
-        loads = replace(self._now.loads, contact=contact)
+        loads = self._now.loads.touching(contact)
         if not self._stepper.factorise(self.state, self._now.flange, loads, step_s):
             return None
         return self._stepper.solver.linear.solve_all(forces)
@@ -235,7 +234,7 @@ class SoftArm(soft_side.SoftSide):
     def _step(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
         before = self.state
         soft, result = self._stepper.step(before, *end, step_s, begin[0], aim)
-        self._now = replace(self._now, soft=soft, residual_N=result.residual_N)
+        self._now = SoftArmState(soft, self.clamp, *end, result.residual_N)
         if self.films is not None:
             self._work[0] += self.films.work_J
         after = self.state
@@ -347,7 +346,7 @@ class SoftArm(soft_side.SoftSide):
         serving, memory = film.serving, film.memory.copy()
         films = self.films
         pairs = None if films is None or films.waits(state) else films.static_pairs(shape)
-        found = look(self._tested, state, replace(loads, self_contact=pairs), world_from_flange.rotation)
+        found = look(self._tested, state, loads.with_films(pairs), world_from_flange.rotation)
         film.serving, film.memory[:] = serving, memory
         return found
 

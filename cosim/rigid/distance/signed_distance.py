@@ -25,7 +25,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_vector
+from cosim.base.kernels import device_function, kernel, small_vector, unchecked
 from cosim.errors import InputError
 from cosim.rigid.build.object_bodies import hollow, mesh_of
 from cosim.rigid.distance.shapes import (
@@ -486,7 +486,7 @@ class ContactQuery:
     def near(self, low: Array, high: Array, reach_m: float) -> IntArray:
         """Return the shapes that may come within `reach_m` of the box low (3,) .. high (3,) [m], world."""
         near = np.empty(len(self), np.int64)
-        count = fill_near_box(self.shapes, self.poses, low, high, reach_m, near)
+        count = unchecked(fill_near_box)(self.shapes, self.poses, low, high, reach_m, near)
         return near[:count]
 
     def distances(self, points: Array, reach_m: float, active: IntArray | None = None) -> Hits:

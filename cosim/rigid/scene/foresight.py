@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import unchecked
 from cosim.rigid.scene.body_motion import BodyMotions, add_way
 
 _COPIED = "qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "ctrl"
@@ -67,7 +68,7 @@ class Foresight:
         """Fill how far bodies are ahead after a time [s] at the velocities that they have."""
         steps = self.steps
         self.lead.fill(0.0)
-        add_way(self.motions, self.ahead, 1, tick_s, self.lead)
+        unchecked(add_way)(self.motions, self.ahead, 1, tick_s, self.lead)
         if steps > 1:
             add_way(self.motions, self.ahead, -1, tick_s * (steps - 1) / (2 * steps), self.lead)
 
@@ -115,4 +116,4 @@ class Foresight:
             self._aims += step_s * self._speeds
             mujoco.mj_step2(model, there)
             mujoco.mj_comVel(model, there)
-            add_way(self._motions_then, self.ahead, 1, step_s, self.lead)
+            unchecked(add_way)(self._motions_then, self.ahead, 1, step_s, self.lead)

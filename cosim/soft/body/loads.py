@@ -91,6 +91,20 @@ class Loads:
         """Whether it is plain but for what may be touched, films among one another included."""
         return is_plain(self, but=("contact", "self_contact"))
 
+    def touching(self, contact: obstacle_contact.ContactPlanes | None) -> "Loads":
+        """Return these loads with what may be touched."""
+        return self if contact is self.contact else self._with(contact=contact)
+
+    def with_films(self, films: self_contact_pairs.FilmPairs | None) -> "Loads":
+        """Return these loads with films that may touch one another."""
+        return self if films is self.self_contact else self._with(self_contact=films)
+
+    def _with(self, **contacts: Any) -> "Loads":
+        """Return these loads with other contacts; nothing is checked, or made an array, once more."""
+        made = object.__new__(Loads)
+        made.__dict__.update(self.__dict__, **contacts)
+        return made
+
     def arrays(self, chambers: int) -> PlainLoads:
         """Return pressures of so many chambers, tensions and gravity, whatever else there is."""
         pressure = np.array(self.pressures(chambers))

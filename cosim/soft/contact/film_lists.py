@@ -23,7 +23,15 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Blocks, Indices, Masks, Matrix, Vector
-from cosim.base.kernels import copy_rows, device_function, kernel, small_matrix, small_vector, zero_matrix
+from cosim.base.kernels import (
+    copy_rows,
+    device_function,
+    kernel,
+    small_matrix,
+    small_vector,
+    unchecked,
+    zero_matrix,
+)
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact import contact_law, rigid_motion
 from cosim.soft.contact.self_contact_candidates import (
@@ -384,6 +392,7 @@ class FilmLists:
             room_m: for which a new list is made, if the old one is not valid.
             moves: whether a new list is to hold for the next steps as well.
         """
+        x = np.ascontiguousarray(x, dtype=float)
         self._update(x, reach, behind, room_m, moves)
         while (count := self._fill(x, reach, behind, self.hits)) > len(self.hits):
             self.hits = np.zeros((2 * count, 2), np.int64)
@@ -401,6 +410,7 @@ class FilmLists:
             room_m: for which a new list is made, if the old one is not valid.
             moves: whether a new list is to hold for the next steps as well.
         """
+        x = np.ascontiguousarray(x, dtype=float)
         if self._stays_quiet(x, reach, behind[0]):
             return False
         self._update(x, reach, behind[1], room_m, moves)
@@ -410,7 +420,7 @@ class FilmLists:
         return False
 
     def _fill(self, x: Array, reach: float, behind: float, out: IntArray) -> int:
-        return int(fill_over(x, self.rows, self._short, self._entries[0], (reach, behind), out))
+        return int(unchecked(fill_over)(x, self.rows, self._short, self._entries[0], (reach, behind), out))
 
     def _update(self, x: Array, reach: float, behind: float, room_m: float, moves: bool) -> None:
         """Let the short list hold all that may be over a triangle, with the sides of its triangles."""
@@ -420,15 +430,15 @@ class FilmLists:
     def _serves(self, x: Array, reach: float, behind: float) -> bool:
         """Return whether the short list is valid, if need be made of the long one."""
         within = reach <= self._short_m[0] and behind <= self._short_m[1]
-        if within and units_stay(x, self.units, self.short, 0.0):
+        if within and unchecked(units_stay)(x, self.units, self.short, 0.0):
             measure_sides(x, self.rows.triangles, self._short.used, self._entries[1], self._short.sides)
             return True
         further = reach + _FURTHER_M
         # pairs of units of which the long list has none may come nearer by what is asked for beyond its room
         less = max(max(further, behind) - self._long_m, 0.0) / FEET_FOLLOW
-        if self._long_m < 0.0 or not units_stay(x, self.units, self.long, less):
+        if self._long_m < 0.0 or not unchecked(units_stay)(x, self.units, self.long, less):
             return False
-        self._entries = shorten_list(x, self.rows, self._long, further, behind, self._short)
+        self._entries = unchecked(shorten_list)(x, self.rows, self._long, further, behind, self._short)
         self._short_m = further, behind
         self.units.went.fill(0.0)
         keep_shape(x, self.units, self.short)
@@ -469,7 +479,7 @@ class FilmLists:
             return False
         if 2.0 * furthest_gone(x, self._seen, self.units.nodes) <= self._slack_m:
             return True
-        if not units_stay(x, self.units, self._quiet, 0.0):
+        if not unchecked(units_stay)(x, self.units, self._quiet, 0.0):
             return False
         self._slack_m = least_left(self._quiet.allowed, self.units.went)
         np.copyto(self._seen, x)

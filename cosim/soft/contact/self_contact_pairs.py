@@ -36,6 +36,7 @@ from cosim.base.kernels import (
     kernel,
     small_matrix,
     small_vector,
+    unchecked,
     zero_matrix,
     zero_vector,
 )
@@ -396,7 +397,7 @@ class FilmPairs:
 
     def _ended(self, before: Array, x: Array, *, resting: bool) -> tuple[FilmMemory | None, float]:
         pressing, ends = np.empty(len(self), np.int64), np.empty((len(self), 5))
-        count, work_J = end_pairs(before, x, self.rows, resting, pressing, ends)
+        count, work_J = unchecked(end_pairs)(before, x, self.rows, resting, pressing, ends)
         if not count:
             return None, work_J
         kept, key = ends[:count], self.key[pressing[:count]]

@@ -16,6 +16,7 @@ import numpy as np
 
 from cosim.base.compilation import compile_kernels
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernels import for_these, unchecked
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -429,7 +430,7 @@ class FilmPotential:
             if inertia.rates is not None:
                 found += self._rate_calls(inertia.rates, blocks)
         if loads.self_contact is not None:
-            found.append(Call(add_pairs, (loads.self_contact.rows, gradient)))
+            found.append(Call(unchecked(add_pairs), (loads.self_contact.rows, gradient)))
         return found
 
     def _rate_calls(self, rates: StrainRates, blocks: Array) -> list[Call]:
@@ -466,9 +467,9 @@ class FilmPotential:
                 found.append(
                     element.call(memory, slots(element.coupled), self.gradient, blocks, moving=moving)
                 )
-        calls = [call for call in found if call is not None]
+        calls, x = [call for call in found if call is not None], writable(self.body.positions)
         compile_kernels(call.leaf for call in calls)
-        return calls
+        return [Call(for_these(leaf, x, *given), given) for leaf, given in calls]
 
     def _winches(self, loads: Loads, rows: Array) -> list[_Winch]:
         found, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)

@@ -12,6 +12,7 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask
+from cosim.base.kernels import unchecked
 from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.envelope_kernels import substitute
 from cosim.soft.linear.linear_solver import LinearSolver, ShiftSearch, Tangent
@@ -126,7 +127,7 @@ class Factor:
         solver = self.solver
         if isinstance(solver, EnvelopeCholesky) and solver.correction is None:
             for factor, dofs, own in solver.factors:
-                substitute(factor, dofs, turn, out[None, own])
+                unchecked(substitute)(factor, dofs, turn, out[None, own])
         else:
             out[:] = solver.solve(out, turn)
         mend_step(self._pairs, self._known, out)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import kernel, small_matrix, small_vector
+from cosim.base.kernels import kernel, small_matrix, small_vector, unchecked
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact import contact_law
@@ -291,9 +291,9 @@ class SelfContact:
         if not count:
             return None
         key, pairs = np.empty(count, np.int64), PairRows.room(count, self._widths)
-        describe_pairs(x, self._rows, hits, pairs, key)
+        unchecked(describe_pairs)(x, self._rows, hits, pairs, key)
         if before is not None:
-            let_rub(key, before.key, self._friction * before.normal_force, before.stretch, pairs)
+            unchecked(let_rub)(key, before.key, self._friction * before.normal_force, before.stretch, pairs)
         return FilmPairs(key, hits[:, 1], pairs)
 
     def _hits(self, x: Array, reach_m: float) -> IntArray:

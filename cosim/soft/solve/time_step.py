@@ -101,12 +101,12 @@ class Stepper:
         if films is None:
             return self._step(state, world_from_flange, loads, step_s, before, aim)
         waits, films.work_J = films.waits(state), 0.0
-        acting = loads if waits else replace(loads, self_contact=films.step_pairs(state, step_s))
+        acting = loads if waits else loads.with_films(films.step_pairs(state, step_s))
         end, result = self._step(state, world_from_flange, acting, step_s, before, aim)
         if waits and films.press(end, step_s):
             pairs = films.step_pairs(state, step_s)
             if pairs is not None:
-                acting = replace(loads, self_contact=pairs)
+                acting = loads.with_films(pairs)
                 end, result = self._step(state, world_from_flange, acting, step_s, before, aim)
         return end, result
 
@@ -335,7 +335,7 @@ class Stepper:
         inertia = Inertia(scheme.inertia, state.positions, step_s, self.options.closely, self.rates)
         films = self.self_contact
         if films is not None and not films.waits(state):
-            loads = replace(loads, self_contact=films.step_pairs(state, step_s))
+            loads = loads.with_films(films.step_pairs(state, step_s))
         return self.solver.factorise(
             state.positions, state.memory, loads, inertia, world_from_flange.rotation
         )
