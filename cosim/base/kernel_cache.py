@@ -55,7 +55,7 @@ class KernelCache:
         return bool(caches.kept(caches.KERNELS, self.name(signature), bool))
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return what is kept for a signature; None if there is nothing."""
+        """Return the compiled code of a signature; None if the cache has none."""
         context.refresh()
         return caches.kept(caches.KERNELS, self.name(signature), lambda data: from_bytes(data, context))
 

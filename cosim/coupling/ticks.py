@@ -42,11 +42,11 @@ class Servos(NamedTuple):
         return cls(position, velocity, torque, np.zeros((*position.shape, 10)))
 
     def row(self, k: int) -> ServoRow:
-        """Return what is asked for in tick k."""
+        """Return the commands of tick k."""
         return ServoRow(self.position[k], self.velocity[k], self.torque[k], self.by_payload[k])
 
     def some(self, first: int, end: int) -> Servos:
-        """Return what is asked for in some of the ticks."""
+        """Return the commands of some of the ticks."""
         return Servos._make(map(itemgetter(slice(first, end)), self))
 
 

@@ -153,7 +153,7 @@ class _Step:
             reached = self._soft.state.positions if moved < _NEAR_M else None
             self._soft.restore(self.before)
             aim = StepAim(self._tolerance_N, reached)
-        loads = self._loads if self._planes is None else replace(self._loads, contact=self._planes)
+        loads = self._loads if self._planes is None else self._loads.touching(self._planes)
         self.trials += 1
         if aim is None:
             reply = self._soft.advance(self._flange, loads, self.tick_s)

@@ -125,7 +125,7 @@ class SoftArm(soft_side.SoftSide):
 
     @property
     def clamp(self) -> Clamp:
-        """What is held."""
+        """Nodes held by the flange."""
         return self._now.clamp
 
     def hold(self, clamp: Clamp) -> None:

@@ -50,7 +50,7 @@ class ReusedFactor:
         self._of = (clamp, bed.two_steps, bed.span) if reusable else None
 
     def save_state(self, clamp: object) -> SavedFactor | None:
-        """Return the factor; None where there is none for a clamp."""
+        """Return the factor for a clamp; None if none was made."""
         if self._of is None or self._of[0] is not clamp:
             return None
         return SavedFactor(self.work.low.copy(), self.work.side.copy(), *self._of[1:])

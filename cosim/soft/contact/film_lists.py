@@ -53,7 +53,7 @@ _FITTED = 24  # nodes to which a rigid motion is fitted, at least, if there are 
 _MARGIN_M, _MARGIN_AT_REST_M = 4e-3, 0.5e-3
 """A larger margin makes the list longer, a smaller one ends it sooner. States at rest are often far apart."""
 _MOTION_M: Final = 0.3e-3  # a larger one makes the short list longer, a smaller one ends it sooner
-_FURTHER_M: Final = 0.1e-3  # for which the short list looks ahead beyond what is asked for
+_FURTHER_M: Final = 0.1e-3  # added to the distance for which a short list is made
 _SEEN, _LISTED = 1, 2  # of a triangle: measured, in the short list
 
 
@@ -126,7 +126,7 @@ def keep_shape(x: Matrix, units: Units, allowance: Allowance) -> None:
 def allow_motion(
     x: Matrix, units: Units, meet: Masks, margins: tuple[float, float], long: Matrix, short: Matrix
 ) -> None:
-    """Fill how far units may move until a list serves no longer.
+    """Fill how far units may move while a list is valid.
 
     Args:
         x: (n, 3) [m].
@@ -434,7 +434,7 @@ class FilmLists:
             measure_sides(x, self.rows.triangles, self._short.used, self._entries[1], self._short.sides)
             return True
         further = reach + _FURTHER_M
-        # pairs of units of which the long list has none may come nearer by what is asked for beyond its room
+        # pairs of units that the long list leaves out may come nearer by the distance beyond its room
         less = max(max(further, behind) - self._long_m, 0.0) / FEET_FOLLOW
         if self._long_m < 0.0 or not unchecked(units_stay)(x, self.units, self.long, less):
             return False

@@ -21,7 +21,7 @@ class DefiniteTangent:
     Args:
         pivots: see `EnvelopeCholesky.pivots`.
         place: (n, 3) [m], where it was taken, flange axes, from the middle of all nodes.
-        way: (n, 3) [m], from the one before; zero where there is none to compare with.
+        way: (n, 3) [m], from the one before; zero for the first one.
         fallen: largest fall of a pivot meanwhile, over what is left of it.
     """
 
