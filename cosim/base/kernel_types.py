@@ -22,7 +22,8 @@ PlaceTable: TypeAlias = Annotated[NDArray[np.uint64], numba.uint64[:, ::1]]
 Flags: TypeAlias = Annotated[NDArray[np.bool_], numba.boolean[::1]]
 Masks: TypeAlias = Annotated[NDArray[np.bool_], numba.boolean[:, ::1]]
 
-VECTOR, MATRIX, INDICES = numba.float64[::1], numba.float64[:, ::1], numba.int64[::1]
+VECTOR, MATRIX, BLOCKS = numba.float64[::1], numba.float64[:, ::1], numba.float64[:, :, ::1]
+INDICES, INDEX_TABLE = numba.int64[::1], numba.int64[:, ::1]
 """The same for annotations that name sizes as well: `Annotated[Array, ("k",), VECTOR]`."""
 
 _PLAIN: dict[Any, Any] = {

@@ -192,7 +192,7 @@ class QuasistaticSimulation(SteppedRun):
         """Return what the present equilibrium shows, with the Newton iterations spent on it."""
         parts, here, touched = self._parts, self._begun.here, NOTHING_TOUCHED
         if here.loads.contact is not None:
-            touched = ContactReport.of(here.loads.contact, here.loads.contact.at(here.state.positions))
+            touched = ContactReport.of(here.loads.contact.at(here.state.positions))
         joints = parts.carrier.joint_position
         rigid_power = here.wrench.power(motion.twist)
         ledger = LedgerEntry(

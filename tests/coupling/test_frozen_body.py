@@ -94,9 +94,9 @@ def test_a_contact_pushes_on_the_flange() -> None:
     one, law = slice(point, point + 1), ContactLaw(smoothing_m=1e-6)
     depth, up = 1e-3, np.array([[0.0, 0.0, 1.0]])
     offset = np.array([arm.state.positions[tip, 2] + depth])
-    planes = ContactPlanes(
-        surface.nodes[one], surface.weights[one], surface.slots[one], up, offset, np.array([500.0]),
-        np.zeros(1), arm.state.positions[[tip]], law,
+    planes = ContactPlanes.room(1, law).changed(
+        nodes=surface.nodes[one], weights=surface.weights[one], slots=surface.slots[one], normal=up,
+        offset=offset, stiffness=np.array([500.0]), anchor=arm.state.positions[[tip]],
     )  # fmt: skip
     free = arm.advance(HANGING, no_load(arm.body), STEP_S)
     pushed = arm.advance(HANGING, no_load(arm.body, contact=planes), STEP_S)

@@ -33,11 +33,11 @@ def test_the_stiffness_is_what_repeated_steps_show(integrator: Integrator) -> No
     planes = exchange.find(before, TICK_S)
     assert planes is not None
     center = grasp.cube_position
-    loads_after(grasp, planes, rigid_motions(np.zeros((len(planes), 3)), center))
+    loads_after(grasp, planes, rigid_motions(np.zeros((len(planes.nodes), 3)), center))
     x = soft.state.positions
     motion = rigid_motions(planes.at(x).point, center)
     levers = Levers.of(planes, np.unique(planes.body), center[None], x)
-    stiffness = levers.stiffness(planes, planes.stiffnesses(x), soft, TICK_S)
+    stiffness = levers.stiffness(planes, planes.at(x).tangent, soft, TICK_S)
     found = np.empty((6, 6))
     for j in range(6):
         sides = []
@@ -45,7 +45,7 @@ def test_the_stiffness_is_what_repeated_steps_show(integrator: Integrator) -> No
             soft.restore(before)
             moved = nudge * motion[:, :, j]
             along = np.einsum("kr,kr->k", planes.normal, moved)
-            moved_on = replace(planes, offset=planes.offset + along, anchor=planes.anchor + moved)
+            moved_on = planes.changed(offset=planes.offset + along, anchor=planes.anchor + moved)
             sides.append(loads_after(grasp, moved_on, motion))
         found[:, j] = (sides[0] - sides[1]) / (2.0 * NUDGE_m)
     # the step is solved to 1e-9 N; inertia weighed by another scheme would be off by more than the force

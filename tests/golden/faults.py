@@ -51,9 +51,9 @@ SIGNS: Final[dict[str, tuple[str, str, str, str]]] = {
     "inertia": ("attached", "elements/mass_terms", "x[i, r] - target", "x[i, r] + target"),
     "damping": ("attached", "solve/state", "self.damping_per_s + self", "-self.damping_per_s + self"),
     "contact": ("table_edge", "contact/contact_law", "own[r] = -pressing", "own[r] = pressing"),
-    "friction": ("table_edge", "contact/contact_law", "own[r] += friction", "own[r] -= friction"),
+    "friction": ("table_edge", "contact/contact_law", "own[r] += limit", "own[r] -= limit"),
     "self-contact": ("curls", "contact/self_contact_pairs", "rub[r] - push *", "rub[r] + push *"),
-    "self-friction": ("curls", "contact/self_contact_pairs", "rub[r] *= limit", "rub[r] *= -limit"),
+    "self-friction": ("curls", "contact/self_contact_pairs", "w[a] * rub[r] - push", "-w[a] * rub[r] - push"),
     "section": ("flagship_section", "sections/section_energy", "f_b - u2 * f_q", "f_b + u2 * f_q"),
 }  # fmt: skip
 """A sign of an element: the run that is to see it, the file, its text, and the broken one."""

@@ -29,7 +29,7 @@ def half_space(
         anchor: (p, 3) [m]; the origin unless given.
     """
     count = len(surface)
-    return ContactPlanes(
+    return ContactPlanes.room(count, law).changed(
         nodes=surface.nodes,
         weights=surface.weights,
         slots=surface.slots,
@@ -38,5 +38,4 @@ def half_space(
         stiffness=law.stiffness_N_m3 * surface.area,
         friction=np.array(np.broadcast_to(friction, (count,)), dtype=np.float64),
         anchor=np.zeros((count, 3)) if anchor is None else anchor,
-        law=law,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -219,7 +218,7 @@ def test_rounds_with_a_curved_obstacle_are_extrapolated() -> None:
         away = surface.points(x) - center
         normal = away / np.linalg.norm(away, axis=1)[:, None]
         rounds.append(x)
-        return replace(plane, normal=normal, offset=normal @ center + radius)
+        return plane.changed(normal=normal, offset=normal @ center + radius)
 
     arm.equilibrium.obstacles = ball
     found = arm.equilibrium.solve(begin.state, HANGING, begin.loads)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.soft.contact.contact_law import ContactLaw, feet
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_pairs import FilmPairs, add_pair_blocks, add_pairs
+from cosim.soft.contact.triangle_foot import feet
 from cosim.soft.linear.pattern import BlockPattern
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import random_rotation

@@ -1,4 +1,4 @@
-"""Arrays that leaves of contact between film and scene take: loads on bodies, contacts, and their end."""
+"""Arrays that leaves of contact between film and scene take: what is near, and loads on bodies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.rigid.scene.bodies import Bodies
-from cosim.soft.contact.obstacle_contact import PlaneRows
 
 
 class BodyLoads(NamedTuple):
@@ -56,50 +55,6 @@ class ShapeRows(NamedTuple):
     body: Indices
 
 
-class Contacts(NamedTuple):
-    """What may be touched in a step: the arrays of `PlaneRows`, and what contacts are tied to.
-
-    One flat record: a leaf takes records within records several times as long.
-
-    Args:
-        nodes: (k, 3), and what follows: see `ContactPlanes`.
-        weights: (k, 3).
-        slots: (k, 6).
-        normal: (k, 3).
-        offset: (k,) [m].
-        stiffness: (k,) [N/m].
-        friction: (k,) [N].
-        anchor: (k, 3) [m].
-        body: (k,).
-        shape: (k,) that is touched; -1 for glue.
-        key: (k,) names the pair of contact point and shape; first points of the film, then features.
-        carrier: (k, 3) [m], world: the shape's origin; of a feature: where it is.
-        triangle: (k,) of the film, that a feature is near; -1 for points of the film.
-        approach: (k,) [m/s], at which body and film came on to each other before the step.
-    """
-
-    nodes: IndexTable
-    weights: Matrix
-    slots: IndexTable
-    normal: Matrix
-    offset: Vector
-    stiffness: Vector
-    friction: Vector
-    anchor: Matrix
-    body: Indices
-    shape: Indices
-    key: Indices
-    carrier: Matrix
-    triangle: Indices
-    approach: Vector
-
-    @classmethod
-    def room(cls, count: int) -> Contacts:
-        """Return room for so many, of glue."""
-        shape, key, triangle = np.full((3, count), -1)
-        return cls(*PlaneRows.room(count), shape, key, np.zeros((count, 3)), triangle, np.zeros(count))
-
-
 class NearFeatures(NamedTuple):
     """Corners of shapes, and points of their edges, near triangles of the film.
 
@@ -138,30 +93,6 @@ class Glue(NamedTuple):
     stiffness: float
     position: Matrix
     axes: Matrix
-
-
-class ContactEnds(NamedTuple):
-    """Contacts at the end of a step.
-
-    Args:
-        point: (k, 3) [m], where they are.
-        own: (k, 3) [N], force of each on its body.
-        push: (k,) [N], normal force.
-        distance: (k,) [m], from the tangent plane.
-        slack_friction: (k,) [N], by which they rub from now on.
-    """
-
-    point: Matrix
-    own: Matrix
-    push: Vector
-    distance: Vector
-    slack_friction: Vector
-
-    @classmethod
-    def room(cls, count: int) -> ContactEnds:
-        """Return room for so many."""
-        point, own, push = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
-        return cls(point, own, push, np.zeros(count), np.zeros(count))
 
 
 class BodyEnds(NamedTuple):

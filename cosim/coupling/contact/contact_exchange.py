@@ -16,15 +16,14 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import unchecked
 from cosim.base.state import check_indices, copied
 from cosim.coupling.contact import contact_arrays, contact_kernels
-from cosim.coupling.contact.contact_arrays import Contacts
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.near_search import NearFilm, NearSearch
 from cosim.errors import InputError
 from cosim.rigid.distance import signed_distance
 from cosim.rigid.scene.bodies import Bodies
-from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.contact_law import GLUED, ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
-from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState
 
 AHEAD_TICKS: Final = 2.0
@@ -121,9 +120,8 @@ class ContactExchange:
         self._prepare_bodies()
         self.memory = ContactMemory.room(0)
         self.planes: ContactPlanes | None = None
-        self._contacts: Contacts | None = None
-        self._concluded: Array | None = None  # nodes for which the law has been evaluated
-        self._ends, self._nothing = contact_arrays.ContactEnds.room(0), Contacts.room(0)
+        self._concluded: Array | None = None  # nodes for which loads on bodies are known
+        self._nothing = ContactPlanes.room(0, self.law)
         self._body_ends = contact_arrays.BodyEnds.room(bodies.count)
         self.age = self.met = 0
         self._acts = False  # whether something is left to be ended in a tick in which nothing is touched
@@ -138,7 +136,6 @@ class ContactExchange:
         )  # fmt: skip
         self._shapes = contact_arrays.ShapeRows(query.position, query.rotation, query.friction, query.body)
         self._feature_N_m = law.stiffness_N_m3 * FEATURE_AREA_M2
-        self._widths = np.array([law.smoothing_m, law.stick_m])
         nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         self._force = np.zeros((nodes, 3))
 
@@ -178,7 +175,7 @@ class ContactExchange:
         return self._find(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
 
     def _find(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
-        self.planes = self._contacts = self._concluded = None
+        self.planes = self._concluded = None
         if len(self.query) + len(self.glue.point) == 0:
             return None
         near = self._near(x, velocity, rest_m, ahead_s)
@@ -191,9 +188,8 @@ class ContactExchange:
         if not count:
             self.memory = ContactMemory.room(0)
             return None
-        contacts = Contacts.room(count)
-        self._describe(x, velocity, near, contacts)
-        self._take(contacts)
+        self.planes = ContactPlanes.room(count, self.law)
+        self._describe(x, velocity, near, self.planes)
         return self.planes
 
     def _near(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> NearFilm | None:
@@ -234,7 +230,7 @@ class ContactExchange:
         centers = self.bodies.mass_centers, sight.lead
         unchecked(contact_kernels.place_shapes)(query.geom_poses, *centers, query.poses, self.loads.centers)
 
-    def _describe(self, x: Array, velocity: Array, near: NearFilm | None, contacts: Contacts) -> None:
+    def _describe(self, x: Array, velocity: Array, near: NearFilm | None, contacts: ContactPlanes) -> None:
         """Fill tangent planes and what they are tied to; what pressed before keeps force and anchor."""
         surface, shapes, sight = self._surface, self._shapes, self.bodies.foresight
         if near is not None:
@@ -252,23 +248,17 @@ class ContactExchange:
         if len(self.memory.key):
             unchecked(contact_kernels.recall)(self.memory, shapes, contacts)
 
-    def _take(self, contacts: Contacts) -> None:
-        self._contacts = contacts
-        rows = PlaneRows._make(contacts[: len(PlaneRows._fields)])
-        self.planes = ContactPlanes.of(rows, self.law)
-
     def move(self, contacts: IntArray, shift: Array) -> ContactPlanes:
         """Return what was found with contacts (k,) gone by a shift (k, 3) [m] with their bodies."""
-        assert self._contacts is not None, "contacts were found"
-        found = self._contacts
+        found = self.planes
+        assert found is not None, "contacts were found"
         offset, anchor, carrier = found.offset.copy(), found.anchor.copy(), found.carrier.copy()
         offset[contacts] += np.einsum("kr,kr->k", found.normal[contacts], shift)
         anchor[contacts] += shift
         carrier[contacts] += shift
-        self._take(found._replace(offset=offset, anchor=anchor, carrier=carrier))
         self._concluded = None
-        assert self.planes is not None, "contacts were taken"
-        return self.planes
+        self.planes = moved = found.changed(offset=offset, anchor=anchor, carrier=carrier)
+        return moved
 
     def ahead(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
         """Return how far bodies will be ahead (b, 6), see `Foresight`.
@@ -336,14 +326,10 @@ class ContactExchange:
         return float(away_m)
 
     def _conclude(self, x: Array) -> None:
-        """Evaluate the law at the end of a step, once."""
-        contacts = self._contacts
-        if self._concluded is x or contacts is None:
-            return
-        self._ends = contact_arrays.ContactEnds.room(len(contacts.body))
-        friction, bodies = self.query.friction, self._body_ends
-        unchecked(contact_kernels.conclude)(x, contacts, self._widths, friction, self._ends, bodies)
-        self._concluded = x
+        """Sum the loads on bodies at the end of a step, once."""
+        if self._concluded is not x and self.planes is not None:
+            unchecked(contact_kernels.conclude)(x, self.planes, self.query.friction, self._body_ends)
+            self._concluded = x
 
     def settle(self, before: Array, x: Array) -> ContactReport:
         """Take in the end of the soft step: remember the contacts and load the bodies.
@@ -352,39 +338,36 @@ class ContactExchange:
             before: (n, 3) [m], of the nodes at the beginning of the step.
             x: (n, 3) [m], the same at its end.
         """
-        contacts = self._contacts
+        contacts = self.planes
         if contacts is None and not self._acts:
             self.report = NOTHING_TOUCHED
             return self.report
         if contacts is None:
             self._body_ends.clear()
-            self._ends, self.memory = contact_arrays.ContactEnds.room(0), ContactMemory.room(0)
-            ending = self._nothing
+            self.memory = ContactMemory.room(0)
         else:
             self._conclude(x)
-            self.memory, ending = self._remembered(contacts), contacts
+            self.memory = self._remembered(contacts)
             self.age += 1
-        film = before, x, self._force
-        work_J = contact_kernels.add_work(ending.nodes, ending.weights, self._ends.own, *film)
+        ending = self._nothing if contacts is None else contacts
+        work_J = unchecked(contact_kernels.add_work)(ending, before, x, self._force)
         unchecked(contact_kernels.load_bodies)(self._body_ends, self.loads, self.past)
         self._acts = contacts is not None
         self.report = self._reported(float(work_J))
         self.__dict__.pop("sticking", None)
         return self.report
 
-    def _remembered(self, contacts: Contacts) -> ContactMemory:
+    def _remembered(self, contacts: ContactPlanes) -> ContactMemory:
         """Return the contacts that press at the end of a step."""
-        push = self._ends.push
-        memory = ContactMemory.room(int(np.count_nonzero(push > 0.0)))
+        memory = ContactMemory.room(int(np.count_nonzero(contacts.normal_force > 0.0)))
         if len(memory.key):
-            unchecked(contact_kernels.remember)(contacts, self._ends, self._widths, self._shapes, memory)
+            unchecked(contact_kernels.remember)(contacts, self._shapes, memory)
             if len(self.movable):
-                figures = self._body_ends.figures
-                unchecked(contact_kernels.see_hits)(contacts, push, self._resolved, figures)
+                unchecked(contact_kernels.see_hits)(contacts, self._resolved, self._body_ends.figures)
         return memory
 
     def _reported(self, work_J: float) -> ContactReport:
-        if self._contacts is None:
+        if self.planes is None:
             return replace(NOTHING_TOUCHED, work_J=work_J)
         ends = self._body_ends
         acting = np.flatnonzero(ends.acting)
@@ -397,8 +380,11 @@ class ContactExchange:
     @cached_property
     def sticking(self) -> ContactPlanes | None:
         """The contacts as they answer a small motion from rest, at the end of the step."""
-        planes, ends = self.planes, self._ends
-        return None if planes is None else planes.sticking(ends.point, ends.slack_friction)
+        planes = self.planes
+        if planes is None:
+            return None
+        coefficient = np.append(self.query.friction, 0.0)[planes.shape]  # glue is of no shape
+        return planes.sticking(np.where(planes.glued, GLUED, coefficient * planes.normal_force))
 
     def fastest_m_s(self, after: SoftState) -> float:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
@@ -407,13 +393,13 @@ class ContactExchange:
         bodies, touched = self.bodies.foresight.motions, self.loads.loaded
         film = after.positions, after.velocities
         return float(
-            unchecked(contact_kernels.fastest_touched)(self.planes.rows, bodies, self.movable, touched, *film)
+            unchecked(contact_kernels.fastest_touched)(self.planes, bodies, self.movable, touched, *film)
         )
 
     @property
     def rest_reach_m(self) -> float:
         """How far a film at rest looks for shapes."""
-        return 0.5 * self.law.smoothing_m + _REACH_M
+        return self.law.onset_m + _REACH_M
 
     @property
     def held_N_m(self) -> Array:
@@ -431,7 +417,7 @@ class ContactExchange:
         self._check(found)
         self.glue.place[:], self.report = found.glued, found.report
         self.memory, self.planes, self.age = found.memory, found.planes, found.age
-        self._contacts = self._concluded = None
+        self._concluded = None
         self.__dict__.pop("sticking", None)
         if len(found.memory.key) or found.planes is not None or self.bodies.applied[self.query.body].any():
             self._was_near = True

@@ -7,13 +7,11 @@ import math
 
 import numpy as np
 
-from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
+from cosim.base.kernel_types import Indices, Matrix, Vector
+from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.coupling.contact.contact_arrays import (
     BodyEnds,
     BodyLoads,
-    ContactEnds,
-    Contacts,
     Glue,
     NearFeatures,
     ShapeRows,
@@ -23,8 +21,8 @@ from cosim.coupling.contact.contact_report import ContactMemory
 from cosim.rigid.distance.shapes import GeomPoses, ShapePoses
 from cosim.rigid.distance.signed_distance import HitRows
 from cosim.rigid.scene.body_motion import BodyMotions, fill_speed, led
-from cosim.soft.contact.contact_law import GLUED, shorten, touch
-from cosim.soft.contact.obstacle_contact import PlaneRows
+from cosim.soft.contact.contact_law import GLUED, depth_of, resting_stiffness, shorten
+from cosim.soft.contact.obstacle_contact import ContactPlanes, evaluate_again
 
 EXACTLY = 0.25  # share of what bodies may be off that the film's own residual may make
 
@@ -142,7 +140,7 @@ def fill_held(memory: ContactMemory, listed: Indices, first_key: int, held: Indi
 
 @kernel
 def describe_points(
-    hits: HitRows, places: Matrix, surface: SurfaceRows, shapes: ShapeRows, contacts: Contacts
+    hits: HitRows, places: Matrix, surface: SurfaceRows, shapes: ShapeRows, contacts: ContactPlanes
 ) -> None:
     """Fill the first contacts from points of the film near shapes.
 
@@ -169,7 +167,12 @@ def describe_points(
 
 @kernel
 def describe_features(
-    x: Matrix, near: NearFeatures, surface: SurfaceRows, shapes: ShapeRows, begin: int, contacts: Contacts
+    x: Matrix,
+    near: NearFeatures,
+    surface: SurfaceRows,
+    shapes: ShapeRows,
+    begin: int,
+    contacts: ContactPlanes,
 ) -> None:
     """Fill contacts from features near the film, but for their stiffness.
 
@@ -203,7 +206,7 @@ def describe_features(
 
 
 @kernel
-def describe_glue(glue: Glue, surface: SurfaceRows, lead: Matrix, contacts: Contacts) -> None:
+def describe_glue(glue: Glue, surface: SurfaceRows, lead: Matrix, contacts: ContactPlanes) -> None:
     """Fill the last contacts from glued points, whose anchors go with their body.
 
     Args:
@@ -230,7 +233,7 @@ def describe_glue(glue: Glue, surface: SurfaceRows, lead: Matrix, contacts: Cont
 
 
 @kernel
-def fill_approach(contacts: Contacts, velocity: Matrix, resolved: Vector, motions: BodyMotions) -> None:
+def fill_approach(contacts: ContactPlanes, velocity: Matrix, resolved: Vector, motions: BodyMotions) -> None:
     """Fill how fast point and body of each contact come on to each other before a step.
 
     Args:
@@ -256,7 +259,7 @@ def fill_approach(contacts: Contacts, velocity: Matrix, resolved: Vector, motion
 
 
 @kernel
-def recall(memory: ContactMemory, shapes: ShapeRows, contacts: Contacts) -> None:
+def recall(memory: ContactMemory, shapes: ShapeRows, contacts: ContactPlanes) -> None:
     """Give contacts that pressed in the last tick their normal force, and anchor, which rides on its shape.
 
     Args:
@@ -291,52 +294,34 @@ def _add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
 
 
 @kernel
-def conclude(
-    x: Matrix, contacts: Contacts, widths: Vector, friction: Vector, ends: ContactEnds, bodies: BodyEnds
-) -> int:
-    """Fill contacts at the end of a step, and their loads on bodies; return how many press.
+def conclude(x: Matrix, contacts: ContactPlanes, friction: Vector, bodies: BodyEnds) -> int:
+    """Fill the loads of contacts on bodies at the end of a step.
 
     Args:
         x: (n, 3) [m], of the nodes then.
         contacts: of the step.
-        widths: (2,) [m], of the law's transitions.
         friction: (g,), coefficients of the shapes.
-        ends: filled.
         bodies: filled, but for the hit.
+
+    Returns:
+        Of how many contacts the law had to be evaluated, as the step's solution has not done it at its end.
     """
-    width, stick, pressing, size = widths[0], widths[1], 0, 0.0
-    tangent, deepest = small_matrix(3, 3), 0.0
+    evaluated, pressing, size, deepest = 0, 0, 0.0, 0.0
     bodies.loads[:], bodies.acting[:], bodies.held[:], bodies.pressing[:] = 0.0, 0, 0.0, 0.0
     bodies.film[:], bodies.figures[:4], bodies.figures[4] = 0.0, 0.0, -1.0
     for e in range(contacts.body.shape[0]):
-        point, own, n, b, distance = (
-            ends.point[e],
-            ends.own[e],
-            contacts.normal[e],
-            contacts.body[e],
-            -contacts.offset[e],
-        )
-        for r in range(3):
-            point[r] = 0.0
-            for a in range(3):
-                point[r] += contacts.weights[e, a] * x[contacts.nodes[e, a], r]
-            distance += n[r] * point[r]
-        limit, anchor, stiffness = contacts.friction[e], contacts.anchor[e], contacts.stiffness[e]
-        _, push = touch(point, n, contacts.offset[e], stiffness, limit, anchor, width, stick, own, tangent)
-        ends.push[e], ends.distance[e] = push, distance
-        if limit == GLUED:
-            ends.slack_friction[e] = limit
-            bodies.held[b] += 3.0 * stiffness
+        evaluated += evaluate_again(x, contacts, e)
+        own, b, distance = contacts.gradient[e], contacts.body[e], contacts.distance[e]
+        slack, push = contacts.friction[e], contacts.normal_force[e]
+        if slack == GLUED:
             size += abs(own[0]) + abs(own[1]) + abs(own[2])
         else:
             slack = friction[contacts.shape[e]] * push
-            ends.slack_friction[e] = slack
-            pressed = stiffness * min(max((0.5 * width - distance) / width, 0.0), 1.0)
-            bodies.held[b] += pressed + 4.0 * slack / stick
+        bodies.held[b] += resting_stiffness(distance, contacts.stiffness[e], slack, contacts.widths)
         # a point that has just come off may still rub: friction is bounded by the last tick's normal force
         if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
             bodies.acting[b] = 1
-            _add_load(1.0, own, point, bodies.loads[b])
+            _add_load(1.0, own, contacts.point[e], bodies.loads[b])
             for a in range(3):
                 _add_load(contacts.weights[e, a], own, x[contacts.nodes[e, a]], bodies.film)
         if push > 0.0:
@@ -346,51 +331,46 @@ def conclude(
             pressing += 1
     bodies.figures[1] = deepest
     bodies.film[6], bodies.film[7] = bodies.figures[0] + size, bodies.figures[0]
-    return pressing
+    return evaluated
 
 
 @kernel
-def see_hits(contacts: Contacts, push: Vector, resolved: Vector, figures: Vector) -> None:
+def see_hits(contacts: ContactPlanes, resolved: Vector, figures: Vector) -> None:
     """Take note of the contact that presses whose hit the step resolves least.
 
     Args:
-        contacts: of the step.
-        push: (k,) [N], normal forces at its end.
+        contacts: at the end of the step.
         resolved: (bodies,) [m], way of a body in a step with which that resolves a hit.
         figures: see `BodyEnds`; the hit is filled.
     """
-    for e in range(push.shape[0]):
+    for e in range(contacts.body.shape[0]):
         body, speed = contacts.body[e], contacts.approach[e]
-        if push[e] > 0.0 and speed > 0.0:
+        if contacts.normal_force[e] > 0.0 and speed > 0.0:
             way = resolved[body]
             if figures[4] < 0.0 or speed * figures[3] > figures[2] * way:
                 figures[2], figures[3], figures[4] = speed, way, body
 
 
 @kernel
-def remember(
-    contacts: Contacts, ends: ContactEnds, widths: Vector, shapes: ShapeRows, memory: ContactMemory
-) -> None:
+def remember(contacts: ContactPlanes, shapes: ShapeRows, memory: ContactMemory) -> None:
     """Fill what the next tick knows of the contacts that press.
 
     Args:
-        contacts: of the step.
-        ends: of them.
-        widths: (2,) [m], of the law's transitions.
+        contacts: at the end of the step.
         shapes: of the scene.
         memory: with as many rows as contacts press, filled.
     """
-    stretch, kept = small_vector(3), 0
-    for e in range(ends.push.shape[0]):
-        if not ends.push[e] > 0.0:
+    stretch, kept, width = small_vector(3), 0, contacts.widths[0]
+    for e in range(contacts.body.shape[0]):
+        if not contacts.normal_force[e] > 0.0:
             continue
-        point, g = ends.point[e], contacts.shape[e]
+        point, g = contacts.point[e], contacts.shape[e]
         for r in range(3):
             stretch[r] = point[r] - contacts.anchor[e, r]
-        shorten(stretch, contacts.normal[e], widths[1])
-        memory.key[kept], memory.normal_force[kept] = contacts.key[e], ends.push[e]
+        shorten(stretch, contacts.normal[e], contacts.widths[1])
+        memory.key[kept], memory.normal_force[kept] = contacts.key[e], contacts.normal_force[e]
         memory.triangle[kept] = memory.face[kept] = contacts.triangle[e]
-        if -ends.distance[e] < 0.5 * widths[0]:  # what only brushes an edge may slip off it
+        if depth_of(contacts.distance[e], width) < width:  # what only brushes an edge may slip off it
             memory.triangle[kept] = -1
         for r in range(3):
             memory.place[kept, r], memory.offset[kept, r] = contacts.carrier[e, r], 0.0
@@ -401,15 +381,11 @@ def remember(
 
 
 @kernel
-def add_work(
-    nodes: IndexTable, weights: Matrix, own: Matrix, before: Matrix, x: Matrix, force: Matrix
-) -> float:
+def add_work(contacts: ContactPlanes, before: Matrix, x: Matrix, force: Matrix) -> float:
     """Return the contacts' work on the film in a step [J], by the mean of forces at its ends; keep the last.
 
     Args:
-        nodes: (k, 3) of the contacts.
-        weights: (k, 3).
-        own: (k, 3) [N], forces on bodies at its end.
+        contacts: at its end.
         before: (n, 3) [m], nodes at its beginning.
         x: (n, 3) [m], nodes at its end.
         force: (n, 3) [N], on the film at its beginning; overwritten with that at its end.
@@ -419,11 +395,11 @@ def add_work(
         for r in range(3):
             work += 0.5 * force[i, r] * (x[i, r] - before[i, r])
             force[i, r] = 0.0
-    for e in range(own.shape[0]):
+    for e in range(contacts.body.shape[0]):
         for a in range(3):
-            i = nodes[e, a]
+            i = contacts.nodes[e, a]
             for r in range(3):
-                share = weights[e, a] * own[e, r]
+                share = contacts.weights[e, a] * contacts.gradient[e, r]
                 force[i, r] -= share
                 work -= 0.5 * share * (x[i, r] - before[i, r])
     return work
@@ -529,7 +505,12 @@ def farthest_led(lead: Matrix, before: Matrix, centers: Matrix, ahead: Indices, 
 
 @kernel
 def fastest_touched(
-    planes: PlaneRows, motions: BodyMotions, movable: Indices, loaded: Indices, x: Matrix, velocity: Matrix
+    planes: ContactPlanes,
+    motions: BodyMotions,
+    movable: Indices,
+    loaded: Indices,
+    x: Matrix,
+    velocity: Matrix,
 ) -> float:
     """Return how fast [m/s] the film comes on to bodies that can move, or loaded ones move on the flange.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import INDICES, MATRIX, VECTOR
-from cosim.soft.contact.obstacle_contact import ContactForces, ContactPlanes
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 
 
 class ContactMemory(NamedTuple):
@@ -67,21 +67,16 @@ class ContactReport:
     hit_body: int = -1
 
     @classmethod
-    def of(cls, planes: ContactPlanes, found: ContactForces) -> "ContactReport":
-        """Return the report of contact points that know their bodies.
-
-        Args:
-            planes: what was touched.
-            found: the contact points at the end of the tick.
-        """
+    def of(cls, planes: ContactPlanes) -> "ContactReport":
+        """Return the report of contacts, with the law evaluated at the end of the tick."""
         # a point that has just come off may still rub: friction is bounded by the last tick's normal force
-        acting = np.abs(found.force).max(axis=1) > 0.0
-        point, force = found.point[acting], -found.force[acting]
+        acting = np.abs(planes.gradient).max(axis=1) > 0.0
+        point, force = planes.point[acting], planes.gradient[acting]
         bodies, place = np.unique(planes.body[acting], return_inverse=True)
         total, torque = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
         np.add.at(total, place, force)
         np.add.at(torque, place, np.cross(point, force))
-        return cls(bodies, total, torque, found.pressing, float(found.normal_force.sum()), found.depth_m)
+        return cls(bodies, total, torque, planes.pressing, float(planes.normal_force.sum()), planes.depth_m)
 
     def on_each(self, bodies: int) -> Array:
         """Return the force on each of so many bodies (bodies, 3) [N], world axes."""

@@ -231,7 +231,7 @@ class _Step:
     def held_N_m(self) -> float:
         """Return the trace of the stiffness of the contacts where the last trial has ended."""
         assert self._planes is not None, "there are bodies"
-        tangents = self._planes.stiffnesses(self._soft.state.positions)[self._levers.mine]
+        tangents = self._planes.at(self._soft.state.positions).tangent[self._levers.mine]
         return float(np.einsum("kii->", tangents))
 
     def mismatch_m(self, residual: Array) -> float:
@@ -249,13 +249,13 @@ class _Step:
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
         """Return S (6 b, 6 b) at nodes (n, 3) [m], where the last trial has ended; or of contacts alone."""
         assert self._planes is not None, "there are bodies"
-        tangents, soft = self._planes.stiffnesses(x), None if alone else self._soft
+        tangents, soft = self._planes.at(x).tangent, None if alone else self._soft
         return self._levers.stiffness(self._planes, tangents, soft, self.tick_s)
 
     def answered(self, x: Array) -> Array:
         """Return the loads (6 b,) of a film with nodes (n, 3) [m] on the bodies, about their centres."""
         assert self._planes is not None, "there are bodies"
-        return self._levers.loads(-self._planes.at(x).force[self._levers.mine])
+        return self._levers.loads(self._planes.at(x).gradient[self._levers.mine])
 
     def _motion(self, ahead: Array) -> Array:
         """Return by what bodies that are ahead (b, 6) have moved (b, 6), at their centres of mass."""
@@ -407,7 +407,7 @@ class LightBodies:
             if stiffer or not np.isin(touched, self._known).all():
                 x = self._soft.state.positions
                 levers = Levers.of(planes, touched, exchange.loads.centers[touched], x)
-                found = levers.stiffness(planes, planes.tangents(x), self._soft, self._tick_s)
+                found = levers.stiffness(planes, planes.at(x).tangent, self._soft, self._tick_s)
                 self._known, self._stiffness, self._held, before = touched, found, 0.0, held
             if not self._are_heavy(self._known_stiffness(touched), exchange.bodies.mobilities(touched)):
                 self._heavy[:] = 0
@@ -422,7 +422,7 @@ class LightBodies:
         if planes is None or not len(touched):
             return
         levers = Levers.of(planes, known, exchange.loads.centers[known], x)
-        tangents = planes.stiffnesses(x)
+        tangents = planes.at(x).tangent
         held = float(np.einsum("kii->", tangents[levers.mine]))
         if not self._held / _OTHER < held < self._held * _OTHER:
             self._stiffness = levers.stiffness(planes, tangents, self._soft, self._tick_s)

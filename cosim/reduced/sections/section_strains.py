@@ -436,9 +436,9 @@ def add_contacts(frames: Blocks, chain: LoadedChain, out: Matrix, work: ChainWor
     for k in range(first.shape[0]):
         f = first[k]
         _place(frames, f, rows, k, arm, point)
-        level, _ = touch(
+        level, _, _ = touch(
             point, rows[k, NORMAL:OFFSET], rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION],
-            rows[k, ANCHOR:], widths[0], widths[1], own, tangent,
+            rows[k, ANCHOR:], widths, own, tangent,
         )  # fmt: skip
         if level == 0.0 and rows[k, FRICTION] == 0.0:
             continue

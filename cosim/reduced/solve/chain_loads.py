@@ -26,11 +26,13 @@ from cosim.reduced.sections.section_strains import (
     LoadedChain,
 )
 from cosim.soft.body.loads import Loads
-from cosim.soft.contact.obstacle_contact import ContactPlanes, PlaneRows
+from cosim.soft.contact.obstacle_contact import ContactPlanes
 
 
 @kernel
-def fill_rows(planes: PlaneRows, before: Indices, combination: Blocks, first: Indices, rows: Matrix) -> bool:
+def fill_rows(
+    planes: ContactPlanes, before: Indices, combination: Blocks, first: Indices, rows: Matrix
+) -> bool:
     """Fill contacts of the film's nodes as contacts of the frames, as a `LoadedChain` has them.
 
     Args:
@@ -158,13 +160,9 @@ class ChainLoads:
 
     def _touching(self, planes: ContactPlanes, pressure_Pa: float) -> LoadedChain:
         """Return the chain with contacts of the film's nodes as contacts of the frames."""
-        section, first, rows = (
-            self._section,
-            np.empty(len(planes), np.int64),
-            np.empty((len(planes), COLUMNS)),
-        )
+        section, count = self._section, len(planes.nodes)
+        first, rows = np.empty(count, np.int64), np.empty((count, COLUMNS))
         weights = section.node_weights(pressure_Pa)
-        if not fill_rows(planes.rows, section.frames.before, weights, first, rows):
+        if not fill_rows(planes, section.frames.before, weights, first, rows):
             raise InputError("section models need films between neighbouring rings; use fidelity = 'lumped'")
-        widths = np.array((planes.law.smoothing_m, planes.law.stick_m))
-        return self._chain._replace(touching=first, rows=rows, widths=widths)
+        return self._chain._replace(touching=first, rows=rows, widths=planes.widths)

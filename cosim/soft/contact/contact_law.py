@@ -1,6 +1,6 @@
 """How a point presses and drags on a surface: penalty pressure and Coulomb friction with a stick spring.
 
-With the depth s = width / 2 - d, d the distance from the tangent plane, and the stiffness k the energy is
+With the depth s = width / 2 - d, d the distance from the surface, and the stiffness k the energy is
 
     0                                  s <= 0
     k s^3 / (6 width)                  0 < s < width
@@ -10,12 +10,10 @@ twice continuously differentiable; deep in contact the pressure is the stiffness
 Friction: u = (1 - n n^T)(y - anchor), energy F f0(|u|), f0' = f1 = 2 z - z^2 for z = |u| / stick < 1 and 1
 beyond, F = friction coefficient x normal force of the last step.
 A glued point is held in every direction: energy k |y - anchor|^2 / 2.
+All contacts call these leaves, of film with scene, of film with film, of chains of frames. So another law is
+another `press` or `drag`.
 Source: the smooth friction mollifier of Li et al., Incremental Potential Contact, ACM TOG 39 (2020) 49,
 here on the distance from an anchor instead of the displacement in a step.
-
-Where a point lies over a triangle: its distance from the plane, and its foot by weights of the corners. With
-n the unit normal and A the area, the weight of corner j has the gradient n x e_j / (2 A), e_j the edge across
-from it.
 """
 
 from dataclasses import dataclass
@@ -23,13 +21,16 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, small_vector
+from cosim.base.frames import Array
+from cosim.base.kernel_types import Matrix, Vector
+from cosim.base.kernels import device_function, small_vector
 from cosim.errors import InputError
 
 GLUED: Final = -1.0
 """The friction by which a glued point is known."""
+ONSET: Final = 0.5
+"""How many widths before the surface a point begins to press."""
+_APART: Final = 1e-3  # of the transition, nearer than films are drawn: rounding does not let them press
 
 
 @final
@@ -55,22 +56,36 @@ class ContactLaw:
             if not getattr(self, name) > 0.0:
                 raise InputError(f"contact: {name} is {getattr(self, name)}; it must be above 0")
 
+    @property
+    def widths(self) -> Array:
+        """(2,) [m], of the transitions: across, then along the surface."""
+        return np.array([self.smoothing_m, self.stick_m])
 
-_APART: Final = 1e-3  # of the transition, nearer than films are drawn: rounding does not let them press
+    @property
+    def onset_m(self) -> float:
+        """Distance from the surface at which a point begins to press."""
+        return ONSET * self.smoothing_m
 
 
-def spare(drawn_m: Array, smoothing_m: float) -> Array:
+def spare(drawn_m: Array, law: ContactLaw) -> Array:
     """Return what is added to the distance of surfaces, so that they do not press where they are drawn.
 
     They press from half of the distance (k,) [m] at which they are drawn, or where the law begins.
     """
-    begin = np.minimum(0.5 * np.maximum(drawn_m, 0.0) + np.minimum(drawn_m, 0.0), 0.5 * smoothing_m)
-    return np.maximum(0.5 * smoothing_m - begin + _APART * smoothing_m * (begin < 0.5 * smoothing_m), 0.0)
+    half_m, onset_m = 0.5 * np.maximum(drawn_m, 0.0) + np.minimum(drawn_m, 0.0), law.onset_m
+    begin = np.minimum(half_m, onset_m)
+    return np.maximum(onset_m - begin + _APART * law.smoothing_m * (begin < onset_m), 0.0)
 
 
 @device_function
-def pressing_law(depth: float, width: float) -> tuple[float, float, float]:
-    """Return energy, force and stiffness over k at a depth."""
+def depth_of(distance: float, width: float) -> float:
+    """Return how deep a point is in what it presses on, by its distance from the surface."""
+    return ONSET * width - distance
+
+
+@device_function
+def press(depth: float, width: float) -> tuple[float, float, float]:
+    """Return energy, force and stiffness over k at a depth; force is the derivative of the energy."""
     if depth <= 0.0:
         return 0.0, 0.0, 0.0
     if depth < width:
@@ -80,7 +95,7 @@ def pressing_law(depth: float, width: float) -> tuple[float, float, float]:
 
 
 @device_function
-def dragging_law(length: float, stick: float) -> tuple[float, float, float]:
+def drag(length: float, stick: float) -> tuple[float, float, float]:
     """Return f0, f1 / |u| and the derivative of f1 by |u| at |u| = length."""
     fraction = length / stick
     if fraction < 1.0:
@@ -92,15 +107,44 @@ def dragging_law(length: float, stick: float) -> tuple[float, float, float]:
 @device_function
 def shorten(u: Vector, n: Vector, stick: float) -> None:
     """Leave of the stretch of a stick spring what a step leaves: its part across n, at most `stick` long."""
+    kept = min(1.0, stick / max(np.sqrt(_flatten(u, n)), 1e-300))
+    for r in range(3):
+        u[r] *= kept
+
+
+@device_function
+def rub(u: Vector, n: Vector, limit: float, stick: float, own: Vector, tangent: Matrix) -> float:
+    """Add gradient (3,) and tangent (3, 3) of a stick spring by its stretch u; return its energy.
+
+    Args:
+        u: (3,) [m], stretch; its part along n is taken away.
+        n: (3,), normal.
+        limit: largest friction force [N].
+        stick: where that acts [m].
+        own: (3,) [N], added to.
+        tangent: (3, 3) [N/m], added to.
+    """
+    square = _flatten(u, n)
+    level, secant, rate = drag(np.sqrt(square), stick)
+    fold = limit * (rate - secant) / max(square, 1e-300)
+    for r in range(3):
+        own[r] += limit * secant * u[r]
+        tangent[r, r] += limit * secant
+        for c in range(3):
+            tangent[r, c] += fold * u[r] * u[c] - limit * secant * n[r] * n[c]
+    return limit * level
+
+
+@device_function
+def _flatten(u: Vector, n: Vector) -> float:
+    """Take the part along n away from u; return the square of what is left."""
     along, square = 0.0, 0.0
     for r in range(3):
         along += n[r] * u[r]
     for r in range(3):
         u[r] -= along * n[r]
         square += u[r] * u[r]
-    kept = min(1.0, stick / max(np.sqrt(square), 1e-300))
-    for r in range(3):
-        u[r] *= kept
+    return square
 
 
 @device_function
@@ -111,27 +155,36 @@ def touch(
     stiffness: float,
     friction: float,
     anchor: Vector,
-    width: float,
-    stick: float,
+    widths: Vector,
     own: Vector,
     tangent: Matrix,
-) -> tuple[float, float]:
-    """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy and normal force."""
-    u = small_vector(3)
-    if friction == GLUED:
-        square = 0.0
-        for r in range(3):
-            own[r] = stiffness * (point[r] - anchor[r])
-            square += (point[r] - anchor[r]) ** 2
-            for c in range(3):
-                tangent[r, c] = stiffness if r == c else 0.0
-        return 0.5 * stiffness * square, 0.0
-    distance, along = -offset, 0.0
+) -> tuple[float, float, float]:
+    """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy, normal force, distance.
+
+    Args:
+        point: (3,) [m].
+        n: (3,), normal of the tangent plane n . y = offset.
+        offset: [m].
+        stiffness: k [N/m].
+        friction: largest friction force [N], or `GLUED`.
+        anchor: (3,) [m], of the stick spring.
+        widths: (2,) [m], see `ContactLaw.widths`.
+        own: (3,) [N], filled.
+        tangent: (3, 3) [N/m], filled.
+    """
+    u, distance = small_vector(3), -offset
     for r in range(3):
         distance += n[r] * point[r]
         u[r] = point[r] - anchor[r]
-        along += n[r] * u[r]
-    level, push, rate = pressing_law(0.5 * width - distance, width)
+    if friction == GLUED:
+        square = 0.0
+        for r in range(3):
+            own[r] = stiffness * u[r]
+            square += u[r] ** 2
+            for c in range(3):
+                tangent[r, c] = stiffness if r == c else 0.0
+        return 0.5 * stiffness * square, 0.0, distance
+    level, push, rate = press(depth_of(distance, widths[0]), widths[0])
     pressing = stiffness * push
     energy = stiffness * level
     for r in range(3):
@@ -139,115 +192,14 @@ def touch(
         for c in range(3):
             tangent[r, c] = stiffness * rate * n[r] * n[c]
     if friction > 0.0:
-        square = 0.0
-        for r in range(3):
-            u[r] -= along * n[r]
-            square += u[r] * u[r]
-        length = np.sqrt(square)
-        level, secant, rate = dragging_law(length, stick)
-        energy += friction * level
-        fold = friction * (rate - secant) / max(square, 1e-300)
-        for r in range(3):
-            own[r] += friction * secant * u[r]
-            tangent[r, r] += friction * secant
-            for c in range(3):
-                tangent[r, c] += fold * u[r] * u[c] - friction * secant * n[r] * n[c]
-    return energy, pressing
-
-
-@kernel
-def combine(x: Matrix, nodes: IndexTable, weights: Matrix, chosen: Indices, out: Matrix) -> None:
-    """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]] for chosen k."""
-    for k in chosen:
-        for r in range(3):
-            out[k, r] = (
-                weights[k, 0] * x[nodes[k, 0], r]
-                + weights[k, 1] * x[nodes[k, 1], r]
-                + weights[k, 2] * x[nodes[k, 2], r]
-            )
-
-
-@kernel
-def span(x: Matrix, v: Matrix, low: Vector, high: Vector) -> float:
-    """Fill smallest and largest coordinates of x; return the largest |v|."""
-    low[:], high[:], fastest = np.inf, -np.inf, 0.0
-    for n in range(x.shape[0]):
-        square = 0.0
-        for r in range(3):
-            low[r] = min(low[r], x[n, r])
-            high[r] = max(high[r], x[n, r])
-            square += v[n, r] * v[n, r]
-        fastest = max(fastest, square)
-    return np.sqrt(fastest)
+        energy += rub(u, n, friction, widths[1], own, tangent)
+    return energy, pressing, distance
 
 
 @device_function
-def plane_of(x: Matrix, corners: Indices, n: Vector) -> float:
-    """Fill a triangle's unit normal; return the reciprocal of twice its area."""
-    a, b, c = corners[0], corners[1], corners[2]
-    ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-    vx, vy, vz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
-    n[0], n[1], n[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    shrink = 1.0 / np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-    n[0], n[1], n[2] = shrink * n[0], shrink * n[1], shrink * n[2]
-    return shrink
-
-
-@device_function
-def fill_slopes(x: Matrix, corners: Indices, n: Vector, shrink: float, slope: Matrix) -> None:
-    """Fill the gradients of the weights of a foot, given what `plane_of` has found."""
-    for j in range(3):
-        b, c = corners[(j + 1) % 3], corners[(j + 2) % 3]
-        ex, ey, ez = shrink * (x[c, 0] - x[b, 0]), shrink * (x[c, 1] - x[b, 1]), shrink * (x[c, 2] - x[b, 2])
-        slope[j, 0] = n[1] * ez - n[2] * ey
-        slope[j, 1] = n[2] * ex - n[0] * ez
-        slope[j, 2] = n[0] * ey - n[1] * ex
-
-
-@device_function
-def fill_weights(x: Matrix, corners: Indices, slope: Matrix, y: Vector, weight: Vector) -> None:
-    """Fill the weights of a point's foot."""
-    for j in range(3):
-        b, weight[j] = corners[(j + 1) % 3], 0.0
-        for r in range(3):
-            weight[j] += slope[j, r] * (y[r] - x[b, r])
-
-
-@device_function
-def fill_point(x: Matrix, nodes: Indices, weights: Vector, y: Vector) -> None:
-    """Fill where a point is that combines three nodes."""
-    a, b, c = nodes[0], nodes[1], nodes[2]
-    for r in range(3):
-        y[r] = weights[0] * x[a, r] + weights[1] * x[b, r] + weights[2] * x[c, r]
-
-
-@device_function
-def distance_of(x: Matrix, corner: int, n: Vector, y: Vector) -> float:
-    """Return how far a point is in front of the plane through a corner."""
-    return n[0] * (y[0] - x[corner, 0]) + n[1] * (y[1] - x[corner, 1]) + n[2] * (y[2] - x[corner, 2])
-
-
-@kernel
-def _feet(
-    x: Matrix, nodes: IndexTable, weights: Matrix, foot: Matrix, normal: Matrix, distance: Vector
-) -> None:
-    y, slope = small_vector(3), small_matrix(3, 3)
-    for e in range(nodes.shape[0]):
-        fill_point(x, nodes[e], weights[e], y)
-        shrink = plane_of(x, nodes[e, 3:], normal[e])
-        fill_slopes(x, nodes[e, 3:], normal[e], shrink, slope)
-        fill_weights(x, nodes[e, 3:], slope, y, foot[e])
-        distance[e] = distance_of(x, nodes[e, 3], normal[e], y)
-
-
-def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Array, Array]:
-    """Return where points lie over triangles: weights of the feet (k, 3), normals (k, 3), distances (k,) [m].
-
-    Args:
-        positions: (n, 3) [m].
-        nodes: (k, 6), three of each point and of its triangle.
-        weights: (k, 3) of the point.
-    """
-    foot, normal, distance = np.empty((len(nodes), 3)), np.empty((len(nodes), 3)), np.empty(len(nodes))
-    _feet(positions, nodes, weights, foot, normal, distance)
-    return foot, normal, distance
+def resting_stiffness(distance: float, stiffness: float, friction: float, widths: Vector) -> float:
+    """Return the trace of a contact's tangent [N/m] while its stick spring is slack; see `touch`."""
+    if friction == GLUED:
+        return 3.0 * stiffness
+    rate = press(depth_of(distance, widths[0]), widths[0])[2]
+    return stiffness * rate + 2.0 * friction * drag(0.0, widths[1])[1]

@@ -11,14 +11,41 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
+from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
+from cosim.base.kernels import kernel
 from cosim.base.state import check_indices
-from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact import contact_law, obstacle_contact
+from cosim.soft.contact import obstacle_contact
 from cosim.soft.geometry.surface import directed_edges, triangle_area
 from cosim.soft.linear.pattern import BlockPattern
 
 _CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0
+
+
+@kernel
+def _combine(x: Matrix, nodes: IndexTable, weights: Matrix, chosen: Indices, out: Matrix) -> None:
+    """Fill out[k] = sum_a weights[k, a] x[nodes[k, a]] for chosen k."""
+    for k in chosen:
+        for r in range(3):
+            out[k, r] = (
+                weights[k, 0] * x[nodes[k, 0], r]
+                + weights[k, 1] * x[nodes[k, 1], r]
+                + weights[k, 2] * x[nodes[k, 2], r]
+            )
+
+
+@kernel
+def _span(x: Matrix, v: Matrix, low: Vector, high: Vector) -> float:
+    """Fill smallest and largest coordinates of x; return the largest |v|."""
+    low[:], high[:], fastest = np.inf, -np.inf, 0.0
+    for n in range(x.shape[0]):
+        square = 0.0
+        for r in range(3):
+            low[r] = min(low[r], x[n, r])
+            high[r] = max(high[r], x[n, r])
+            square += v[n, r] * v[n, r]
+        fastest = max(fastest, square)
+    return np.sqrt(fastest)
 
 
 @final
@@ -40,7 +67,7 @@ class Extent:
     def of(cls, positions: Array, velocities: Array) -> "Extent":
         """Return that of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
         low, high = np.empty(3), np.empty(3)
-        return cls(low, high, contact_law.span(positions, velocities, low, high))
+        return cls(low, high, _span(positions, velocities, low, high))
 
 
 @final
@@ -106,8 +133,6 @@ class ContactSurface:
         check_indices(planes.nodes, int(self.nodes.max()) + 1, "nodes")
         pairs = int(max(_pair(self.slots).max(), _pair(self.triangle_slots).max())) + 1
         check_indices(_pair(planes.slots), pairs, "node pairs")
-        if len(planes.body) not in (0, len(planes)):
-            raise InputError(f"the saved contacts are {len(planes)}, on {len(planes.body)} bodies")
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -120,7 +145,7 @@ class ContactSurface:
 
     def fill_points(self, positions: Array, chosen: IntArray, out: Array) -> None:
         """Fill chosen ones (k,) of the contact points (p, 3) [m] at node positions (n, 3) [m]."""
-        contact_law.combine(positions, self.nodes, self.weights, chosen, out)
+        _combine(positions, self.nodes, self.weights, chosen, out)
 
 
 def _pair(slots: IntArray) -> IntArray:

@@ -33,7 +33,7 @@ from cosim.base.kernels import (
     zero_matrix,
 )
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact import contact_law, rigid_motion
+from cosim.soft.contact import rigid_motion, triangle_foot
 from cosim.soft.contact.self_contact_candidates import (
     BEYOND_EDGES,
     VALLEY,
@@ -224,7 +224,7 @@ def least_left(allowed: Matrix, went: Matrix) -> float:
 def _fill_plane(x: Matrix, corners: Indices, lowest: Vector) -> None:
     """Fill a triangle's plane: normal, and its distance from the origin."""
     normal = lowest[:3]
-    contact_law.plane_of(x, corners, normal)
+    triangle_foot.plane_of(x, corners, normal)
     lowest[3] = 0.0
     for r in range(3):
         lowest[3] += normal[r] * x[corners[0], r]
@@ -287,7 +287,7 @@ def shorten_list(
         short.first[p], begin, end = count, long.first[long.place[p]], long.first[long.place[p] + 1]
         if begin == end:
             continue
-        contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
+        triangle_foot.fill_point(x, rows.nodes[p], rows.weights[p], place)
         px, py, pz = place[0], place[1], place[2]
         for entry in range(begin, end):
             t = long.listed[entry]
@@ -334,7 +334,7 @@ def fill_quiet(
     place, (reach, behind) = small_vector(3), bounds
     for k in range(points):
         p = short.points[k]
-        contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
+        triangle_foot.fill_point(x, rows.nodes[p], rows.weights[p], place)
         for entry in range(short.first[p], short.first[p + 1]):
             t = short.listed[entry]
             a, b = min(rows.homes[p, 1], rows.films[t, 1]), max(rows.homes[p, 1], rows.films[t, 1])

@@ -17,7 +17,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import kernel, small_vector
 from cosim.soft.body.body import SoftBody
-from cosim.soft.contact import contact_law
+from cosim.soft.contact import contact_law, triangle_foot
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.elements.frame_stops import FrameStops
@@ -101,7 +101,7 @@ def _before(
     center = np.linalg.lstsq(np.vstack((x[corners].T, np.ones(3))), np.append(middle, 1.0))[0]
     film = (
         points.nodes[chosen], points.weights[chosen], _HARDER * law.stiffness_N_m3 * points.area[chosen],
-        contact_law.spare(gap, law.smoothing_m),
+        contact_law.spare(gap, law),
     )  # fmt: skip
     frame, radius = _frame(body, unit, normal), _WIDER * np.linalg.norm(across, axis=1).max()
     return [
@@ -162,9 +162,9 @@ def fill_before_face(x: Matrix, face: FlangeFace, reach: float, behind: float, o
     y, n, count = small_vector(3), small_vector(3), 0
     for b in range(face.nodes.shape[0]):
         corners = face.corners[b]
-        contact_law.fill_point(x, face.nodes[b], face.weights[b], y)
-        contact_law.plane_of(x, corners, n)
-        d, square = contact_law.distance_of(x, corners[0], n, y), 0.0
+        triangle_foot.fill_point(x, face.nodes[b], face.weights[b], y)
+        triangle_foot.plane_of(x, corners, n)
+        d, square = triangle_foot.distance_of(x, corners[0], n, y), 0.0
         if d < -behind or d + face.spare[b] >= reach:
             continue
         for r in range(3):

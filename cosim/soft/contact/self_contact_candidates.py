@@ -14,7 +14,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_vector
-from cosim.soft.contact import contact_law
+from cosim.soft.contact import triangle_foot
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 BEYOND_EDGES: Final = 0.02
@@ -180,7 +180,7 @@ def _fill_box(x: Matrix, corners: Indices, above: float, box: Vector) -> None:
     """Fill the box (6,) around a triangle and what is above it, on both sides."""
     a, b, c, normal = corners[0], corners[1], corners[2], small_vector(3)
     if above > 0.0:
-        contact_law.plane_of(x, corners, normal)
+        triangle_foot.plane_of(x, corners, normal)
     for r in range(3):
         box[r], box[3 + r] = min(x[a, r], x[b, r], x[c, r]), max(x[a, r], x[b, r], x[c, r])
         further = above * abs(normal[r])
@@ -210,7 +210,7 @@ def fill_list(
     near, total, limit = np.empty(triangles.shape[0], np.int64), 0, bounds[0] * bounds[0]
     columns, squares = np.empty((6, triangles.shape[0])), np.empty(triangles.shape[0])
     for k in range(points.shape[0]):  # boxes of points have no size
-        contact_law.fill_point(x, rows.nodes[boxes.order[k]], rows.weights[boxes.order[k]], points[k])
+        triangle_foot.fill_point(x, rows.nodes[boxes.order[k]], rows.weights[boxes.order[k]], points[k])
         for r in range(3):
             points[k, 3 + r] = points[k, r]
     for k in range(triangles.shape[0]):

@@ -40,8 +40,9 @@ from cosim.base.kernels import (
     zero_matrix,
     zero_vector,
 )
-from cosim.soft.contact import contact_law
-from cosim.soft.contact.contact_law import ContactLaw, distance_of, feet, fill_point, plane_of, pressing_law
+from cosim.soft.contact import contact_law, triangle_foot
+from cosim.soft.contact.contact_law import ContactLaw, depth_of, press
+from cosim.soft.contact.triangle_foot import distance_of, feet, fill_point, plane_of
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
 
 
@@ -128,10 +129,10 @@ def _look_at(
     fill_point(x, nodes, pairs.weights[e], y)
     shrink = plane_of(x, nodes[3:], n)
     d = distance_of(x, nodes[3], n, y)
-    level, push, rate = pressing_law(0.5 * width - d - pairs.spare[e], width)
+    level, push, rate = press(depth_of(d, width) - pairs.spare[e], width)
     if push != 0.0 or pairs.friction[e] != 0.0:
-        contact_law.fill_slopes(x, nodes[3:], n, shrink, slope[3:])
-        contact_law.fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
+        triangle_foot.fill_slopes(x, nodes[3:], n, shrink, slope[3:])
+        triangle_foot.fill_weights(x, nodes[3:], slope[3:], y, weight[3:])
         for a in range(3):
             weight[a], weight[3 + a] = pairs.weights[e, a], -weight[3 + a]
     return d, stiffness * level, stiffness * push, stiffness * rate
@@ -143,26 +144,14 @@ def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matri
     rub[:], drag[:] = 0.0, 0.0
     for a in range(3):
         w[a], w[3 + a] = pairs.weights[e, a], -pairs.foot[e, a]
-    limit, m, u, along, square = pairs.friction[e], pairs.normal[e], rub, 0.0, 0.0  # u until all is known
+    limit, u = pairs.friction[e], small_vector(3)
     if not limit > 0.0:
         return 0.0
     for r in range(3):
         u[r] = pairs.stretch[e, r]
         for a in range(6):
             u[r] += w[a] * x[pairs.nodes[e, a], r]
-        along += m[r] * u[r]
-    for r in range(3):
-        u[r] -= along * m[r]
-        square += u[r] * u[r]
-    level, secant, rate = contact_law.dragging_law(np.sqrt(square), pairs.widths[1])
-    fold = limit * (rate - secant) / max(square, 1e-300)
-    for r in range(3):
-        for c in range(3):
-            drag[r, c] = fold * u[r] * u[c] - limit * secant * m[r] * m[c]
-        drag[r, r] += limit * secant
-    for r in range(3):
-        rub[r] *= limit * secant
-    return limit * level
+    return contact_law.rub(u, pairs.normal[e], limit, pairs.widths[1], rub, drag)
 
 
 @kernel
@@ -229,31 +218,17 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
 
 
 @device_function
-def _fill_rub(pairs: PairRows, e: int, u: Vector, rub: Vector) -> None:
-    """Fill the force of a pair's stick spring, against its point, from its stretch, which is flattened."""
-    limit, m, along, square = pairs.friction[e], pairs.normal[e], 0.0, 0.0
-    for r in range(3):
-        along += m[r] * u[r]
-    for r in range(3):
-        u[r] -= along * m[r]
-        square += u[r] * u[r]
-    secant = contact_law.dragging_law(np.sqrt(square), pairs.widths[1])[1]
-    for r in range(3):
-        rub[r] = limit * secant * u[r]
-
-
-@device_function
 def _work_of(
     before: Matrix, x: Matrix, pairs: PairRows, e: int, pushes: tuple[float, float], n: Vector
 ) -> float:
     """Return the work of a pair on the film in a step, given its normal forces and its normal at the end."""
     nodes, u0, u1 = pairs.nodes[e], small_vector(3), small_vector(3)
-    rub0, rub1 = small_vector(3), small_vector(3)
+    rub0, rub1, drag = zero_vector(3), zero_vector(3), zero_matrix(3, 3)
     slope, foot, y, first, last = small_matrix(3, 3), small_vector(3), small_vector(3), 0.0, 0.0
     if pushes[1] != 0.0:
         fill_point(x, nodes, pairs.weights[e], y)
-        contact_law.fill_slopes(x, nodes[3:], n, plane_of(x, nodes[3:], n), slope)
-        contact_law.fill_weights(x, nodes[3:], slope, y, foot)
+        triangle_foot.fill_slopes(x, nodes[3:], n, plane_of(x, nodes[3:], n), slope)
+        triangle_foot.fill_weights(x, nodes[3:], slope, y, foot)
     for r in range(3):
         u0[r] = u1[r] = pairs.stretch[e, r]
         for a in range(3):
@@ -269,8 +244,8 @@ def _work_of(
     work = pushes[0] * first + pushes[1] * last
     if pairs.friction[e] > 0.0:
         went0, went1, went2 = u1[0] - u0[0], u1[1] - u0[1], u1[2] - u0[2]
-        _fill_rub(pairs, e, u0, rub0)
-        _fill_rub(pairs, e, u1, rub1)
+        contact_law.rub(u0, pairs.normal[e], pairs.friction[e], pairs.widths[1], rub0, drag)
+        contact_law.rub(u1, pairs.normal[e], pairs.friction[e], pairs.widths[1], rub1, drag)
         work -= (rub0[0] + rub1[0]) * went0 + (rub0[1] + rub1[1]) * went1 + (rub0[2] + rub1[2]) * went2
     return 0.5 * work
 
@@ -303,8 +278,8 @@ def end_pairs(
         plane_of(x, nodes[3:], n)
         last = distance_of(x, nodes[3], n, y)
         pushes = (
-            k * pressing_law(0.5 * width - first - spare, width)[1],
-            k * pressing_law(0.5 * width - last - spare, width)[1],
+            k * press(depth_of(first, width) - spare, width)[1],
+            k * press(depth_of(last, width) - spare, width)[1],
         )
         if pushes[0] != 0.0 or pushes[1] != 0.0 or pairs.friction[e] > 0.0:
             work += _work_of(before, x, pairs, e, pushes, n)
@@ -356,10 +331,10 @@ class FilmPairs:
             law: between films.
             positions: (n, 3) [m], at the start of the step.
         """
-        (foot, normal, _), widths = feet(positions, nodes, weights), [law.smoothing_m, law.stick_m]
+        foot, normal, _ = feet(positions, nodes, weights)
         friction, stretch, out = np.zeros(len(key)), np.zeros((len(key), 3)), np.empty((len(key), 5))
         pair = nodes, weights, stiffness, friction
-        rows = PairRows(*pair, foot, normal, stretch, np.zeros(len(key)), np.array(widths), out)
+        rows = PairRows(*pair, foot, normal, stretch, np.zeros(len(key)), law.widths, out)
         return cls(key, triangle, rows)
 
     def __len__(self) -> int:

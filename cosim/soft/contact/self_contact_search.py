@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, inlined, kernel, small_vector
-from cosim.soft.contact import contact_law
+from cosim.soft.contact import triangle_foot
 from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmRows
 from cosim.soft.contact.triangle_side import least_weight, measure_side, over_plane
 
@@ -115,7 +115,7 @@ def _choose(
     """
     sides, place, outward = short.sides, small_vector(3), small_vector(3)
     (reach, behind), (best, distance, chosen, units) = bounds, room
-    contact_law.fill_point(x, rows.nodes[p], rows.weights[p], place)
+    triangle_foot.fill_point(x, rows.nodes[p], rows.weights[p], place)
     px, py, pz = place[0], place[1], place[2]
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
     spare = rows.spare[p]

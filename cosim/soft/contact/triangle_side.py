@@ -8,15 +8,15 @@ import numpy as np
 
 from cosim.base.kernel_types import Indices, Matrix, Vector
 from cosim.base.kernels import device_function, small_matrix, small_vector
-from cosim.soft.contact import contact_law
+from cosim.soft.contact import triangle_foot
 
 
 @device_function
 def measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
     """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
     n, slope = small_vector(3), small_matrix(3, 3)
-    shrink = contact_law.plane_of(x, corners, n)
-    contact_law.fill_slopes(x, corners, n, shrink, slope)
+    shrink = triangle_foot.plane_of(x, corners, n)
+    triangle_foot.fill_slopes(x, corners, n, shrink, slope)
     side[12] = 1.0 / shrink
     for r in range(3):
         side[r], side[3 + r] = x[corners[0], r], n[r]

@@ -421,8 +421,7 @@ class FilmPotential:
             slots = self._segment_slots if with_tangent else _NO_TABLE
             found.append(Call(add_segments, (self.eyelets.segments, pull, slots, gradient, blocks)))
         if loads.contact is not None:
-            planes = loads.contact
-            found.append(Call(add_contacts, (planes.rows, planes.widths, gradient, blocks, planes.ends)))
+            found.append(Call(unchecked(add_contacts), (loads.contact, gradient, blocks)))
         if inertia is not None:
             diagonal = self._diagonal if with_tangent else _NO_SLOTS
             bed = inertia.coefficient, inertia.target, diagonal, gradient, blocks

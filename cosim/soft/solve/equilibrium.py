@@ -470,10 +470,10 @@ class EquilibriumSolver:
                 trail.append(start)
                 start = end_of(trail)
                 ways = ways if start is result.positions else None
+        near = 0 if planes is None else len(planes.nodes)
         raise ConvergenceError(
             f"no equilibrium found: the touched places still change after {CONTACT_ROUNDS_MAX} rounds, "
-            f"{len(pairs or ())} pairs of films, {len(planes or ())} points near obstacles; try smaller "
-            "increments",
+            f"{len(pairs or ())} pairs of films, {near} points near obstacles; try smaller increments",
             result.residual_N,
             spent,
         )

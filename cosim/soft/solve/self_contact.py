@@ -17,13 +17,14 @@ from cosim.base.kernels import kernel, small_matrix, small_vector, unchecked
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact import contact_law
-from cosim.soft.contact.contact_law import ContactLaw, fill_point, fill_slopes, fill_weights, plane_of
+from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.film_lists import FilmLists
 from cosim.soft.contact.flange_face import FlangeFace, fill_before_face
 from cosim.soft.contact.rigid_motion import furthest_from_mean
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.contact.self_contact_pairs import FilmMemory, FilmPairs, PairRows
 from cosim.soft.contact.self_contact_search import BEHIND_M
+from cosim.soft.contact.triangle_foot import feet, fill_point, fill_slopes, fill_weights, plane_of
 from cosim.soft.solve.state import SoftState
 
 _STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
@@ -143,7 +144,7 @@ def let_rub(key: Indices, pressed: Indices, force: Vector, stretch: Matrix, pair
                 pairs.stretch[e, r] = stretch[k, r]
 
 
-def _inner_lists(faces: FilmFaces, body: SoftBody, smoothing_m: float) -> tuple[FilmLists, Array]:
+def _inner_lists(faces: FilmFaces, body: SoftBody, law: ContactLaw) -> tuple[FilmLists, Array]:
     """Return the lists of a film from inside, and the area (p,) [m^2] of its points there.
 
     Films that are drawn nearer than they would press spare as much. Points next to a seam press on nothing.
@@ -153,11 +154,12 @@ def _inner_lists(faces: FilmFaces, body: SoftBody, smoothing_m: float) -> tuple[
     lists = FilmLists(inside, points, body)
     if not inside.can_meet:
         return lists, points.area
-    hits = lists.over(x, smoothing_m, BEHIND_M, max(smoothing_m, BEHIND_M), moves=False)
+    reach_m = law.smoothing_m
+    hits = lists.over(x, reach_m, BEHIND_M, max(reach_m, BEHIND_M), moves=False)
     point, rows = hits[:, 0], lists.rows
     nodes = np.concatenate((rows.nodes[point], rows.triangles[hits[:, 1]]), axis=1)
-    distance = contact_law.feet(x, nodes, rows.weights[point])[2]
-    np.maximum.at(rows.spare, point, contact_law.spare(distance, smoothing_m))
+    distance = feet(x, nodes, rows.weights[point])[2]
+    np.maximum.at(rows.spare, point, contact_law.spare(distance, law))
     # a seam that creases has what hangs on it behind the other film's planes, without coming through
     rows.spare[np.isin(rows.nodes, faces.seam_nodes).any(axis=1)] = np.inf
     return lists, points.area
@@ -178,7 +180,7 @@ class SelfContact:
         self._last: tuple[SoftState, float, FilmPairs | None] | None = None  # of the last step
         points = FilmPoints.of(self.faces, body.positions)
         self.outside = FilmLists(self.faces, points, body)
-        self.inside, inner_area = _inner_lists(self.faces, body, self.law.smoothing_m)
+        self.inside, inner_area = _inner_lists(self.faces, body, self.law)
         self._face = FlangeFace.of(body, self.faces, points, self.law)
         if not law.inside:
             self.inside.can_meet = False
@@ -186,7 +188,7 @@ class SelfContact:
         film = _FROM_EACH_SIDE * self.law.stiffness_N_m3 * np.concatenate((points.area, inner_area))
         stiffness = np.concatenate((film, self._face.stiffness))
         self._rows = ContactRows.of(self.outside, self.inside, self._face, stiffness)
-        self._widths, inner = np.array([self.law.smoothing_m, self.law.stick_m]), self.inside.rows
+        self._widths, inner = self.law.widths, self.inside.rows
         outer, self._before_face = self.outside.rows, np.zeros(len(self._face.nodes), np.int64)
         first = np.array([len(outer.nodes), len(outer.triangles)])
         last = first + np.array([len(inner.nodes), len(inner.triangles)])
@@ -197,7 +199,7 @@ class SelfContact:
     @property
     def rest_m(self) -> float:
         """How far films at rest look for one another in a step."""
-        return 0.5 * self.law.smoothing_m + _STEP_REACH_M
+        return self.law.onset_m + _STEP_REACH_M
 
     def waits(self, state: SoftState) -> bool:
         """Return whether a solution from a state is first tried without contact.
@@ -222,7 +224,7 @@ class SelfContact:
 
     def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
         fast = ahead_s > 0.0 and ahead_s * furthest_from_mean(velocities) > through_m
-        reach_m, behind_m = 0.5 * self.law.smoothing_m, BEHIND_M if fast else through_m
+        reach_m, behind_m = self.law.onset_m, BEHIND_M if fast else through_m
         room_m, bounds = max(reach_m, BEHIND_M), (through_m, behind_m)
         for lists in (self.outside, self.inside):
             if lists.can_meet and lists.press(x, reach_m, bounds, room_m, moves=ahead_s > 0.0):
