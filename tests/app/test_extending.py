@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -102,3 +103,25 @@ def test_a_file_and_a_line_are_all_it_takes(title: str, module: str, name: str, 
     after = contents(PACKAGE, tmp_path)
     changed = {path for path in before.keys() | after.keys() if before.get(path) != after.get(path)}
     assert changed == {str(tmp_path / path) for path in (*written, *made)}
+
+
+def test_another_contact_law_is_another_function_in_one_file(tmp_path: Path) -> None:
+    law, check = blocks("Another contact law", "python")
+    shutil.copytree(PACKAGE, tmp_path / "cosim", ignore=shutil.ignore_patterns("__pycache__"))
+    file = tmp_path / "cosim" / "soft" / "contact" / "contact_law.py"
+    own = r"@device_function\ndef press\(.*?\n\n\n"
+    changed, count = re.subn(own, lambda _: law + "\n\n", file.read_text("utf-8"), flags=re.S)
+    assert count == 1
+    file.write_text(changed, encoding="utf-8")
+    (tmp_path / "check.py").write_text(check, encoding="utf-8")
+    told = subprocess.run(
+        [sys.executable, "check.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 0, told.stderr
+    forces = {line.split()[0]: float(line.split()[2]) for line in told.stdout.splitlines()}
+    assert forces["0.0004"] == pytest.approx(8.0 * forces["0.0001"], rel=1e-3)  # 4^1.5
