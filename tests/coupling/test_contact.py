@@ -19,6 +19,7 @@ from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
+from cosim.soft.contact.obstacle_contact import evaluate
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -49,6 +50,18 @@ def test_action_equals_reaction_at_every_tick() -> None:
         # about the grasp: the world's origin is far away
         about = torque - np.cross(GRASP, force.sum(axis=0) + report.force.sum(axis=0))
         assert np.abs(about).max() < 1e-10 * scale
+
+
+def test_a_step_leaves_the_law_evaluated_at_its_end() -> None:
+    grasp = Grasp(0.02, 2e-3, light=False)
+    for _ in range(5):
+        grasp.tick()
+    planes = grasp.exchange.find(grasp.soft.state, 2e-3)
+    assert planes is not None
+    grasp.soft.advance(grasp.flange, replace(grasp.loads, contact=planes), 2e-3)
+    x = grasp.soft.state.positions
+    assert evaluate(x, planes) == 0
+    assert evaluate(x + 1e-6, planes) == len(planes.nodes)
 
 
 def test_mujoco_gets_the_reported_load() -> None:
