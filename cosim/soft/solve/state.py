@@ -29,7 +29,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.base.kernel_types import Indices, Masks, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector, unchecked
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, unchecked, zero_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
