@@ -43,7 +43,7 @@ def load_run(directory: str | Path) -> RunResult:
         for one in stage.cameras
     }
     seen = {name: found for name, found in images.items() if found is not None}
-    return RunResult(stage=stage, summary=summary, directory=where, images=seen, **arrays)
+    return RunResult(stage, summary, where, arrays, seen)
 
 
 def _summary(where: Path) -> dict[str, Any]:

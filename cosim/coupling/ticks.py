@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Wrench
-from cosim.base.kernel_types import Blocks, Matrix
-from cosim.base.kernels import unchecked
+from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.tick_rows import Ticks, log_rigid
 from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
 
 if TYPE_CHECKING:
@@ -68,6 +66,74 @@ class ServoRow(NamedTuple):
     by_payload: Array
 
 
+class Ticks(NamedTuple):
+    """What n ticks leave, at the end of each.
+
+    Args:
+        figures: (n, FIGURES), of the soft side: wrench on the flange, centre and inertia of its mass.
+        origin: (n, 3) [m], of the flange.
+        axes: (n, 3, 3), world from flange.
+        twist: (n, 6), of the flange's origin, linear then angular, world axes.
+        joints: (n, joints) [rad].
+        joint_speed: (n, joints) [rad/s].
+        servo_torque: (n, joints) [N m].
+        places: (n, bodies, 3) [m].
+        quaternions: (n, bodies, 4).
+        power: (n, 3) [W], received by the rigid side, taken in by the soft one, and the size of such a power.
+        momentum_error: (n,), see `LedgerEntry`.
+        residual: (n,) [N].
+        iterations: (n,).
+        contacts: (n,), points that press.
+        contact: (n, 3), sum of the normal forces that have acted on bodies, mean over the tick [N], depth of
+            the deepest point [m], contact ratio.
+        body_force: (n, bodies, 3) [N], mean over the tick of what has acted on each body, of the soft robot,
+            world axes.
+        self_contact: (n, 3), points of films on films, sum of their normal forces [N], depth of the deepest
+            [m].
+        work: (n, 4) [J], of contacts with the scene on the film, of those between films on these, lost at
+            eyelets that know their direction, and of contacts with the film on bodies.
+        hit: (n, 3), see `LedgerEntry`: speed [m/s], way that resolves it [m], body.
+        mounted: (n, 6), of what is fixed next to the soft robot on the flange, see `CoupledScene`.
+        touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that have
+            acted in the tick [N]; of an object also its contacts with what is mounted on flanges, to which
+            other arms' soft robots count as one, and with other rigid bodies; of the world also all
+            contacts of what is mounted on the own flange with rigid bodies.
+    """
+
+    figures: Matrix
+    origin: Matrix
+    axes: Blocks
+    twist: Matrix
+    joints: Matrix
+    joint_speed: Matrix
+    servo_torque: Matrix
+    places: Blocks
+    quaternions: Blocks
+    power: Matrix
+    momentum_error: Vector
+    residual: Vector
+    iterations: Indices
+    contacts: Indices
+    contact: Matrix
+    body_force: Blocks
+    self_contact: Matrix
+    work: Matrix
+    hit: Matrix
+    mounted: Matrix
+    touch: Blocks
+
+    @classmethod
+    def room(cls, n: int, joints: int, bodies: int) -> Ticks:
+        """Return room for n ticks, in which nothing is touched unless that is filled."""
+        return cls(
+            np.zeros((n, FIGURES)), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 6)),
+            np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, bodies, 3)),
+            np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n, np.int64),
+            np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)), np.zeros((n, 3)),
+            np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)), np.zeros((n, 6)), np.zeros((n, bodies, 3)),
+        )  # fmt: skip
+
+
 @final
 @dataclass
 class TicksTaken:
@@ -117,11 +183,6 @@ class TicksTaken:
         """(done, 6), of the soft side on the flange, at its origin, world axes."""
         return self.ticks.figures[: self.done, WRENCH:CENTER]
 
-    def mass(self) -> tuple[Array, Array]:
-        """Return the soft side's centre of mass (done, 3) [m] and its inertia (done, 3, 3), world axes."""
-        figures = self.ticks.figures[: self.done]
-        return figures[:, CENTER:INERTIA], figures[:, INERTIA:].reshape(-1, 3, 3)
-
     def log_scene(self, scene: CoupledScene, bodies: BodyLoads, momentum_error: float) -> None:
         """Fill the row of the tick in progress with what its rigid step has led to.
 
@@ -130,8 +191,12 @@ class TicksTaken:
             bodies: what has acted on them.
             momentum_error: of what has acted, see `LedgerEntry`.
         """
-        k, ticks = self.done, self.ticks
-        unchecked(log_rigid)(k, scene.rows, scene.flange.spin, ticks)
+        k, ticks, flange = self.done, self.ticks, scene.flange_pose
+        ticks.joints[k], ticks.joint_speed[k], ticks.servo_torque[k] = scene.joint_rows
+        ticks.places[k], ticks.quaternions[k] = scene.place_rows
+        ticks.origin[k], ticks.axes[k], ticks.mounted[k] = flange.translation, flange.rotation, scene.mounted
+        twist = scene.flange_twist
+        ticks.twist[k, :3], ticks.twist[k, 3:] = twist.linear, twist.angular
         ticks.momentum_error[k], ticks.work[k, 3] = momentum_error, scene.bodies.work_J
         if np.count_nonzero(bodies.loaded):
             loaded = np.flatnonzero(bodies.loaded)
@@ -161,6 +226,29 @@ class TicksTaken:
         columns = {name: column.item(self.done - 1) for name, column in self.ledger().items()}
         figures = self.wrench[-1]
         return LedgerEntry(Wrench(figures[:3].copy(), figures[3:].copy()), **columns)
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns of `TickColumns` that ticks fill, (done, ...) each."""
+        n, ticks = self.done, self.ticks
+        figures = ticks.figures[:n]
+        return {
+            "joint_position": ticks.joints[:n],
+            "joint_velocity": ticks.joint_speed[:n],
+            "joint_torque": ticks.servo_torque[:n],
+            "body_position": ticks.places[:n],
+            "body_quaternion": ticks.quaternions[:n],
+            "body_contact_force": ticks.body_force[:n],
+            "flange_position": ticks.origin[:n],
+            "flange_rotation": ticks.axes[:n],
+            "flange_twist": ticks.twist[:n],
+            "wrench": figures[:, WRENCH:CENTER],
+            "soft_center": figures[:, CENTER:INERTIA],
+            "soft_inertia": figures[:, INERTIA:].reshape(-1, 3, 3),
+            "chamber_pressure_Pa": self.pressure_Pa[:n],
+            "mounted_load": ticks.mounted[:n],
+            "body_touch": ticks.touch[:n],
+            **self.ledger(),
+        }
 
     def ledger(self) -> dict[str, Any]:
         """Return the columns (done,) of `LedgerEntry`, without the wrench."""
@@ -198,11 +286,6 @@ class TicksTaken:
 def figures_of(soft: SoftSide, wrench: Wrench) -> Array:
     """Return the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
     figures = np.empty(FIGURES)
-    fill_figures(soft, wrench, figures)
-    return figures
-
-
-def fill_figures(soft: SoftSide, wrench: Wrench, figures: Array) -> None:
-    """Fill the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
     figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER] = wrench.force, wrench.torque
     soft.fill_mass(figures)
+    return figures

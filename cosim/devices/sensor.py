@@ -15,6 +15,7 @@ from typing import Annotated, Any, Final, final
 
 import numpy as np
 
+from cosim.base.columns import RunColumns
 from cosim.base.frames import Array, Wrench, read_only
 from cosim.config.schema.objects import SensorTable
 from cosim.config.schema.scenario import Scenario
@@ -22,18 +23,18 @@ from cosim.devices import controller, device_report
 from cosim.errors import InputError, ScenarioError
 
 _FIELDS: Final = {
-    "pressure": ("pressure_Pa", "Pa"),
-    "cable_length": ("cable_length_m", "m"),
-    "cable_tension": ("cable_tension_N", "N"),
-    "flange_force": ("flange_wrench", "N"),
-    "flange_torque": ("flange_wrench", "N m"),
-    "tip_position": ("tip_position", "m"),
-    "tip_direction": ("tip_direction", "1"),
-    "bending_angle": ("bending_angle_rad", "rad"),
-    "joint_position": ("joint_position", "rad"),
-    "joint_torque": ("joint_torque", "N m"),
+    "pressure": ("pressure_Pa", RunColumns.chamber_pressure_Pa),
+    "cable_length": ("cable_length_m", RunColumns.cable_length_m),
+    "cable_tension": ("cable_tension_N", RunColumns.cable_tension_N),
+    "flange_force": ("flange_wrench", RunColumns.flange_force),
+    "flange_torque": ("flange_wrench", RunColumns.flange_torque),
+    "tip_position": ("tip_position", RunColumns.tip_position),
+    "tip_direction": ("tip_direction", RunColumns.tip_direction),
+    "bending_angle": ("bending_angle_rad", RunColumns.bending_angle_rad),
+    "joint_position": ("joint_position", RunColumns.joint_position),
+    "joint_torque": ("joint_torque", RunColumns.joint_torque),
 }
-"""By the kind of a sensor: the field of a measurement that it reads, and its unit."""
+"""By the kind of a sensor: the field of a measurement that it reads, and the column that is its truth."""
 _ROUNDING: Final = 1e-6  # of a sample's instant, in samples
 
 
@@ -41,7 +42,7 @@ def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[device_re
     """Return the sensors of a scenario, for whoever shows them; `joints` are the names of the arm's."""
     named = zip(scenario.sensors, _values(scenario), strict=True)
     return tuple(
-        device_report.SensorNames(entry.name, _FIELDS[entry.kind][1], joints if names is None else names)
+        device_report.SensorNames(entry.name, _FIELDS[entry.kind][1].unit, joints if names is None else names)
         for entry, names in named
     )
 

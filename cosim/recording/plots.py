@@ -1,7 +1,4 @@
-"""The curves of a recording: what is plotted, in which unit, under which name.
-
-One plot of a recording.
-"""
+"""The curves of a recording: those of columns with a view, of devices, of sensors, of the energy balance."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,10 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from cosim.base.column import Column, View, columns_of
+from cosim.base.columns import TickColumns
 from cosim.base.frames import Array
 from cosim.base.names import BETWEEN, LOST, MADE, PUT_IN, TERMS
 from cosim.devices.device_report import ActuationReport, DeviceNames
-from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, VERMILION, WHITE, Colour, series_colours
+from cosim.recording import colours
+from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, Colour, series_colours
 from cosim.telemetry import snapshot, tick_batch
 
 
@@ -44,8 +44,6 @@ class Plot:
     tab: str = ""
 
 
-_XYZ: Final = ("x", "y", "z")
-_RGB: Final = (VERMILION, GREEN, SKY)
 _SHOWN: Final[dict[str, tuple[str, float]]] = {
     "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
     "tip_height_m": ("Tip height [mm]", 1e3),
@@ -161,9 +159,9 @@ def _pump_plots(names: DeviceNames) -> list[Plot]:
     def delivered(devices: ActuationReport) -> tuple[float, ...]:
         return tuple(1e6 * pump.delivered_kg for pump in devices.pumps)
 
-    colours = [GREEN, ORANGE] if len(on) == 2 else ()
+    two = [GREEN, ORANGE] if len(on) == 2 else ()
     return [
-        _plot("pump", "Pump on [1]", on, running, colours),
+        _plot("pump", "Pump on [1]", on, running, two),
         _plot("gas_delivered", "Gas delivered [mg]", names.pumps, delivered),
     ]
 
@@ -175,8 +173,8 @@ ERROR_BARS: Final = {
     "cable_tension_N": ("tension", 1.0),
 }
 """Plots that show how far their figure may be off, by its key in a summary, and their unit."""
-SMALLEST_RESIDUAL_N = 1e-16
-"""Shown for an exact zero, which has no logarithm."""
+SMALLEST_LOGARITHM: Final = 1e-16
+"""Its logarithm is shown for an exact zero, which has none."""
 
 _OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
 
@@ -189,46 +187,63 @@ def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:
         joints: of the arm; 0 without one.
     """
     tabs = {
-        "Robot": _robot_plots(stage),
+        "Robot": _viewed("Robot", stage, joints),
         "Devices": device_plots(stage),
         "Sensors": sensor_plots(stage),
-        "Interface": _interface_plots(),
+        "Interface": _viewed("Interface", stage, joints),
         "Energy": [] if stage.energy is None else _energy_plots(),
-        "Run": _run_plots(stage, joints),
+        "Run": [_with_tick_length(plot, stage) for plot in _viewed("Run", stage, joints)],
     }
     return tuple(
         replace(plot, tab=tab, colours=plot.colours or series_colours(len(plot.series)))
         for tab, plots in tabs.items()
         for plot in plots
-        if joints or plot.entity not in _OF_AN_ARM
+        if plot.series and (joints or plot.entity not in _OF_AN_ARM)
     )
 
 
-def _robot_plots(stage: snapshot.RunInfo) -> list[Plot]:
-    chambers, cables = stage.chamber_names, range(1, len(stage.cables) + 1)
-    names = stage.cable_names or tuple(f"cable {k}" for k in cables)
-    many = len(chambers) > 1
-    gauge, inside = (chambers, chambers) if many else (("gauge pressure",), ("volume",))
-    blue, green = ((), ()) if many else ((SKY,), (GREEN,))
-    plots = [
-        Plot("pressure", "Pressure [kPa]", gauge, lambda b: 1e-3 * b.chamber_pressure_Pa, blue, many),
-        Plot("volume", "Chamber volume [ml]", inside, lambda b: 1e6 * b.chamber_volume_m3, green, many),
-        Plot("tension", "Cable tension [N]", names, lambda b: b.cable_tension_N),
-        Plot("tip_position", "Tip position, world [mm]", _XYZ, lambda b: 1e3 * b.tip_position, _RGB),
-        Plot("sag", "Sag [mm]", ("sag",), lambda b: 1e3 * b.sag_m, [ORANGE]),
-        Plot("sag/target", "", ("tip to target",), lambda b: 1e3 * target_distance(b), [GREEN]),
-    ]
-    return [plot for plot in plots if plot.series]
+def _viewed(tab: str, stage: snapshot.RunInfo, joints: int) -> list[Plot]:
+    """Return the plots of the columns that have their view in a tab."""
+    viewed = ((column, column.view) for column in columns_of(TickColumns).values() if column.view is not None)
+    shown = sorted((pair for pair in viewed if pair[1].tab == tab), key=lambda pair: pair[1].place)
+    return [_plot_of(column, view, stage, joints) for column, view in shown]
 
 
-def _interface_plots() -> list[Plot]:
-    ratio, lost = "Stability ratio of the coupling", "Power lost at the interface [W]"
-    return [
-        Plot("flange_force", "Force on the flange, world [N]", _XYZ, lambda b: b.flange_force, _RGB),
-        Plot("flange_torque", "Torque on the flange, world [N m]", _XYZ, lambda b: b.flange_torque, _RGB),
-        Plot("power_error", lost, ("power error",), lambda b: b.power_error_W, [PINK], legend=False),
-        Plot("stability", ratio, ("mass ratio",), lambda b: b.stability_ratio, [ORANGE], legend=False),
-    ]
+def _plot_of(column: Column, view: View, stage: snapshot.RunInfo, joints: int) -> Plot:
+    names = stage.names_along
+    sizes = {axis: len(each) for axis, each in names.items()} | {
+        "cables": len(stage.cables),
+        "joints": joints,
+    }
+    shape = tuple(int(axis) if axis.isdigit() else sizes[axis] for axis in column.axes[1:])
+    count, chosen = math.prod(shape), tuple(getattr(colours, name.upper()) for name in view.colours)
+    alone = count == len(chosen) == 1
+    series: tuple[str, ...] = (view.label,)
+    if shape and not alone:
+        numbers = [str(k) for k in range(count)]
+        named = column.components({} if view.numbered else names, shape)
+        series = tuple(f"{view.label} {k + 1}" for k in range(count)) if named == numbers else tuple(named)
+    legend = view.legend and not (shape and alone)
+    shown = chosen if len(chosen) == len(series) else ()
+    return Plot(
+        view.entity, view.title, series, partial(_shown, column.name, view), shown, legend, view.peaks
+    )
+
+
+def _shown(name: str, view: View, batch: tick_batch.TickBatch) -> Array:
+    values = view.scale * getattr(batch, name)
+    return np.log10(np.maximum(values, SMALLEST_LOGARITHM)) if view.log else np.asarray(values)
+
+
+def _with_tick_length(plot: Plot, stage: snapshot.RunInfo) -> Plot:
+    """Return the cost of a tick in time with the tick's length as a second curve; others as they are."""
+    if plot.entity != "tick_cost" or stage.mode != "dynamic":
+        return plot
+
+    def both(batch: tick_batch.TickBatch) -> Array:
+        return np.stack([plot.values(batch), np.full(len(batch), 1e3 * stage.tick_s)], axis=1)
+
+    return replace(plot, series=(*plot.series, "tick length"), values=both, colours=[ORANGE, GREY])
 
 
 def _energy_plots() -> list[Plot]:
@@ -255,40 +270,3 @@ def _called(term: str) -> str:
 
 def _energies(terms: tuple[str, ...], batch: tick_batch.TickBatch) -> Array:
     return batch.energy_J[:, [TERMS.index(term) for term in terms]]
-
-
-def _run_plots(stage: snapshot.RunInfo, joints: int) -> list[Plot]:
-    tick_s = stage.tick_s if stage.mode == "dynamic" else None
-    wall = ("wall time",) if tick_s is None else ("wall time", "tick length")
-    names = tuple(f"joint {k + 1}" for k in range(joints))
-    left, iterations = "Out-of-balance force [log10 N]", "Newton iterations per tick"
-    return [
-        Plot("residual", left, ("residual",), _log_residual, [SKY], legend=False, peaks=True),
-        Plot("newton", iterations, ("iterations",), _iterations, [WHITE], legend=False, peaks=True),
-        Plot("tick_cost", "Cost of a tick [ms]", wall, partial(_cost_ms, tick_s), [ORANGE, GREY], peaks=True),
-        Plot("joint_error", "Joint error [mrad]", names, lambda b: 1e3 * (b.joint_position - b.joint_target)),
-    ]
-
-
-def _log_residual(batch: tick_batch.TickBatch) -> Array:
-    return np.log10(np.maximum(batch.residual_N, SMALLEST_RESIDUAL_N))
-
-
-def _iterations(batch: tick_batch.TickBatch) -> Array:
-    return batch.newton_iterations.astype(np.float64)
-
-
-def _cost_ms(tick_s: float | None, batch: tick_batch.TickBatch) -> Array:
-    """Return the wall time of ticks [ms]; (k, 2) with the length of a tick if that is given, else (k,)."""
-    wall = 1e3 * batch.tick_wall_s
-    return wall if tick_s is None else np.stack([wall, np.full(len(batch), 1e3 * tick_s)], axis=1)
-
-
-def target_distance(batch: tick_batch.TickBatch) -> Array:
-    """Return the distance of the tip from its target (k,) [m]; not a number while there is none.
-
-    A component of the target that is not a number is free and does not count.
-    """
-    away = batch.tip_position - batch.tip_target
-    away[np.isnan(away)] = 0.0
-    return np.where(batch.has_tip_target, np.sqrt((away * away).sum(axis=1)), np.nan)

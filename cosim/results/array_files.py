@@ -14,7 +14,7 @@ passed over.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cosim._version import __version__
+from cosim.base.column import Column
 from cosim.base.files import whole_file
 from cosim.base.frames import Array
 from cosim.base.resources import writing
 from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision
-from cosim.results import result
-from cosim.results.result import ArrayText, CameraImages, RunResult, array_texts, frame_rows
+from cosim.results.result import COLUMNS, FRAME_COLUMNS, IMAGE_COLUMNS, CameraImages, frame_rows
 from cosim.telemetry.snapshot import CameraInfo, ObjectInfo, RunInfo
 
 if TYPE_CHECKING:
@@ -241,9 +241,9 @@ def write_arrays(
         "frames_per_s": frames_per_s,
         "stage": stored_stage(stage),
     }
-    for path, names in ((frames, result.FRAME_COLUMNS), (ticks, result.COLUMNS)):
-        texts = {name: _array_said(array_texts(RunResult)[name], stage, arrays[name]) for name in names}
-        write_columns(path, {name: arrays[name] for name in names}, texts, header)
+    for path, columns in ((frames, FRAME_COLUMNS), (ticks, COLUMNS)):
+        texts = {name: _array_said(column, stage, arrays[name]) for name, column in columns.items()}
+        write_columns(path, {name: arrays[name] for name in columns}, texts, header)
 
 
 def write_images(path: Path, camera: str, images: CameraImages) -> None:
@@ -257,12 +257,11 @@ def write_images(path: Path, camera: str, images: CameraImages) -> None:
     Raises:
         OutputError: they cannot be written.
     """
-    columns = {name: getattr(images, name) for name in result.IMAGE_COLUMNS}
     texts = {
-        name: {"unit": text.unit, "meaning": text.meaning, "axes": text.axes}
-        for name, text in array_texts(CameraImages).items()
+        name: {"unit": column.unit, "meaning": column.meaning, "axes": column.axes}
+        for name, column in IMAGE_COLUMNS.items()
     }
-    write_columns(path, columns, texts, {"schema": ARRAYS_SCHEMA, "camera": camera})
+    write_columns(path, images.arrays, texts, {"schema": ARRAYS_SCHEMA, "camera": camera})
 
 
 def read_images(paths: Sequence[Path], camera: str) -> CameraImages | None:
@@ -272,7 +271,7 @@ def read_images(paths: Sequence[Path], camera: str) -> CameraImages | None:
         InputError: one cannot be read, or lacks an array.
     """
     own = [path for path in paths if read_header(path).get("camera") == camera]
-    return CameraImages(**read_parts(own, result.IMAGE_COLUMNS, "tick")) if own else None
+    return CameraImages(read_parts(own, IMAGE_COLUMNS, "tick")) if own else None
 
 
 def read_stage(path: Path) -> RunInfo:
@@ -293,7 +292,7 @@ def read_stage(path: Path) -> RunInfo:
         raise InputError(f"{path}: {error}") from error
 
 
-def read_parts(paths: Sequence[Path], names: Sequence[str], tick: str) -> dict[str, Any]:
+def read_parts(paths: Sequence[Path], names: Iterable[str], tick: str) -> dict[str, Any]:
     """Return the arrays of the parts of a run as one.
 
     Args:
@@ -357,8 +356,8 @@ def _before(part: dict[str, Array], tick: str, first: int) -> dict[str, Array]:
     return {name: array[:rows] for name, array in part.items()}
 
 
-def _array_said(text: ArrayText, stage: RunInfo, array: Array) -> dict[str, Any]:
-    said: dict[str, Any] = {"unit": text.unit, "meaning": text.meaning, "axes": text.axes}
-    if "nodes" not in text.axes:
-        said["components"] = text.components(stage, array.shape[1:]) if array.ndim > 1 else []
+def _array_said(column: Column, stage: RunInfo, array: Array) -> dict[str, Any]:
+    said: dict[str, Any] = {"unit": column.unit, "meaning": column.meaning, "axes": column.axes}
+    if "nodes" not in column.axes:
+        said["components"] = column.components(stage.names_along, array.shape[1:])
     return said

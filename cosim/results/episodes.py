@@ -23,7 +23,7 @@ from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array
 from cosim.base.resources import encoded, encoder, writing
 from cosim.errors import InputError
-from cosim.results.result import RunResult, array_texts, frame_rows
+from cosim.results.result import COLUMNS, RunResult, frame_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -89,11 +89,11 @@ def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) 
         return np.hstack(found).astype(np.float32)
 
     def named(names: Sequence[str]) -> list[str]:
-        texts = array_texts(RunResult)
+        along = result.stage.names_along
         return [
             f"{name}.{part}"
             for name in names
-            for part in texts[name].components(result.stage, getattr(result, name).shape[1:])
+            for part in COLUMNS[name].components(along, getattr(result, name).shape[1:])
         ]
 
     columns = {"observation.state": joined(_STATE, rows[:-1]), "action": joined(_ACTION, rows[1:])}

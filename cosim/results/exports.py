@@ -26,7 +26,7 @@ from cosim.base import files, resources
 from cosim.base.frames import Array, IntArray
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
-from cosim.results.result import COLUMNS, RunResult, array_texts
+from cosim.results.result import COLUMNS, RunResult
 from cosim.telemetry.holding import HeldPart
 
 
@@ -44,10 +44,10 @@ def write_csv(result: RunResult, path: Path) -> None:
     from pyarrow import csv
 
     columns: dict[str, Any] = {}
-    for name in COLUMNS:
-        text, array = array_texts(RunResult)[name], getattr(result, name)
-        unit = "" if text.unit == "1" else f" [{text.unit}]"
-        heads = [f"{name}.{part}{unit}" for part in text.components(result.stage, array.shape[1:])]
+    for name, column in COLUMNS.items():
+        array, names = getattr(result, name), result.stage.names_along
+        unit = "" if column.unit == "1" else f" [{column.unit}]"
+        heads = [f"{name}.{part}{unit}" for part in column.components(names, array.shape[1:])]
         if array.ndim == 1:
             heads = [f"{name}{unit}"]
         values = np.ascontiguousarray(array.reshape(len(array), len(heads)).T)

@@ -1,17 +1,13 @@
 """What `cosim.run` returns: the summary and arrays over time.
 
-A run as a short table for notebooks.
-
-What each array of a run holds, and the usual curves of a run as a picture, which needs matplotlib.
+A run as a short table for notebooks, and its usual curves as a picture, which needs matplotlib.
 """
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from functools import cache
+from dataclasses import dataclass, field
 from html import escape
 from itertools import product
 from pathlib import Path
@@ -21,83 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim._version import __version__
+from cosim.base.column import Column, Columns, columns_of, listing_columns
+from cosim.base.columns import RunColumns
 from cosim.base.frames import Array, IntArray
-from cosim.base.names import TERMS, texts_of
-from cosim.config.toml.keys import unit_of, unit_text
 from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError
 from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, phase_cells, reason_of
-from cosim.telemetry.tick_batch import RigidColumns, TickBatch
-
-_ENTRY: Final = re.compile(r"\(([^)]*)\)(?: \[([^\]]*)\])?,? ?(.*)")
-_XYZ: Final = ("x", "y", "z")
-_WXYZ: Final = ("w", "x", "y", "z")
-
-
-@final
-@dataclass(frozen=True)
-class ArrayText:
-    """What an array holds.
-
-    Args:
-        name: of the array.
-        axes: what it runs over: "rows" or "frames", then names of what has an entry each, or a number.
-        unit: such as "m"; "1" without one.
-        meaning: in words.
-    """
-
-    name: str
-    axes: tuple[str, ...]
-    unit: str
-    meaning: str
-
-    def components(self, stage: RunInfo, shape: tuple[int, ...]) -> list[str]:
-        """Return a name for every number of a row, such as "tool.x"; none for an array of single numbers.
-
-        Args:
-            stage: of the run.
-            shape: of a row.
-        """
-        if not shape:
-            return []
-        pairs = zip(self.axes[1:], shape, strict=True)
-        return [".".join(names) for names in product(*(_names(axis, size, stage) for axis, size in pairs))]
-
-
-@cache
-def array_texts(kind: type) -> dict[str, ArrayText]:
-    """Return what the arrays of a dataclass hold, by name: its fields that are documented with their axes.
-
-    Args:
-        kind: its arguments read as `name: (rows, 3) [unit], meaning`.
-    """
-    found = ((name, _ENTRY.fullmatch(entry)) for name, entry in texts_of(kind)[1].items())
-    return {name: _text(name, *entry.groups()) for name, entry in found if entry is not None}
-
-
-def unit_by_name(name: str) -> str:
-    """Return the unit that a name ends in, as people write it; "1" for a name without one."""
-    return unit_text(unit_of(name)) or "1"
-
-
-def _text(name: str, axes: str, unit: str | None, meaning: str) -> ArrayText:
-    listed = tuple(axis.strip() for axis in axes.split(",") if axis.strip())
-    return ArrayText(name, listed, unit or unit_by_name(name), meaning)
-
-
-def _names(axis: str, size: int, stage: RunInfo) -> Iterator[str]:
-    """Yield the names of the entries along an axis; their places where they have none."""
-    readings = [".".join(filter(None, (each.name, value))) for each in stage.sensors for value in each.values]
-    known = {
-        "readings": readings,
-        "joints": stage.joint_names, "bodies": stage.body_names, "chambers": stage.chamber_names,
-        "cables": stage.cable_names, "3": _XYZ, "4": _WXYZ,
-        "energies": [term.removesuffix("_J") for term in TERMS],
-    }.get(axis, ())  # fmt: skip
-    yield from known if len(known) == size else map(str, range(size))
-
+from cosim.telemetry.tick_batch import TickBatch
 
 USUAL: Final = (
     "tip_position", "sag_m", "bending_angle_rad", "chamber_pressure_Pa", "cable_tension_N", "flange_force",
@@ -136,21 +64,20 @@ def panels(result: RunResult, names: Sequence[str] = ()) -> Iterator[Panel]:
     Raises:
         InputError: there is no such array.
     """
-    texts = {name: text for name, text in array_texts(RunResult).items() if text.axes[0] == "rows"}
     sensors = {each.name: each for each in result.stage.sensors}
     for name in names or (*USUAL, *sensors):
         if name in sensors:
             yield _sensor_panel(result, sensors[name])
             continue
-        if name not in texts:
-            there = ", ".join([*texts, *sensors])
+        if name not in COLUMNS:
+            there = ", ".join([*COLUMNS, *sensors])
             raise InputError(f"there is no array '{name}' over the ticks; there are {there}")
-        array = getattr(result, name)
+        array, column = getattr(result, name), COLUMNS[name]
         if not array.size or not (names or np.nan_to_num(array).any()):
             continue
-        scale, unit = _PREFIXES.get(texts[name].unit, (1.0, texts[name].unit))
-        labels = texts[name].components(result.stage, array.shape[1:])
-        title = name.removesuffix(f"_{texts[name].unit}").replace("_", " ")
+        scale, unit = _PREFIXES.get(column.unit, (1.0, column.unit))
+        labels = column.components(result.stage.names_along, array.shape[1:])
+        title = name.removesuffix(f"_{column.unit}").replace("_", " ")
         yield Panel(title, unit, scale * array.reshape(len(array), -1), labels if len(labels) > 1 else [])
 
 
@@ -230,140 +157,85 @@ def _row(kind: str, cells: Sequence[str]) -> str:
     return "<tr>" + "".join(f"<{kind}>{escape(cell)}</{kind}>" for cell in cells) + "</tr>"
 
 
+class ImageColumns(Columns):
+    """The columns of the pictures of one camera."""
+
+    tick = Column("pictures", "1", "after which it was taken.", kind=np.int64)
+    time_s = Column("pictures", "s", "simulated time.")
+    rgb = Column(
+        "pictures, height, width, 3", "1", "colours from 0 to 255, from the upper left corner.", kind=np.uint8
+    )
+    depth_m = Column(
+        "pictures, height, width", "m", "along the camera's line of sight; infinite where nothing is.",
+        kind=np.float32,
+    )  # fmt: skip
+    segments = Column(
+        "pictures, height, width", "1", "0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.",
+        kind=np.int16,
+    )  # fmt: skip
+    position = Column("pictures, 3", "m", "of the camera, world.")
+    rotation = Column(
+        "pictures, 3, 3", "1", "world from camera: x to the right, y up, z against the line of sight."
+    )
+
+
+IMAGE_COLUMNS: Final = columns_of(ImageColumns)
+
+
 @final
+@listing_columns
 @dataclass(frozen=True, eq=False, repr=False)
-class CameraImages:
-    """What one camera saw, a row for each picture.
+class CameraImages(ImageColumns):
+    """What one camera saw, a row for each picture; its columns are attributes.
 
     Args:
-        tick: (pictures,), after which it was taken.
-        time_s: (pictures,), simulated time.
-        rgb: (pictures, height, width, 3), colours from 0 to 255, from the upper left corner.
-        depth_m: (pictures, height, width), along the camera's line of sight; infinite where nothing is.
-        segments: (pictures, height, width), 0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.
-        position: (pictures, 3) [m], of the camera, world.
-        rotation: (pictures, 3, 3), world from camera: x to the right, y up, z against the line of sight.
+        arrays: columns by name.
     """
 
-    tick: IntArray
-    time_s: Array
-    rgb: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
-    segments: NDArray[np.int16]
-    position: Array
-    rotation: Array
+    arrays: Mapping[str, NDArray[Any]]
 
     def __repr__(self) -> str:
         """Return one line: how many there are, and how large."""
         return f"{len(self.tick)} pictures of {self.rgb.shape[2]} x {self.rgb.shape[1]} pixels"
 
 
-IMAGE_COLUMNS: Final = tuple(entry.name for entry in fields(CameraImages))
+class FrameColumns(Columns):
+    """The columns of the frames at which the film's nodes are kept."""
+
+    frame_tick = Column("frames", "1", "tick at which the film's nodes were kept.", kind=np.int64)
+    frame_time_s = Column("frames", "s", "when the film's nodes were kept.")
+    node_position = Column("frames, nodes, 3", "m", "of the film, world.")
+
+
+COLUMNS: Final = columns_of(RunColumns)
+"""One row per tick."""
+FRAME_COLUMNS: Final = columns_of(FrameColumns)
+"""One row per frame."""
 
 
 @final
+@listing_columns
 @dataclass(frozen=True, eq=False, repr=False)
-class RunResult(RigidColumns):
+class RunResult(FrameColumns, RunColumns):
     """A run as arrays, one row per snapshot (the state before the first tick, then every tick).
 
-    World frame, SI units. Node positions are kept at the recording's frame rate only. The files of a run
-    repeat shape, unit and meaning as they stand here; without [unit], the unit is the end of the name.
+    World frame, SI units. Columns are attributes, such as `tip_position`; node positions are kept at the
+    recording's frame rate only. The files of a run repeat shape, unit and meaning as they stand here; without
+    [unit], the unit is the end of the name.
 
     Args:
         stage: what does not change during the run: film triangles, cable routes, and names, `joint_names` of
             all joints, `body_names` of all bodies, objects by theirs; see `body`.
         summary: as in summary.json.
         directory: where the files are, or None if none were written.
-        tick: (rows,), count of ticks, 0 before the first one.
-        time_s: (rows,), simulated time.
-        phase: (rows,), index into `stage.phase_names`.
-        joint_position: (rows, joints) [rad], of the arm; a joint that slides has metres.
-        joint_velocity: (rows, joints) [rad/s], in statics the mean one over the increment.
-        joint_torque: (rows, joints) [N m], that the servos gave in the tick; at rest, their holding torque.
-        joint_target: (rows, joints) [rad], targets of the servos.
-        body_position: (rows, bodies, 3) [m], of the frames of the arm's links and the objects, world.
-        body_quaternion: (rows, bodies, 4), (w, x, y, z), world from body.
-        body_contact_force: (rows, bodies, 3) [N], of the soft robot's contacts on each body, world axes.
-        flange_position: (rows, 3) [m], of its origin, world.
-        flange_quaternion: (rows, 4), (w, x, y, z), world from flange.
-        flange_force: (rows, 3) [N], that all that hangs on the flange exerts on it, world axes: the soft
-            robot, and weight, inertia and contacts of a palm, as a sensor between arm and flange shows.
-        flange_torque: (rows, 3) [N m], the same, about the flange's origin.
-        soft_center: (rows, 3) [m], centre of mass of the soft robot, world.
-        soft_inertia: (rows, 3, 3) [kg m^2], of the soft robot about that, world axes.
-        tip_position: (rows, 3) [m], centre of the last hole ring.
-        tip_direction: (rows, 3), its unit normal.
-        sag_m: (rows,), distance of the tip from where a straight arm along the flange's axis would have it.
-        pressure_Pa: (rows,), gauge, in the first chamber; of a sealed gas at its present volume.
-        volume_m3: (rows,), of all chambers.
-        chamber_pressure_Pa: (rows, chambers), gauge.
-        chamber_volume_m3: (rows, chambers), inside the film.
-        cable_tension_N: (rows, cables), at the base end.
-        cable_length_m: (rows, cables), of the routes; (rows, 0) without devices or commanded lengths.
-        cable_unstretched_m: (rows, cables), off the drum; not a number while the tension is commanded.
-        sensor_reading: (rows, readings) [1], of all sensors, each in its unit; see `sensor`.
-        sensor_truth: (rows, readings) [1], true values, at the same instants.
-        bending_angle_rad: (rows,), between the tip's direction and the flange's z axis.
-        residual_N: (rows,), largest force component that the soft step was left with.
-        newton_iterations: (rows,), of the soft step.
-        power_error_W: (rows,), that appeared at the interface.
-        stability_ratio: (rows,), of the coupling; stable below 1.
-        contacts: (rows,), points of the film that press on something.
-        contact_force_N: (rows,), sum of the normal forces that acted on bodies, mean over the tick.
-        contact_depth_m: (rows,), of the deepest point in the pressed body.
-        palm_contacts: (rows,), of what is mounted on the flange with rigid bodies.
-        self_contacts: (rows,), points of the film that press on another film of the soft robot.
-        self_contact_force_N: (rows,), sum of their normal forces.
-        self_contact_depth_m: (rows,), of the deepest point behind another film.
-        tick_wall_s: (rows,), wall time.
-        energy_J: (rows, energies) [J], balance of energy since the start: put in by gas, cables, flange,
-            gravity, bodies, lost in contact, at eyelets, by damping and the integrator, held; elastic energy
-            and rest every 0.1 s, else not numbers. (rows, 0) where the run has no balance.
-        frame_tick: (frames,), tick at which the film's nodes were kept.
-        frame_time_s: (frames,), when the film's nodes were kept.
-        node_position: (frames, nodes, 3) [m], of the film, world.
+        arrays: columns by name.
         images: what each camera of the scenario saw, by its name.
     """
 
     stage: RunInfo
     summary: dict[str, Any]
     directory: Path | None
-    flange_position: Array
-    flange_quaternion: Array
-    flange_force: Array
-    flange_torque: Array
-    soft_center: Array
-    soft_inertia: Array
-    tip_position: Array
-    tip_direction: Array
-    sag_m: Array
-    pressure_Pa: Array
-    volume_m3: Array
-    chamber_pressure_Pa: Array
-    chamber_volume_m3: Array
-    cable_tension_N: Array
-    cable_length_m: Array
-    cable_unstretched_m: Array
-    sensor_reading: Array
-    sensor_truth: Array
-    bending_angle_rad: Array
-    residual_N: Array
-    newton_iterations: IntArray
-    power_error_W: Array
-    stability_ratio: Array
-    contacts: IntArray
-    contact_force_N: Array
-    contact_depth_m: Array
-    palm_contacts: IntArray
-    self_contacts: IntArray
-    self_contact_force_N: Array
-    self_contact_depth_m: Array
-    tick_wall_s: Array
-    energy_J: Array
-    frame_tick: IntArray
-    frame_time_s: Array
-    node_position: Array
-
+    arrays: Mapping[str, NDArray[Any]]
     images: Mapping[str, CameraImages] = field(default_factory=dict)
 
     @property
@@ -435,15 +307,6 @@ class RunResult(RigidColumns):
         )
 
 
-FRAME_COLUMNS: Final = ("frame_tick", "frame_time_s", "node_position")
-"""One row per frame."""
-COLUMNS: Final = tuple(
-    field.name
-    for field in fields(RunResult)
-    if field.name not in ("stage", "summary", "directory", "images", *FRAME_COLUMNS)
-)
-"""Of a batch, one row per tick."""
-
 _ROUNDING_S = 1e-9
 """Far below a tick, far above the rounding error of a time."""
 
@@ -492,7 +355,8 @@ class ResultBuilder:
     def images(self) -> dict[str, CameraImages]:
         """Return the pictures that were gathered, by camera."""
         return {
-            name: CameraImages(*map(np.array, zip(*rows, strict=True))) for name, rows in self._images.items()
+            name: CameraImages(dict(zip(IMAGE_COLUMNS, map(np.array, zip(*rows, strict=True)), strict=True)))
+            for name, rows in self._images.items()
         }
 
     def forget(self) -> None:
@@ -510,8 +374,7 @@ class ResultBuilder:
         """
         if self._stage is None:
             raise ValueError("no run has been opened")
-        found = {"images": self.images(), **self.arrays()}
-        return RunResult(stage=self._stage, summary=summary, directory=directory, **found)
+        return RunResult(self._stage, summary, directory, self.arrays(), self.images())
 
 
 def frame_rows(time_s: Array, frames_per_s: float, before: int = -1) -> IntArray:

@@ -15,7 +15,7 @@ from cosim.base.frames import Array, quaternion_from_rotation, rotations_from_qu
 from cosim.base.resources import extra_module, writing
 from cosim.errors import InputError
 from cosim.results.episodes import png
-from cosim.results.result import RunResult, frame_rows
+from cosim.results.result import COLUMNS, RunResult, frame_rows
 from cosim.telemetry.snapshot import CameraInfo
 
 if TYPE_CHECKING:
@@ -174,12 +174,13 @@ class _Messages:
 
     def _numbers(self, row: int) -> Iterator[Message]:
         run, kind = self._result, "std_msgs/msg/Float64"
-        pressures = zip(run.stage.chamber_names, run.chamber_pressure_Pa[row].tolist(), strict=True)
-        tensions = zip(run.stage.cable_names, run.cable_tension_N[row].tolist(), strict=True)
-        told = [(f"/pressure_Pa/{_topic(name)}", value) for name, value in pressures]
-        told += [(f"/tension_N/{_topic(name)}", value) for name, value in tensions]
-        for topic, value in told:
-            yield topic, kind, self._of(kind, data=value)
+        for column in COLUMNS.values():
+            if column.topic:
+                values = getattr(run, column.name)[row]
+                names = column.components(run.stage.names_along, values.shape) or [""]
+                for name, value in zip(names, values.ravel().tolist(), strict=True):
+                    topic = f"/{column.topic}" + (f"/{_topic(name)}" if name else "")
+                    yield topic, kind, self._of(kind, data=value)
 
     def _shape(self, row: int) -> Iterator[Message]:
         run, kind = self._result, "visualization_msgs/msg/Marker"

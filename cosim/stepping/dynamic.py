@@ -11,8 +11,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
-from cosim.coupling.tick_rows import Ticks
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import Servos, Ticks, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
@@ -322,25 +321,27 @@ class DynamicSimulation(SteppedRun):
         reading, truth = np.zeros((2, n, 0))
         if self.stage.sensors:  # a single tick
             reading, truth = (row[None] for row in parts.sensed(time_s.item(-1), tension[-1]))
+        arrays = {
+            "tick": tick,
+            "time_s": time_s,
+            "phase": np.full(n, to.phase),
+            "joint_target": asked.servos.position[:n],
+            "cable_tension_N": tension,
+            "sensor_reading": reading,
+            "sensor_truth": truth,
+            "tip_target": np.full((n, 3), np.nan) if wanted is None else wanted,
+            "has_tip_target": np.full(n, wanted is not None),
+            "tick_wall_s": np.full(n, (time.perf_counter() - began) / n),
+        }
         return TickBatch.of_ticks(
             taken,
-            tick=tick,
-            time_s=time_s,
-            phase=np.full(n, to.phase),
-            joint_target=asked.servos.position[:n],
+            arrays,
             film=film,
-            cable_tension_N=tension,
-            sensor_reading=reading,
-            sensor_truth=truth,
-            tip_target=np.full((n, 3), np.nan) if wanted is None else wanted,
-            has_tip_target=np.full(n, wanted is not None),
-            tick_wall_s=np.full(n, (time.perf_counter() - began) / n),
             devices=(report,) * n,
             link_contacts=self._link_contacts(taken.ticks, to.tick, n),
             branchings=branchings,
             overlaps=self._overlaps(taken, to),
             footing=self._rests(ends, taken, asked),
-            images={},
         )
 
     def _step_of(self, to: Cursor) -> str:

@@ -7,6 +7,8 @@ from contextlib import suppress
 from difflib import get_close_matches
 from typing import Final
 
+from cosim.base.column import figures_of
+from cosim.base.columns import TickColumns
 from cosim.config import loading, studies
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
@@ -15,11 +17,8 @@ from cosim.errors import InputError, ScenarioError
 from cosim.sweeps.table import PHASES
 
 OF_A_RUN: Final = (
-    "tick_s", "simulated_s", "ticks", "planned_ticks", "newton_iterations", "slides",
-    "max_equilibrium_residual_N", "max_interface_power_error_W", "max_stability_ratio", "iterated_ticks",
-    "interface_trials", "max_interface_trials", "max_interface_residual", "max_interface_power_error",
-    "max_momentum_error", "max_contact_ratio", "contact_since_s", "max_contact_force_N",
-    "max_contact_depth_m", "max_self_contact_force_N", "max_self_contact_depth_m", "self_contact_since_s",
+    "tick_s", "simulated_s", "ticks", "planned_ticks",
+    *(figure.name for _, figure in figures_of(TickColumns)),
     "touched", "soft_weight_N", "section_model", "error", "branchings", "overlaps", "objects",
 )  # fmt: skip
 OF_A_PHASE: Final = (

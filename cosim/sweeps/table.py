@@ -26,8 +26,9 @@ from cosim.base.files import whole_file
 from cosim.base.resources import is_file, writing
 from cosim.config.loading import module_of_file
 from cosim.config.schema.scenario import Scenario
+from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import InputError
-from cosim.results.result import RunResult, figure_kind, unit_by_name
+from cosim.results.result import RunResult, figure_kind
 
 if TYPE_CHECKING:
     from cosim.telemetry.snapshot import RunInfo
@@ -357,7 +358,7 @@ def _chosen(designs: Sequence[Design], figures: Sequence[str]) -> list[str]:
 
 def _unit(name: str) -> str:
     """Return the unit of the innermost part of a name that has one; "1" where none has."""
-    units = (unit_by_name(part) for part in reversed(name.split(".")))
+    units = (unit_text(unit_of(part)) or "1" for part in reversed(name.split(".")))
     return next((unit for unit in units if unit != "1"), "1")
 
 

@@ -14,18 +14,18 @@ integrator turns that into kinetic energy; what is missing there is lost. So the
 such loss: it is the error of the balance.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final, NamedTuple, Protocol, final
+from typing import Any, Final, NamedTuple, final
 
 import numpy as np
 
+from cosim.base.columns import TickColumns
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel
 from cosim.base.names import TERMS, WORKS
-from cosim.coupling.schemes.ledger import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
@@ -158,62 +158,6 @@ def fill_works(x: Blocks, routes: _Routes, rows: Matrix, mean: Matrix, chambers:
         out[t, 2] = _carry(between[pose - 6 : pose], now[pose:], before[pose:])
 
 
-class SeenTicks(Protocol):
-    """What the balance sees of ticks: columns of a `TickBatch`."""
-
-    @property
-    def node_position(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def chamber_volume_m3(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def chamber_pressure_Pa(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def cable_tension_N(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def wrench(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def flange_position(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def flange_rotation(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def flange_twist(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def contact_work_J(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def bodies_work_J(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def self_contact_work_J(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def eyelets_J(self) -> Array:
-        """See `TickBatch`."""
-
-    @property
-    def pieces(self) -> Mapping[int, TickPieces]:
-        """See `TickBatch`."""
-
-
 @final
 @dataclass(frozen=True)
 class EnergyParts(Shown):
@@ -272,7 +216,7 @@ class EnergyParts(Shown):
         """Return the balance before the first tick."""
         return EnergyFigures()
 
-    def after(self, before: EnergyFigures, batch: SeenTicks) -> tuple[EnergyFigures, Array]:
+    def after(self, before: EnergyFigures, batch: TickColumns) -> tuple[EnergyFigures, Array]:
         """Return the balance with some ticks more, and its terms at each of them, see `balance_after`."""
         return balance_after(before, batch, self)
 
@@ -295,7 +239,9 @@ def _always(share: Array, _positions: Array) -> Array:
     return share
 
 
-def balance_after(before: EnergyFigures, batch: SeenTicks, parts: EnergyParts) -> tuple[EnergyFigures, Array]:
+def balance_after(
+    before: EnergyFigures, batch: TickColumns, parts: EnergyParts
+) -> tuple[EnergyFigures, Array]:
     """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
     The state before the first tick is by itself. Ticks are summed in order: however many come at once,
@@ -350,7 +296,7 @@ def balance_after(before: EnergyFigures, batch: SeenTicks, parts: EnergyParts) -
 
 
 def _moved(
-    before: EnergyFigures, batch: SeenTicks, parts: EnergyParts, motion: Array, sums: Array
+    before: EnergyFigures, batch: TickColumns, parts: EnergyParts, motion: Array, sums: Array
 ) -> Array | None:
     """Fill the sums of ticks, and bring the motion to their end, as `fill_motion` does; return `begun`.
 

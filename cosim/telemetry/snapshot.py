@@ -365,6 +365,17 @@ class RunInfo(Shown):
     cameras: tuple[CameraInfo, ...] = ()
     drawn: DrawnFilm | None = None
 
+    @property
+    def names_along(self) -> Mapping[str, tuple[str, ...]]:
+        """Names of the entries along the axes of columns."""
+        readings = (
+            ".".join(filter(None, (each.name, value))) for each in self.sensors for value in each.values
+        )
+        return {
+            "joints": self.joint_names, "bodies": self.body_names, "chambers": self.chamber_names,
+            "cables": self.cable_names, "readings": tuple(readings),
+        }  # fmt: skip
+
     def __repr__(self) -> str:
         """Return two lines: what run it is of, and its parts."""
         return (

@@ -8,7 +8,8 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.base.frames import Array
+from cosim.base.column import figures_of
+from cosim.base.columns import TickColumns
 from cosim.base.state import check_state
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
@@ -239,38 +240,6 @@ def _figure(value: float | None) -> str:
 SUMMARY_SCHEMA = 1
 Status = Literal["completed", "interrupted", "failed"]
 
-_GATHERED: Final[dict[str, tuple[str, str, float]]] = {
-    "newton_iterations": ("sum", "newton_iterations", 0),
-    "slides": ("sum", "slides", 0),
-    "max_equilibrium_residual_N": ("largest", "residual_N", 0.0),
-    "max_interface_power_error_W": ("largest", "power_error_W", 0.0),
-    "max_stability_ratio": ("largest", "stability_ratio", 0.0),
-    "iterated_ticks": ("count", "iterated_trials", 0),
-    "interface_trials": ("sum", "iterated_trials", 0),
-    "max_interface_trials": ("largest", "iterated_trials", 0),
-    "max_interface_residual": ("largest", "interface_residual", 0.0),
-    "max_interface_power_error": ("largest", "power_error", 0.0),
-    "max_momentum_error": ("largest", "momentum_error", 0.0),
-    "max_contact_ratio": ("largest", "contact_ratio", 0.0),
-    "contact_since_s": ("since", "contacts", math.nan),
-    "max_contact_force_N": ("largest", "contact_force_N", 0.0),
-    "max_contact_depth_m": ("largest", "contact_depth_m", 0.0),
-    "max_self_contact_force_N": ("largest", "self_contact_force_N", 0.0),
-    "max_self_contact_depth_m": ("largest", "self_contact_depth_m", 0.0),
-    "self_contact_since_s": ("since", "self_contacts", math.nan),
-}
-"""Figure of the run -> how it is gathered, from which column of the ticks, and its value before any."""
-
-
-def _gathered(how: str, before: float, values: Array, time_s: Array) -> float:
-    """Return a figure after further ticks; what is not a number is no largest one."""
-    if how == "largest":
-        return np.fmax.reduce(np.abs(values), initial=before).item()
-    if how == "since":
-        found = values.any() and math.isnan(before)
-        return time_s.item(int(np.argmax(values > 0))) if found else before
-    return before + int(np.count_nonzero(values) if how == "count" else values.sum())
-
 
 @final
 @dataclass(frozen=True)
@@ -298,7 +267,7 @@ class SummaryState:
     energy: EnergyFigures | None
     last: Snapshot | None = None
     gathered: dict[str, float] = field(
-        default_factory=lambda: {key: initial for key, (_, _, initial) in _GATHERED.items()}
+        default_factory=lambda: {figure.name: figure.initial for _, figure in figures_of(TickColumns)}
     )
     arm: figures.ArmFigures = field(default_factory=figures.ArmFigures)
     tip_path: figures.TipPathFigures = field(default_factory=figures.TipPathFigures)
@@ -351,6 +320,7 @@ class SummaryBuilder:
         self._startup_s = startup_s
         self._version = version
         self._resumed_at_ticks = resumed_at_ticks
+        self._figures = tuple(figures_of(TickColumns))
         none = touched.TouchedFigures.none(len(stage.body_names))
         self._state = SummaryState(none, None if stage.energy is None else stage.energy.begin())
 
@@ -384,7 +354,7 @@ class SummaryBuilder:
         energy = state.energy
         if energy is not None and stage.energy is not None:
             energy, each = stage.energy.after(energy, batch)
-            batch = replace(batch, energy_J=each)
+            batch = replace(batch, arrays={**batch.arrays, "energy_J": each})
         last, path = batch.snapshot(-1), stage.tip_paths.get(int(batch.phase[0]))
         branchings, overlaps = state.branchings, state.overlaps
         name, time_s = stage.phase_names[last.phase], batch.time_s.tolist()
@@ -397,8 +367,10 @@ class SummaryBuilder:
             state,
             last=last,
             gathered={
-                key: _gathered(how, state.gathered[key], getattr(batch, column), batch.time_s)
-                for key, (how, column, _) in _GATHERED.items()
+                figure.name: figure.after(
+                    state.gathered[figure.name], getattr(batch, column.name), batch.time_s
+                )
+                for column, figure in self._figures
             },
             touched=state.touched.after(batch, stage.tick_s) if dynamic else state.touched,
             devices=state.devices if stage.devices is None else state.devices.after(batch),

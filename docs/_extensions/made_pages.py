@@ -9,9 +9,13 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
+from column_tables import column_table, figure_table
 from glossary_text import glossary_text
 from key_tables import key_tables
 from public_names import public_errors, public_names
+
+from cosim import RunResult
+from cosim.base.columns import TickColumns
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -20,6 +24,9 @@ TEXTS: Final[dict[str, Callable[[], str]]] = {
     "keys of scenario": lambda: key_tables("scenario"),
     "keys of robot": lambda: key_tables("robot"),
     "keys of arm": lambda: key_tables("arm"),
+    "columns of results": lambda: column_table(RunResult),
+    "columns of ticks": lambda: column_table(TickColumns),
+    "figures of columns": figure_table,
     "glossary": glossary_text,
     "public names": public_names,
     "public errors": public_errors,

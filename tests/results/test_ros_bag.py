@@ -30,7 +30,8 @@ def result(
     overrides = {"clock.tick_s": 0.01, "recording.frames_per_s": 50}
     found = cosim.run("ur5e_hexagon_arm", overrides=overrides, out=tmp_path / "run")
     turns = np.random.default_rng(1).normal(size=(len(found.tick), 4))
-    return replace(found, flange_quaternion=turns / np.linalg.norm(turns, axis=1, keepdims=True))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    return replace(found, arrays={**found.arrays, "flange_quaternion": turns})
 
 
 def read(path: Path) -> dict[str, list[tuple[float, Any]]]:
@@ -96,17 +97,22 @@ def test_what_a_camera_saw_is_in_the_bag(result: cosim.RunResult, tmp_path: Path
     random, rows = np.random.default_rng(5), [0, 3, 7]
     turns = random.normal(size=(3, 4))
     turns = rotations_from_quaternions(turns / np.linalg.norm(turns, axis=1, keepdims=True))
-    seen = CameraImages(
-        result.tick[rows], result.time_s[rows], random.integers(0, 256, (3, 4, 6, 3), dtype=np.uint8),
-        random.uniform(0.1, 2.0, (3, 4, 6)).astype(np.float32), np.zeros((3, 4, 6), np.int16),
-        random.normal(size=(3, 3)), turns,
-    )  # fmt: skip
+    pictures = {
+        "tick": result.tick[rows],
+        "time_s": result.time_s[rows],
+        "rgb": random.integers(0, 256, (3, 4, 6, 3), dtype=np.uint8),
+        "depth_m": random.uniform(0.1, 2.0, (3, 4, 6)).astype(np.float32),
+        "segments": np.zeros((3, 4, 6), np.int16),
+        "position": random.normal(size=(3, 3)),
+        "rotation": turns,
+    }
+    seen = CameraImages(pictures)
     stage = replace(result.stage, cameras=(CameraInfo("tip", (6, 4), 0.9, 10.0),))
     ros_bag.write_bag(replace(result, stage=stage, images={"tip": seen}), tmp_path / "bag")
     found = read(tmp_path / "bag" / "bag.mcap")
-    pictures, depths, lenses = (found[f"/camera/tip/{name}"] for name in ("image", "depth", "camera_info"))
-    assert [time_s for time_s, _ in pictures] == pytest.approx(result.time_s[rows].tolist())
-    for k, (_, picture) in enumerate(pictures):
+    shown, depths, lenses = (found[f"/camera/tip/{name}"] for name in ("image", "depth", "camera_info"))
+    assert [time_s for time_s, _ in shown] == pytest.approx(result.time_s[rows].tolist())
+    for k, (_, picture) in enumerate(shown):
         assert (picture.header.frame_id, picture.format) == ("camera_tip", "png")
         np.testing.assert_array_equal(np.array(Image.open(io.BytesIO(bytes(picture.data)))), seen.rgb[k])
         depth = np.frombuffer(bytes(depths[k][1].data), "<f4").reshape(4, 6)

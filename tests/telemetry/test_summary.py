@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from cosim.base.column import figures_of
+from cosim.base.columns import TickColumns
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import Footing
 from cosim.telemetry.summary import SummaryBuilder, error_line, summary_markdown
@@ -80,6 +82,7 @@ def test_numbers_that_are_not_finite_become_null(made_up_build: Callable[..., An
 
 def test_every_key_is_documented_and_every_documented_key_exists(summary: dict[str, Any]) -> None:
     documented = set(re.findall(r"^\| `(\w+)` \|", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE))
+    documented |= {figure.name for _, figure in figures_of(TickColumns)}  # in a table that is made of them
     keys = set(summary) | {key for phase in summary["phases"] for key in phase}
     absent = {"devices", "tip_path", "tip_angle_error_rad"}  # a made-up run has none of these
     assert documented == keys | set(summary["phases"][0]["flange_wrench"]) | absent

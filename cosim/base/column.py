@@ -1,0 +1,187 @@
+"""What a column of a run is: its name, the shape of a row, unit, meaning, figures and view, said once."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Final, Literal, TypeVar, final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.names import TERMS
+
+_Kind = TypeVar("_Kind")
+How = Literal["sum", "count", "largest", "since"]
+_INITIAL: Final[dict[How, float]] = {"sum": 0, "count": 0, "largest": 0.0, "since": np.nan}
+_FIXED: Final[dict[str, Sequence[str]]] = {
+    "3": ("x", "y", "z"),
+    "4": ("w", "x", "y", "z"),
+    "energies": [term.removesuffix("_J") for term in TERMS],
+}
+"""Names of the entries along axes that are the same in every run."""
+
+
+@final
+@dataclass(frozen=True)
+class RunFigure:
+    """A figure of the summary that a column is reduced to.
+
+    Args:
+        name: key in summary.json.
+        how: "sum"; "count" of the ticks that are not 0; "largest" magnitude; "since", the first time above 0.
+        meaning: in words.
+    """
+
+    name: str
+    how: How
+    meaning: str
+
+    @property
+    def initial(self) -> float:
+        """Its value before the first tick."""
+        return _INITIAL[self.how]
+
+    def after(self, before: float, values: NDArray[Any], time_s: NDArray[Any]) -> float:
+        """Return the figure after further ticks; values that are not numbers do not count as largest.
+
+        Args:
+            before: its value before them.
+            values: (n,), of the column.
+            time_s: (n,).
+        """
+        if self.how == "largest":
+            return np.fmax.reduce(np.abs(values), initial=before).item()
+        if self.how == "since":
+            found = values.any() and np.isnan(before)
+            return time_s.item(int(np.argmax(values > 0))) if found else before
+        return before + int(np.count_nonzero(values) if self.how == "count" else values.sum())
+
+
+@final
+@dataclass(frozen=True)
+class View:
+    """How recordings plot a column.
+
+    Args:
+        tab: of the recording.
+        place: in the tab; plots are sorted by it.
+        entity: path under `/plots`; one below another plot's path joins that plot.
+        title: with the unit; empty if the curves join another plot.
+        scale: from the column's unit to the title's.
+        label: of a single curve; of several, what their numbers follow, if they have no names.
+        colours: names of `cosim.recording.colours`, one a curve; none: those of a series.
+        legend: whether the plot names its curves.
+        peaks: whether crowded curves show their largest value rather than their range.
+        log: whether the decimal logarithm is shown.
+        numbered: whether several curves are numbered, though they have names.
+    """
+
+    tab: str
+    place: int
+    entity: str
+    title: str
+    scale: float = 1.0
+    label: str = ""
+    colours: tuple[str, ...] = ()
+    legend: bool = True
+    peaks: bool = False
+    log: bool = False
+    numbered: bool = False
+
+
+class Columns:
+    """A table of columns, class attributes each; instances hold their arrays, by name."""
+
+    arrays: Mapping[str, NDArray[Any]]
+
+
+@final
+class Column:
+    """A column: an attribute of a table, and of its instances the array that they hold, or compute.
+
+    Args:
+        axes: what the array runs over, such as "rows, bodies, 3": "rows", "frames" or "pictures", then names
+            of what has an entry each, or numbers.
+        unit: such as "m"; "1" without one.
+        meaning: in words.
+        reduce: figures of the summary.
+        kind: of its numbers.
+        read: computes it from the other columns of some ticks; None for one that is stored.
+        view: how recordings plot it; None: they do not.
+        topic: of ROS bags, under which each entry is published by name; empty for none.
+    """
+
+    def __init__(
+        self,
+        axes: str,
+        unit: str,
+        meaning: str,
+        *reduce: RunFigure,
+        kind: type[np.generic] = np.float64,
+        read: Callable[[Any], NDArray[Any]] | None = None,
+        view: View | None = None,
+        topic: str = "",
+    ) -> None:
+        self.name = ""
+        self.axes, self.unit, self.meaning, self.kind = tuple(axes.split(", ")), unit, meaning, kind
+        self.read, self.reduce, self.view, self.topic = read, reduce, view, topic
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, held: None, owner: type) -> "Column": ...
+    @overload
+    def __get__(self, held: Columns, owner: type) -> NDArray[Any]: ...
+    def __get__(self, held: Columns | None, owner: type) -> "Column | NDArray[Any]":
+        if held is None:
+            return self
+        found = held.arrays.get(self.name)
+        if found is not None:
+            return found
+        if self.read is None:
+            raise AttributeError(f"this {owner.__name__} has no column '{self.name}'")
+        return self.read(held)
+
+    def components(self, names: Mapping[str, Sequence[str]], shape: tuple[int, ...]) -> list[str]:
+        """Return a name for every number of a row, such as "tool.x"; none for a column of single numbers.
+
+        Args:
+            names: of the entries along axes, see `RunInfo.names_along`.
+            shape: of a row.
+        """
+        if not shape:
+            return []
+        known = {**_FIXED, **names}
+        along = [known.get(axis, ()) for axis in self.axes[1:]]
+        pairs = zip(along, shape, strict=True)
+        each = [found if len(found) == size else [*map(str, range(size))] for found, size in pairs]
+        return [".".join(parts) for parts in product(*each)]
+
+    def __repr__(self) -> str:
+        """Return how docstrings and reference pages describe it."""
+        shape = f"({', '.join(self.axes)}{',' * (len(self.axes) == 1)})"
+        ends_in_it = self.unit == "1" or self.name.endswith(f"_{self.unit.replace('^', '')}")
+        return f"{shape}{'' if ends_in_it else f' [{self.unit}]'}, {self.meaning}"
+
+
+def columns_of(kind: type) -> dict[str, Column]:
+    """Return the columns of a class by name, those of its bases first, in the order of their declaration."""
+    found = {}
+    for each in reversed(kind.__mro__):
+        found.update({name: value for name, value in vars(each).items() if isinstance(value, Column)})
+    return found
+
+
+def listing_columns(kind: type[_Kind]) -> type[_Kind]:
+    """Return a class with its columns listed in its docstring, each with shape, unit and meaning."""
+    entries = [f"        {name}: {column!r}" for name, column in columns_of(kind).items()]
+    kind.__doc__ = "\n".join([f"{kind.__doc__ or ''}\n    Attributes:", *entries, "    "])
+    return kind
+
+
+def figures_of(kind: type) -> Iterator[tuple[Column, RunFigure]]:
+    """Yield the figures of a class's columns, each with its column."""
+    for column in columns_of(kind).values():
+        for figure in column.reduce:
+            yield column, figure

@@ -1,0 +1,24 @@
+"""Columns of runs, and the figures that they are reduced to, as tables."""
+
+from __future__ import annotations
+
+from cosim.base.column import Columns, columns_of, figures_of
+from cosim.base.columns import TickColumns
+
+
+def column_table(kind: type[Columns]) -> str:
+    """Return Markdown with a row for each column of a class."""
+    rows = [
+        f"| `{name}` | {', '.join(column.axes)} | {column.unit} | {column.meaning} |"
+        for name, column in columns_of(kind).items()
+    ]
+    return "\n".join(["| column | shape | unit | meaning |\n|---|---|---|---|", *rows])
+
+
+def figure_table() -> str:
+    """Return Markdown with a row for each figure of the summary that a column is reduced to."""
+    rows = [
+        f"| `{figure.name}` | `{column.name}` | {figure.meaning} |"
+        for column, figure in figures_of(TickColumns)
+    ]
+    return "\n".join(["| key | of the column | meaning |\n|---|---|---|", *rows])
