@@ -12,6 +12,7 @@ from numba import types
 from numpy.typing import NDArray
 
 Vector: TypeAlias = Annotated[NDArray[np.float64], numba.float64[::1]]
+Singles: TypeAlias = Annotated[NDArray[np.float32], numba.float32[::1]]
 Matrix: TypeAlias = Annotated[NDArray[np.float64], numba.float64[:, ::1]]
 Blocks: TypeAlias = Annotated[NDArray[np.float64], numba.float64[:, :, ::1]]
 Cubes: TypeAlias = Annotated[NDArray[np.float64], numba.float64[:, :, :, ::1]]

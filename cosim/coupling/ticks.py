@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Wrench
-from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
+from cosim.base.kernel_types import Blocks, Matrix
+from cosim.base.kernels import unchecked
 from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.coupling.tick_rows import Ticks, log_rigid
 from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
 
 if TYPE_CHECKING:
@@ -64,74 +66,6 @@ class ServoRow(NamedTuple):
     velocity: Array
     torque: Array
     by_payload: Array
-
-
-class Ticks(NamedTuple):
-    """What n ticks leave, at the end of each.
-
-    Args:
-        figures: (n, FIGURES), of the soft side: wrench on the flange, centre and inertia of its mass.
-        origin: (n, 3) [m], of the flange.
-        axes: (n, 3, 3), world from flange.
-        twist: (n, 6), of the flange's origin, linear then angular, world axes.
-        joints: (n, joints) [rad].
-        joint_speed: (n, joints) [rad/s].
-        servo_torque: (n, joints) [N m].
-        places: (n, bodies, 3) [m].
-        quaternions: (n, bodies, 4).
-        power: (n, 3) [W], received by the rigid side, taken in by the soft one, and the size of such a power.
-        momentum_error: (n,), see `LedgerEntry`.
-        residual: (n,) [N].
-        iterations: (n,).
-        contacts: (n,), points that press.
-        contact: (n, 3), sum of the normal forces that have acted on bodies, mean over the tick [N], depth of
-            the deepest point [m], contact ratio.
-        body_force: (n, bodies, 3) [N], mean over the tick of what has acted on each body, of the soft robot,
-            world axes.
-        self_contact: (n, 3), points of films on films, sum of their normal forces [N], depth of the deepest
-            [m].
-        work: (n, 4) [J], of contacts with the scene on the film, of those between films on these, lost at
-            eyelets that know their direction, and of contacts with the film on bodies.
-        hit: (n, 3), see `LedgerEntry`: speed [m/s], way that resolves it [m], body.
-        mounted: (n, 6), of what is fixed next to the soft robot on the flange, see `CoupledScene`.
-        touch: (n, bodies, 3), what touches each body: sum of the soft robot's normal forces on it that have
-            acted in the tick [N]; of an object also its contacts with what is mounted on flanges, to which
-            other arms' soft robots count as one, and with other rigid bodies; of the world also all
-            contacts of what is mounted on the own flange with rigid bodies.
-    """
-
-    figures: Matrix
-    origin: Matrix
-    axes: Blocks
-    twist: Matrix
-    joints: Matrix
-    joint_speed: Matrix
-    servo_torque: Matrix
-    places: Blocks
-    quaternions: Blocks
-    power: Matrix
-    momentum_error: Vector
-    residual: Vector
-    iterations: Indices
-    contacts: Indices
-    contact: Matrix
-    body_force: Blocks
-    self_contact: Matrix
-    work: Matrix
-    hit: Matrix
-    mounted: Matrix
-    touch: Blocks
-
-    @classmethod
-    def room(cls, n: int, joints: int, bodies: int) -> Ticks:
-        """Return room for n ticks, in which nothing is touched unless that is filled."""
-        return cls(
-            np.zeros((n, FIGURES)), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 6)),
-            np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, bodies, 3)),
-            np.zeros((n, bodies, 4)), np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n, np.int64),
-            np.zeros(n, np.int64), np.zeros((n, 3)), np.zeros((n, bodies, 3)), np.zeros((n, 3)),
-            np.zeros((n, 4)), np.full((n, 3), (0.0, 0.0, -1.0)), np.zeros((n, 6)), np.zeros((n, bodies, 3)),
-        )  # fmt: skip
 
 
 @final
@@ -191,12 +125,8 @@ class TicksTaken:
             bodies: what has acted on them.
             momentum_error: of what has acted, see `LedgerEntry`.
         """
-        k, ticks, flange = self.done, self.ticks, scene.flange_pose
-        ticks.joints[k], ticks.joint_speed[k], ticks.servo_torque[k] = scene.joint_rows
-        ticks.places[k], ticks.quaternions[k] = scene.place_rows
-        ticks.origin[k], ticks.axes[k], ticks.mounted[k] = flange.translation, flange.rotation, scene.mounted
-        twist = scene.flange_twist
-        ticks.twist[k, :3], ticks.twist[k, 3:] = twist.linear, twist.angular
+        k, ticks = self.done, self.ticks
+        unchecked(log_rigid)(k, scene.rows, scene.flange.spin, ticks)
         ticks.momentum_error[k], ticks.work[k, 3] = momentum_error, scene.bodies.work_J
         if np.count_nonzero(bodies.loaded):
             loaded = np.flatnonzero(bodies.loaded)
@@ -286,6 +216,11 @@ class TicksTaken:
 def figures_of(soft: SoftSide, wrench: Wrench) -> Array:
     """Return the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
     figures = np.empty(FIGURES)
+    fill_figures(soft, wrench, figures)
+    return figures
+
+
+def fill_figures(soft: SoftSide, wrench: Wrench, figures: Array) -> None:
+    """Fill the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
     figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER] = wrench.force, wrench.torque
     soft.fill_mass(figures)
-    return figures

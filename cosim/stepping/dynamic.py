@@ -11,7 +11,8 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist
 from cosim.coupling.schemes.ledger import Clock, LedgerEntry
-from cosim.coupling.ticks import Servos, Ticks, TicksTaken
+from cosim.coupling.tick_rows import Ticks
+from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InstabilityError, SolverError
 from cosim.soft.body.loads import Loads

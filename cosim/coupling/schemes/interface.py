@@ -16,6 +16,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench
+from cosim.base.kernels import unchecked
 from cosim.base.state import states_of
 from cosim.coupling.contact import contact_arrays, contact_exchange, contact_report
 from cosim.coupling.contact.giving_way import LightBodies
@@ -30,7 +31,7 @@ from cosim.coupling.schemes.transfer import (
     work_rate,
 )
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import ServoRow, TicksTaken, figures_of
+from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.rigid.scene.arm import about_origin
@@ -208,14 +209,18 @@ class Interface:
     def feedforward(self, servos: ServoRow) -> Array:
         """Return the torques (joints,) [N m] that servos are asked for, with the present payload."""
         flange, payload = self.scene.flange, self._payload
-        fill_payload(self.figures, self._mass_kg, flange.origin, flange.axes, self._mounted, payload)
-        return np.asarray(servos.torque + servos.by_payload.dot(payload))
+        unchecked(fill_payload)(
+            self.figures, self._mass_kg, flange.origin, flange.axes, self._mounted, payload
+        )
+        torque: Array = servos.by_payload.dot(payload)
+        torque += servos.torque
+        return torque
 
     def momentum_error(self) -> float:
         """Return how far what acts on flange and bodies is from what was handed over."""
-        handed = self.handed
+        handed = self._state.handed
         on_flange = relative_error(handed.flange, self.scene.received_wrench(), handed.flange_size_N)
-        if handed.bodies == NOTHING and not np.count_nonzero(self._bodies.loaded):
+        if self.contact is None or (handed.bodies == NOTHING and not self._bodies.loaded.any()):
             return on_flange
         return max(on_flange, self.error_on_bodies())
 
@@ -242,7 +247,8 @@ class Interface:
             reply = soft.advance(flange, loads, tick_s)
         else:
             reply = soft.advance_closely(flange, loads, tick_s, aim)
-        self._state = replace(self._state, wrench=reply.wrench)
+        state = self._state
+        self._state = InterfaceState(reply.wrench, state.handed, state.ratio, state.ticks)
         return reply
 
     def _advance_with(self, light: LightBodies, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
@@ -263,7 +269,7 @@ class Interface:
 
     def update_figures(self) -> None:
         """Read the figures of the soft side after its step."""
-        self.figures[:] = figures_of(self.soft, self.wrench)
+        fill_figures(self.soft, self._state.wrench, self.figures)
 
     def hand_over(self, reply: SoftReply, taken: TicksTaken, acted: Wrench | None = None) -> None:
         """Hand over the wrench that `advance_soft` has returned, and end the tick in progress.
@@ -276,24 +282,24 @@ class Interface:
             acted: on the flange in the tick, at its origin now; that of `load_flange` unless given.
         """
         self.update_figures()
-        k, ticks, scene = taken.done, taken.ticks, self.scene
-        twist, answer, acting = scene.flange_twist, numbers_of(reply.wrench), self._acting
-        moving = (*twist.linear.tolist(), *twist.angular.tolist())
-        if acted is not None:
-            acting = numbers_of(acted)
-        x, y, z, u, v, w, size_N, normal_N = self._bodies.handed.tolist()
-        acted_N = self.handed.bodies_normal_N
-        about_world = about_origin(answer, scene.flange_pose.translation)
+        k, ticks, flange, state = taken.done, taken.ticks, self.scene.flange, self._state
+        a, b, c, *speed = flange.spin.tolist()
+        answer, moving = numbers_of(reply.wrench), (*speed, a, b, c)
+        acting = self._acting if acted is None else numbers_of(acted)
+        about_world = about_origin(answer, self.scene.flange_pose.translation)
         force_N = max(abs(answer[0]), abs(answer[1]), abs(answer[2]))
-        handed = TransferredLoads(about_world, (x, y, z, u, v, w), force_N, size_N, normal_N)
-        self._state = replace(self._state, handed=handed, ticks=self._state.ticks + 1)
         ticks.power[k] = work_rate(acting, moving), -work_rate(answer, moving), _size(answer, moving)
-        if self.contact is not None:
+        if self.contact is None:
+            handed = TransferredLoads(about_world, NOTHING, force_N, 0.0)
+        else:
+            *on_bodies, size_N, normal_N = self._bodies.handed.tolist()
+            handed = TransferredLoads(about_world, tuple(on_bodies), force_N, size_N, normal_N)
             touched = self.contact.report
             ticks.contacts[k], ticks.work[k, 0] = touched.count, touched.work_J
-            ticks.contact[k] = acted_N, touched.depth_m, self.contact_ratio
+            ticks.contact[k] = state.handed.bodies_normal_N, touched.depth_m, self.contact_ratio
             ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
-        taken.stability_ratio[k] = self.ratio
+        self._state = InterfaceState(state.wrench, handed, state.ratio, state.ticks + 1)
+        taken.stability_ratio[k] = state.ratio
         taken.end_tick(reply, self.soft, self.figures)
 
 

@@ -11,6 +11,7 @@ from typing import TypeVar, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.base.kernels import unchecked
 from cosim.base.state import check_indices
 from cosim.coupling.payload import fill_mass
 from cosim.coupling.soft_sides import soft_side
@@ -191,7 +192,7 @@ class SoftArm(soft_side.SoftSide):
         return self._now.loads
 
     def fill_mass(self, figures: Array) -> None:
-        fill_mass(self.body.node_mass, self.state.positions, figures)
+        unchecked(fill_mass)(self._film.mass, self._now.soft.positions, figures)
 
     def stand_against(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""

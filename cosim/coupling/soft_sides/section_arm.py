@@ -12,7 +12,7 @@ from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.coupling.soft_sides import chain_equilibria, soft_side
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
-from cosim.reduced.sections.assembly import center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.sections.assembly import CENTER, center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve import tangent
 from cosim.reduced.solve.chain_film import chain_of, film_of
 from cosim.reduced.solve.chain_solver import ChainSolver
@@ -425,6 +425,9 @@ class SectionArm(soft_side.SoftSide):
     def mass_kg(self) -> float:
         """Of the chain."""
         return self.section.mass_kg
+
+    def fill_mass(self, figures: Array) -> None:
+        figures[CENTER:] = self._now.last.figures[CENTER:]
 
     def mass_properties(self) -> soft_side.MassProperties:
         """Return mass, centre and inertia at the present shape."""

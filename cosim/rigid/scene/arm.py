@@ -212,8 +212,8 @@ class ArmDynamics:
 class MountedFrame:
     """The frame on which a soft robot hangs; a view into a scene's model and state.
 
-    Pose and twist are made once between two calls of `moved`; MuJoCo's arrays stay where they are in memory,
-    so they are looked up once.
+    Pose and velocity are found once between two calls of `moved`; MuJoCo's arrays stay where they are in
+    memory, so they are looked up once.
 
     Args:
         model: compiled scene.
@@ -225,7 +225,7 @@ class MountedFrame:
         self._model, self._data, self._mounting = model, data, mounting
         self._origin, self._axes = mounting.frame(data)
         self._pose: Pose | None = None
-        self._twist: Twist | None = None
+        self._spin, self._known = np.zeros(6), False  # whether it is that of the present state
 
     @property
     def axes(self) -> Array:
@@ -238,8 +238,8 @@ class MountedFrame:
         return self._origin
 
     def moved(self) -> None:
-        """Forget pose and twist; MuJoCo has computed new ones."""
-        self._pose = self._twist = None
+        """Forget pose and velocity; MuJoCo has computed new ones."""
+        self._pose, self._known = None, False
 
     @property
     def pose(self) -> Pose:
@@ -249,13 +249,18 @@ class MountedFrame:
         return self._pose
 
     @property
+    def spin(self) -> Array:
+        """(6,), a view: angular [rad/s] then linear [m/s] velocity, at its origin, world axes."""
+        if not self._known:
+            at, self._known = self._mounting, True
+            mujoco.mj_objectVelocity(self._model, self._data, at.kind, at.index, self._spin, False)
+        return self._spin
+
+    @property
     def twist(self) -> Twist:
         """Velocity of the flange, at its origin, world axes."""
-        if self._twist is None:
-            twist, at = np.empty(6), self._mounting
-            mujoco.mj_objectVelocity(self._model, self._data, at.kind, at.index, twist, False)
-            self._twist = Twist.owning(twist[3:], twist[:3])
-        return self._twist
+        spin = self.spin.copy()
+        return Twist.owning(spin[3:], spin[:3])
 
     def jacobian(self) -> Array:
         """Return J (6, dofs) with [linear; angular] = J qd, at the flange origin, world axes.

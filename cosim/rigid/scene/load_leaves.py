@@ -1,7 +1,42 @@
-"""Leaves over loads in a scene: the power of those on bodies, and the part of a reading that they leave."""
+"""Leaves over loads in a scene: of servos, on bodies, and the part of a reading that they leave."""
 
 from cosim.base.kernel_types import Indices, Matrix, Vector
 from cosim.base.kernels import kernel
+
+
+@kernel
+def near_limit(asked: Vector, carried: Vector, acceleration: Vector, limit: Vector) -> bool:
+    """Return whether any servo may give more torque than its joint bears, see `ArmServos`.
+
+    Args:
+        asked: u (joints,) [N m], at the speed at which a step begins.
+        carried: h K (joints,) [kg m^2].
+        acceleration: a (joints,) [rad/s^2].
+        limit: (joints,) [N m].
+    """
+    near = False
+    for j in range(asked.shape[0]):
+        near = near or abs(asked[j]) + carried[j] * abs(acceleration[j]) > limit[j]
+    return near
+
+
+@kernel
+def fill_servo_torque(
+    asked: Vector, damping: Vector, speed: Vector, began: Vector, limit: Vector, torque: Vector
+) -> None:
+    """Fill the torques u - K (v_end - v_begin) of servos over a step, within their limits.
+
+    Args:
+        asked: u (joints,) [N m].
+        damping: K (joints,) [N m s/rad].
+        speed: (joints,) [rad/s], at the end of the step.
+        began: (joints,) [rad/s], at its beginning.
+        limit: (joints,) [N m].
+        torque: (joints,) [N m], filled.
+    """
+    for j in range(asked.shape[0]):
+        given = asked[j] - damping[j] * (speed[j] - began[j])
+        torque[j] = min(max(given, -limit[j]), limit[j])
 
 
 @kernel

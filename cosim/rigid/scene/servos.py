@@ -13,6 +13,8 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array
+from cosim.base.kernels import unchecked
+from cosim.rigid.scene.load_leaves import fill_servo_torque, near_limit
 
 
 @final
@@ -35,9 +37,8 @@ class ArmServos:
     ) -> None:
         self.torque: Array = np.zeros(len(limit))
         step_s = float(model.opt.timestep)
-        self._step_s, self._damping, self._limit = step_s, damping.tolist(), limit.tolist()
-        self._carried: list[float] = (step_s * damping).tolist()  # h K
-        self._limited = bool(np.isfinite(limit).any())
+        self._step_s, self._damping, self._limit = step_s, np.array(damping), np.array(limit)
+        self._carried: Array = step_s * self._damping  # h K
         # MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy
         self._force, self._speed, self._acceleration = (
             data.qfrc_actuator[dofs],
@@ -46,33 +47,28 @@ class ArmServos:
         )
         self._friction, self._mass = model.dof_damping[dofs], data.M
         self._diagonal = (model.M_rowadr + model.M_rownnz - 1)[dofs].tolist()
-        self._asked: list[float] = []
-        self._began: list[float] = []
-        self._side: list[int] = []
-        self._near = False  # whether any joint was near its limit
+        self._asked, self._began = np.zeros(len(limit)), np.zeros(len(limit))
+        self._side = [0] * len(limit)  # of its limits at which a joint is
 
     def begin(self) -> None:
         """Take the torques u that MuJoCo has found, with no joint at its limit."""
-        self._asked, self._began = self._force.tolist(), self._speed.tolist()
-        self._side, self._near = [0] * len(self._asked), False
+        self._asked[:], self._began[:] = self._force, self._speed
+        if any(self._side):
+            self._side = [0] * len(self._side)
 
     def limit(self) -> bool:
         """Put joints at their limits, or take them off; return whether that has changed any.
 
         MuJoCo's mass matrix is then to be factorised, and accelerations are to be found again.
         """
-        acceleration = self._acceleration.tolist() if self._limited else ()
-        for asked, carried, a, limit in zip(
-            self._asked, self._carried, acceleration, self._limit, strict=self._limited
-        ):
-            self._near |= abs(asked) + carried * abs(a) > limit
-        return self._near and self._change_sides(acceleration)
+        near = unchecked(near_limit)(self._asked, self._carried, self._acceleration, self._limit)
+        return (near or any(self._side)) and self._change_sides()
 
-    def _change_sides(self, acceleration: Sequence[float]) -> bool:
-        changed, h = False, self._step_s
-        for j, (asked, limit, a) in enumerate(zip(self._asked, self._limit, acceleration, strict=True)):
+    def _change_sides(self) -> bool:
+        changed, h, given = False, self._step_s, (self._asked, self._limit, self._acceleration)
+        for j, (asked, limit, a) in enumerate(zip(*(row.tolist() for row in given), strict=True)):
             # friction of joints is implicit in MuJoCo's step; joints count as if each were alone
-            inertia, carried = float(self._mass[self._diagonal[j]]), self._carried[j]
+            inertia, carried = float(self._mass[self._diagonal[j]]), float(self._carried[j])
             torque = asked - carried * a * inertia / (inertia + h * float(self._friction[j]))
             side = 1 if torque > limit else -1 if torque < -limit else 0
             if side != self._side[j]:
@@ -83,14 +79,12 @@ class ArmServos:
 
     def end(self) -> None:
         """Find the torques of the last step from the speeds at its ends."""
-        ends = zip(self._asked, self._damping, self._speed.tolist(), self._began, strict=True)
-        torques = [asked - damping * (speed - began) for asked, damping, speed, began in ends]
-        if self._near:
-            rows = zip(torques, self._limit, self._side, strict=True)
-            torques = [
-                side * limit if side else min(max(torque, -limit), limit) for torque, limit, side in rows
-            ]
-        self.torque[:] = torques
+        unchecked(fill_servo_torque)(
+            self._asked, self._damping, self._speed, self._began, self._limit, self.torque
+        )
+        for j, side in enumerate(self._side):
+            if side:
+                self.torque[j] = side * self._limit[j]
 
 
 def finish_step(model: mujoco.MjModel, data: mujoco.MjData, servos: Sequence[ArmServos]) -> None:

@@ -416,16 +416,18 @@ class FilmPotential:
             simple: whether `pull` is the tension of all segments, whatever the shape.
         """
         gradient, with_tangent = self.gradient, len(blocks) > 0
-        found = [Call(add_gravity, (self.mass, loads.gravity_vector, gradient))]
+        found = [Call(unchecked(add_gravity), (self.mass, loads.gravity_vector, gradient))]
         if simple and len(pull):
             slots = self._segment_slots if with_tangent else _NO_TABLE
-            found.append(Call(add_segments, (self.eyelets.segments, pull, slots, gradient, blocks)))
+            found.append(
+                Call(unchecked(add_segments), (self.eyelets.segments, pull, slots, gradient, blocks))
+            )
         if loads.contact is not None:
             found.append(Call(unchecked(add_contacts), (loads.contact, gradient, blocks)))
         if inertia is not None:
             diagonal = self._diagonal if with_tangent else _NO_SLOTS
             bed = inertia.coefficient, inertia.target, diagonal, gradient, blocks
-            found.append(Call(add_inertia, bed))
+            found.append(Call(unchecked(add_inertia), bed))
             if inertia.rates is not None:
                 found += self._rate_calls(inertia.rates, blocks)
         if loads.self_contact is not None:
@@ -541,9 +543,9 @@ class FilmPotential:
 
 def _press(chamber: _Chamber, x: Array, given: float, gradient: Array, blocks: Array) -> float:
     """Add -p V of a chamber at a given pressure [Pa]; return V [m^3]."""
-    volume = pressure.add_pressure(x, chamber.triangles, given, chamber.slots, gradient, blocks)
+    volume = unchecked(pressure.add_pressure)(x, chamber.triangles, given, chamber.slots, gradient, blocks)
     for ring, slots in zip(chamber.rings, chamber.ring_slots, strict=True):
-        volume += pressure.add_cap(x, ring, given, slots, gradient, blocks)
+        volume += unchecked(pressure.add_cap)(x, ring, given, slots, gradient, blocks)
     return volume
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 from cosim.base.frames import Array
@@ -26,3 +27,8 @@ class Inertia:
     step_s: float = math.inf
     closely: bool = False
     rates: StrainRates | None = None
+
+    @cached_property
+    def kind(self) -> float:
+        """A number [N/m] that tells apart tangents of different steps: the sum of the bed."""
+        return float(self.coefficient.sum())

@@ -26,7 +26,14 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state import KnownStates, check_state
 from cosim.soft.linear import envelope_kernels, fronts, linear_solver
-from cosim.soft.linear.envelope_kernels import TileEntries, TileFactor, TileLists, factorise, forward
+from cosim.soft.linear.envelope_kernels import (
+    SingleFactor,
+    TileEntries,
+    TileFactor,
+    TileLists,
+    factorise,
+    forward,
+)
 from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree, dissect
 from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
 
@@ -118,14 +125,20 @@ class PartFactor(NamedTuple):
     """L of a range of nodes that nothing couples with others.
 
     Args:
-        factor: its tiles.
+        factor: its tiles, in either precision.
         dofs: (size,), component of each equation, of the range's nodes.
         nodes: the range.
     """
 
-    factor: TileFactor
+    factor: TileFactor | SingleFactor
     dofs: IntArray
     nodes: slice
+
+    def rounded(self) -> "PartFactor":
+        """Return the same in single precision."""
+        start, first, *numbers = self.factor
+        store, inverse = (part.astype(np.float32) for part in numbers)
+        return self._replace(factor=SingleFactor(start, first, store, inverse))
 
 
 @final
@@ -147,6 +160,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         ends = np.cumsum([(0, 0, 0), *sizes], axis=0, dtype=np.int64)
         self._table = np.column_stack([apart, ends])
         self._factors: tuple[Array, list[PartFactor]] | None = None
+        self._rounded: list[PartFactor] = []
         self.bandwidth = max(part.bandwidth for part in parts)
         self._store, self._inverse = np.empty(ends[-1, 0]), np.empty(_TILE * ends[-1, 1])
         self._lent = False  # whether a saved state holds the factor
@@ -189,6 +203,13 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         return self._factors[1]
 
     @property
+    def rounded(self) -> list[PartFactor]:
+        """L of each part in single precision, as `substitute_singly` takes it; made once a factorisation."""
+        if not self._rounded:
+            self._rounded = [part.rounded() for part in self.factors]
+        return self._rounded
+
+    @property
     def pivots(self) -> Array:
         """(size,) of the factor, squares of the diagonal of L, part after part."""
         return np.asarray(1.0 / self._inverse[self._diagonal] ** 2)
@@ -206,6 +227,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         return TileFactor(self._parts[number].start, self._parts[number].first, store, inverse)
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
+        self._rounded = []
         if self._lent:
             self._store, self._inverse = np.empty_like(self._store), np.empty_like(self._inverse)
             self._lent = False
@@ -223,6 +245,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         if parts[0] not in self._known or parts[1].shape != self._inverse.shape:
             check_state(parts, (self._store, self._inverse), place="state.soft.newton.factor.parts")
         self._store, self._inverse = parts
+        self._rounded = []
         self._lent = True
         self._known.add(self._store)
 

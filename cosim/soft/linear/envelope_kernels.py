@@ -5,8 +5,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Places, Vector
-from cosim.base.kernels import device_function, kernel
+from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Places, Singles, Vector
+from cosim.base.kernels import allocating, device_function, kernel
 
 # Places are unsigned in the kernels: an index that might be negative would be wrapped, and keep loops scalar.
 _1, _2, _3, _4 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
@@ -43,6 +43,22 @@ class TileFactor(NamedTuple):
     first: Places
     store: Vector
     inverse: Vector
+
+
+class SingleFactor(NamedTuple):
+    """L in single precision, see `TileFactor`: half as many bytes, and bytes are what a solution takes.
+
+    Args:
+        start: (tiles,).
+        first: (tiles,).
+        store: entries.
+        inverse: reciprocal diagonal.
+    """
+
+    start: Places
+    first: Places
+    store: Singles
+    inverse: Singles
 
 
 class TileLists(NamedTuple):
@@ -213,13 +229,14 @@ def factorise(values: Vector, entries: TileEntries, shift: float, size: int, fac
 
 
 @device_function
-def _substitute_forward(factor: TileFactor, begin: Any, x: Vector) -> None:
+def _substitute_forward(factor: Any, begin: Any, x: Any) -> None:
     start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
+    zero = store.dtype.type(0.0)  # sums have the precision of the factor
     for i in range(begin, np.uint64(start.shape[0])):
         wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
         a, count = start[i], wide - _4
         b, c, d = a + wide, a + _2 * wide, a + _3 * wide
-        s0 = s1 = s2 = s3 = 0.0
+        s0 = s1 = s2 = s3 = zero
         for k in range(count):
             value = x[column + k]
             s0 += store[a + k] * value
@@ -235,7 +252,7 @@ def _substitute_forward(factor: TileFactor, begin: Any, x: Vector) -> None:
 
 
 @device_function
-def _substitute_backward(factor: TileFactor, x: Vector) -> None:
+def _substitute_backward(factor: Any, x: Any) -> None:
     start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
     groups = np.uint64(start.shape[0])
     for done in range(groups):
@@ -262,10 +279,9 @@ def turned(values: Matrix, turn: Matrix) -> None:
             values[i, r] = a * turn[0, r] + b * turn[1, r] + c * turn[2, r]
 
 
-@kernel(reorder_sums=True, allocates=True)
-def substitute(factor: TileFactor, dofs: Indices, turn: Matrix, loads: Blocks) -> None:
-    """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
-    x = np.zeros(4 * factor.start.shape[0])
+@allocating
+def _substitute(factor: Any, dofs: Indices, turn: Matrix, loads: Blocks) -> None:
+    x = np.zeros(4 * factor.start.shape[0], factor.store.dtype)
     back = turn.T.copy()
     for case in range(loads.shape[0]):
         turned(loads[case], turn)
@@ -278,6 +294,18 @@ def substitute(factor: TileFactor, dofs: Indices, turn: Matrix, loads: Blocks) -
         for e in range(dofs.shape[0]):
             values[dofs[e]] = x[e]
         turned(loads[case], back)
+
+
+@kernel(reorder_sums=True, allocates=True)
+def substitute(factor: TileFactor, dofs: Indices, turn: Matrix, loads: Blocks) -> None:
+    """Solve in place for each of loads (k, n, 3), turned before and back after; equation e is dofs[e]."""
+    _substitute(factor, dofs, turn, loads)
+
+
+@kernel(reorder_sums=True, allocates=True)
+def substitute_singly(factor: SingleFactor, dofs: Indices, turn: Matrix, loads: Blocks) -> None:
+    """Solve as `substitute` does, in single precision."""
+    _substitute(factor, dofs, turn, loads)
 
 
 @kernel(reorder_sums=True)

@@ -14,7 +14,7 @@ import numpy as np
 from cosim.base.frames import Array, Mask
 from cosim.base.kernels import unchecked
 from cosim.soft.linear.cholesky import EnvelopeCholesky
-from cosim.soft.linear.envelope_kernels import substitute
+from cosim.soft.linear.envelope_kernels import substitute, substitute_singly
 from cosim.soft.linear.linear_solver import LinearSolver, ShiftSearch, Tangent
 from cosim.soft.linear.pattern import BlockPattern
 from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, keep_pair, mend_step
@@ -62,7 +62,7 @@ class Factor:
         self.narrow: LinearSolver = solver_for(pattern, None if like is None else like.narrow)
         self.solver: LinearSolver = self.narrow
         self.kept: KeptFactor | None = None
-        self._frame, self._known = _STRAIGHT, 0
+        self._frame, self._frame_bytes, self._known = _STRAIGHT, _STRAIGHT.tobytes(), 0
         self._shifts, self._pairs = ShiftSearch(), SecantPairs.room(len(free))
 
     @property
@@ -104,6 +104,7 @@ class Factor:
 
     def _made(self, kept: KeptFactor | None, frame: Array) -> None:
         self.kept, self._frame, self._known = kept, frame, 0
+        self._frame_bytes = frame.tobytes()
 
     def begin(self) -> None:
         """Forget what the steps of the last solution have shown."""
@@ -114,24 +115,27 @@ class Factor:
         if iterations > 1 and self.kept is not None:
             self.kept = replace(self.kept, extra=self.kept.extra + iterations - 1)
 
-    def step(self, gradient: Array, frame: Array, out: Array) -> float:
+    def step(self, gradient: Array, frame: Array, out: Array, *, roughly: bool = False) -> float:
         """Fill the step (n, 3) [m] from a gradient; return its largest component, NaN where one is no number.
 
         Args:
             gradient: (n, 3) [N], at the last point.
             frame: (3, 3), world from flange, now.
             out: filled.
+            roughly: whether single precision will do. The factor of a step in time reads from memory in half
+                the time then, and its rounding is far below what the tangent has changed since it was made.
         """
-        bend_load(self._pairs, self._known, gradient, out)
-        turn = _STRAIGHT if np.array_equal(frame, self._frame) else frame.dot(self._frame.T)
+        unchecked(bend_load)(self._pairs, self._known, gradient, out)
+        turn = _STRAIGHT if frame.tobytes() == self._frame_bytes else frame.dot(self._frame.T)
         solver = self.solver
         if isinstance(solver, EnvelopeCholesky) and solver.correction is None:
-            for factor, dofs, own in solver.factors:
-                unchecked(substitute)(factor, dofs, turn, out[None, own])
+            leaf = unchecked(substitute_singly if roughly else substitute)
+            for factor, dofs, own in solver.rounded if roughly else solver.factors:
+                leaf(factor, dofs, turn, out[None, own])
         else:
             out[:] = solver.solve(out, turn)
-        mend_step(self._pairs, self._known, out)
-        return longest(out)
+        unchecked(mend_step)(self._pairs, self._known, out)
+        return unchecked(longest)(out)
 
     def show(self, step: Array, before: Array, after: Array) -> bool:
         """Take in what a step has shown of the tangent; return whether it has shown something.
@@ -142,5 +146,5 @@ class Factor:
             after: the same where it ended.
         """
         known = self._known
-        self._known = keep_pair(self._pairs, known, step, before, after, self._free)
+        self._known = unchecked(keep_pair)(self._pairs, known, step, before, after, self._free)
         return self._known > known

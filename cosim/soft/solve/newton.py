@@ -15,6 +15,7 @@ from typing import Annotated, Final, NamedTuple, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask
+from cosim.base.kernels import unchecked
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.open_caps import OpenCapSolver
@@ -72,7 +73,7 @@ class Problem:
         """Fill the film's gradient at x (n, 3) [m]; return potential and residual."""
         film = self.film
         energy = film.sum_gradient(x, self.acting)
-        return Evaluation(energy, largest_residual(x, film.gradient, self.free))
+        return Evaluation(energy, unchecked(largest_residual)(x, film.gradient, self.free))
 
     def tangent(self, x: Array, serving: BlockPattern) -> Tangent:
         """Return the tangent at x (n, 3) [m], in a pattern that served before where that still fits."""
@@ -206,7 +207,7 @@ class _NewtonSearch:
         """Iterate with the factorisation that is there, as long as it serves; return whether that is all."""
         again, factor, done = False, self._factor, self._done
         while self._may_reuse():
-            advance(self._here, 1.0, self._step, self._x)
+            unchecked(advance)(self._here, 1.0, self._step, self._x)
             tried = self._problem.evaluate(self._x)
             shows = self._shows(tried)
             if self._serves(tried):
@@ -228,7 +229,10 @@ class _NewtonSearch:
             return False
         if not done.residual < options.reuse_below_N:
             return False
-        return self._factor.step(self._gradient, problem.frame, self._step) <= options.step_max_m
+        moving = problem.acting.moving
+        return (
+            self._factor.step(self._gradient, problem.frame, self._step, roughly=moving) <= options.step_max_m
+        )
 
     def _shows(self, tried: Evaluation) -> bool:
         """Take in what a step has shown of the tangent; return whether it has shown something."""
@@ -357,7 +361,7 @@ class NewtonSolver:
         film = self.film
         np.copyto(film.before, memory)
         acting = film.acting(loads, film.losses_at(x, loads, memory), inertia)
-        kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
+        kind = 0.0 if inertia is None else inertia.kind
         return Problem(film, acting, self.free, kind, _STRAIGHT if frame is None else frame)
 
     def run(
@@ -491,7 +495,7 @@ class NewtonSolver:
         solver, tangent = factor.fit(film.tangent.pattern), film.tangent
         solver.extra = tangent.caps
         definite = solver.factor(tangent.blocks, low_rank=tangent.low_rank)
-        kind = 0.0 if inertia is None else float(inertia.coefficient.sum())
+        kind = 0.0 if inertia is None else inertia.kind
         factor.keep(KeptFactor(kind, frame) if definite else None)
         if inertia is None and definite and isinstance(solver, EnvelopeCholesky):
             place = _centred(positions, frame)

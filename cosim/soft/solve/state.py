@@ -29,7 +29,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench
 from cosim.base.kernel_types import Indices, Masks, Matrix, Vector
-from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector
+from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, unchecked, zero_vector
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -358,9 +358,9 @@ class Clamp:
             damped: nodes that the flange damps, and their velocities (n, 3) [m/s]; None for none.
         """
         wrench, flange = np.zeros(6), flange_axes(world_from_flange)
-        add_wrench(self.held, gradient, positions, flange, wrench)
+        unchecked(add_wrench)(self.held, gradient, positions, flange, wrench)
         if damped is not None:
-            add_damping(damped[0], positions, damped[1], flange, wrench)
+            unchecked(add_damping)(damped[0], positions, damped[1], flange, wrench)
         return Wrench.owning(wrench[:3], wrench[3:])
 
 

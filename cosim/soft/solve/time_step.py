@@ -11,6 +11,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Wrench
+from cosim.base.kernels import unchecked
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
@@ -138,7 +139,7 @@ class Stepper:
         spent = 0
         for start in starts:
             x = start.copy()
-            place_held(self.clamp.held, flange, x)
+            unchecked(place_held)(self.clamp.held, flange, x)
             problem = self._problem(state, x, flange, loads, inertia)
             began = self._open_folds(problem, state, flange, x) if start is flight else None
             result = self._solve(problem, state, x, aim, jumps, began)
@@ -161,8 +162,8 @@ class Stepper:
         x, v, bed = state.positions, state.velocities, scheme.bed
         earlier_x, earlier_v = state.earlier or (x, v)
         if bed.share > 0.0:
-            follow_flange(self.clamp.held, flange, x, earlier_x, bed, self._along)
-        fill_bed(x, v, earlier_x, earlier_v, self._along, bed, self._base, self._target)
+            unchecked(follow_flange)(self.clamp.held, flange, x, earlier_x, bed, self._along)
+        unchecked(fill_bed)(x, v, earlier_x, earlier_v, self._along, bed, self._base, self._target)
         self.fill_rates(state, scheme)
         closely, last = self.options.closely or aim is not None, self._inertia
         if last is None or last.coefficient is not scheme.inertia or last.closely is not closely:
@@ -179,8 +180,8 @@ class Stepper:
         """Return where the nodes (n, 3) [m] get in free flight, and whether the flange jumps with them."""
         flight = np.empty_like(state.positions)
         before = state.velocities if state.earlier is None else state.earlier[1]
-        fill_flight(state.positions, state.velocities, before, step_s, self.options.gain, flight)
-        return flight, place_flight(self.clamp.held, flange, flight)
+        unchecked(fill_flight)(state.positions, state.velocities, before, step_s, self.options.gain, flight)
+        return flight, unchecked(place_flight)(self.clamp.held, flange, flight)
 
     def _problem(self, state: SoftState, x: Array, flange: Array, loads: Loads, inertia: Inertia) -> Problem:
         """Return what is solved from a start x (n, 3) [m]; losses that follow the shape are frozen there."""
@@ -195,9 +196,9 @@ class Stepper:
         began = problem.evaluate(x)
         for _ in range(FOLD_SWEEPS if barrier else 0):
             angles = state.memory[self._angles], film.memory[self._angles]
-            if not keep_folds_open(state.positions, self._folds, barrier, *angles, x):
+            if not unchecked(keep_folds_open)(state.positions, self._folds, barrier, *angles, x):
                 break
-            place_held(self.clamp.held, flange, x)
+            unchecked(place_held)(self.clamp.held, flange, x)
             began = problem.evaluate(x)
         return began
 
@@ -315,7 +316,7 @@ class Stepper:
 
         def potential(start: Array) -> float:
             placed = start.copy()
-            place_held(held, flange, placed)
+            unchecked(place_held)(held, flange, placed)
             value = film.evaluate(placed, loads, losses, state.memory, inertia=inertia, hessian=False)
             return value if math.isfinite(value) else math.inf
 
