@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cosim.bench.sensitivity import Jacobian as Jacobian
     from cosim.bench.sensitivity import sensitivity as sensitivity
     from cosim.config.loading import load_scenario as load_scenario
-    from cosim.config.toml.parsing import register_kind as register_kind
+    from cosim.config.toml.tables import register_kind as register_kind
     from cosim.devices.controller import Command as Command
     from cosim.devices.controller import Controller as Controller
     from cosim.devices.controller import Measurement as Measurement
@@ -82,7 +82,7 @@ _NAMES = {
     "cosim.bench.linear_model": "LinearModel linearise",
     "cosim.bench.sensitivity": "Jacobian sensitivity",
     "cosim.config.loading": "load_scenario",
-    "cosim.config.toml.parsing": "register_kind",
+    "cosim.config.toml.tables": "register_kind",
     "cosim.devices.controller": "Command Controller Measurement",
     "cosim.errors": (
         "ConvergenceError CosimError InputError InstabilityError MeshError OutOfRangeError "

@@ -21,7 +21,7 @@ from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import ContactTable, Scenario
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.several_arms import of_arm
-from cosim.config.toml.reading import Faults, blamed_on
+from cosim.config.toml.rules import Faults, blamed_on
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload

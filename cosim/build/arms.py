@@ -17,7 +17,7 @@ from cosim.config import arm_files, arm_table
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.reading import blamed_on
+from cosim.config.toml.rules import blamed_on
 from cosim.plan.motion import CellMotion, cell_motion
 
 if TYPE_CHECKING:

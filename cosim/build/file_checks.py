@@ -9,7 +9,7 @@ from cosim.build import arm_parts, arms, options, soft_model
 from cosim.config import loading, several_arms, studies
 from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml.reading import Faults
+from cosim.config.toml.rules import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
 from cosim.kinematics.arm import Arm
 from cosim.plan import motion, planning

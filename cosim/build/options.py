@@ -10,7 +10,7 @@ from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.scenario import GivenBodyTable, ModelTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml.reading import blamed_on
+from cosim.config.toml.rules import blamed_on
 from cosim.reduced.section_model import STRAINS, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw

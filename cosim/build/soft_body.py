@@ -22,7 +22,8 @@ from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.build.patterns import drawn_pattern
 from cosim.config.schema import pattern, scenario, soft_robot
 from cosim.config.schema.film import FilmTable, StackTable
-from cosim.config.toml import parsing, reading
+from cosim.config.toml import parsing
+from cosim.config.toml.rules import Faults
 from cosim.errors import MeshError, ScenarioError
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import GasChamber, SoftBody
@@ -294,7 +295,7 @@ class NamedBody:
 
     def table(self) -> scenario.GivenBodyTable:
         """Return what a scenario may name of it."""
-        body, faults = self.body, reading.Faults()
+        body = self.body
         described = {
             "name": self.name,
             "arrays": kept_parts.content_name(body),
@@ -305,9 +306,7 @@ class NamedBody:
             "cables": list(self.cable_names),
             "chambers": [chamber.name for chamber in body.gas_chambers],
         }
-        found = parsing.parse(scenario.GivenBodyTable, described, "body", faults)
-        faults.tell()
-        return found
+        return parsing.parse(scenario.GivenBodyTable, described, "body", Faults())
 
 
 AnyBody: TypeAlias = SoftBody | NamedBody

@@ -20,8 +20,9 @@ from cosim.config import arm_files, loading, robot_files, studies, upgrading
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
-from cosim.config.toml.parsing import SCHEMA
-from cosim.config.toml.reading import blamed_on, read_table
+from cosim.config.toml.old_keys import SCHEMA
+from cosim.config.toml.reading import read_table
+from cosim.config.toml.rules import blamed_on
 from cosim.errors import InputError, ScenarioError
 from cosim.results import exports, ros_bag
 from cosim.results.result import RunResult, figure_kind

@@ -10,6 +10,7 @@ from cosim.base import resources
 from cosim.config import arm_table, robot_files
 from cosim.config.toml import parsing, reading
 from cosim.config.toml.keys import unknown_name_message
+from cosim.config.toml.rules import Faults, blamed_on
 from cosim.errors import InputError, ScenarioError
 
 
@@ -70,8 +71,8 @@ def is_arm_file(path: Path) -> bool:
 
 def is_arm_table(table: Mapping[str, Any]) -> bool:
     """Return whether a file's table is that of an arm: whether it starts from a URDF or MJCF."""
-    file = str(table.get("file", ""))
-    return is_arm_path(file) and not file.endswith(".toml")
+    file = table.get("file")
+    return isinstance(file, str) and is_arm_path(file) and not file.endswith(".toml")
 
 
 def with_arm_path(robot: str, folder: Path) -> str:
@@ -93,7 +94,7 @@ def with_arm_path(robot: str, folder: Path) -> str:
         place = str(path.resolve())
     else:
         raise ScenarioError("robot", f"arm file {path} does not exist")
-    with reading.blamed_on("robot"):
+    with blamed_on("robot"):
         arm_source(place)
     return place
 
@@ -141,7 +142,7 @@ def read_arm_table(path: Path) -> arm_table.ArmTable:
     Raises:
         ScenarioError: keys or values are wrong, or the file cannot be read.
     """
-    faults = reading.Faults()
+    faults = Faults()
     table = parsing.parse(arm_table.ArmTable, reading.read_table(path), "robot", faults)
     faults.tell()
     return table

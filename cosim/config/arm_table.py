@@ -18,7 +18,28 @@ import numpy as np
 
 from cosim.base.arm_file import ARMATURE, FIXED, ArmFile
 from cosim.base.frames import Array, Pose
-from cosim.config.toml import keys
+from cosim.config.toml.quantities import (
+    Angle,
+    Direction,
+    Increasing,
+    Length,
+    Name,
+    NonNegative,
+    NonNegativeMass,
+    Number,
+    Position,
+    Positive,
+    PositiveAcceleration,
+    PositiveForce,
+    PositiveLength,
+    PositiveMass,
+    PositiveSpeed,
+    PositiveTorque,
+    Quaternion,
+    Text,
+    Vector3,
+)
+from cosim.config.toml.tables import Table
 from cosim.errors import InputError
 
 
@@ -93,7 +114,7 @@ def standing_along(axis: Array) -> Array:
     return np.stack([aside, np.cross(axis, aside), axis], axis=1)
 
 
-UNTURNED: keys.Quaternion = (1.0, 0.0, 0.0, 0.0)
+UNTURNED: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class BaseJoint(NamedTuple):
@@ -113,12 +134,12 @@ class BaseJoint(NamedTuple):
     speed: float
     acceleration: float | None
     effort: float
-    center_m: keys.Vector3 | None
+    center_m: Vector3 | None
 
 
 @final
 @dataclass(frozen=True)
-class RailTable:
+class RailTable(Table):
     """Carries the arm along a line, on what comes before it.
 
     Args:
@@ -131,13 +152,13 @@ class RailTable:
         name: of the joint.
     """
 
-    axis: keys.Direction
-    range_m: Annotated[tuple[float, float], keys.Increasing]
-    speed_m_s: keys.Positive
-    acceleration_m_s2: keys.Positive | None = None
-    force_N: keys.Positive = 5e3
-    mass_kg: keys.Positive = 50.0
-    name: keys.Name = "rail"
+    axis: Direction
+    range_m: Annotated[tuple[Length, Length], Increasing]
+    speed_m_s: PositiveSpeed
+    acceleration_m_s2: PositiveAcceleration | None = None
+    force_N: PositiveForce = 5e3
+    mass_kg: PositiveMass = 50.0
+    name: Name = "rail"
 
     @property
     def joint(self) -> BaseJoint:
@@ -149,7 +170,7 @@ class RailTable:
 
 @final
 @dataclass(frozen=True)
-class TurntableTable:
+class TurntableTable(Table):
     """Turns the arm about an axis, on the rails.
 
     Args:
@@ -163,14 +184,14 @@ class TurntableTable:
         name: of the joint.
     """
 
-    range_rad: Annotated[tuple[float, float], keys.Increasing]
-    speed_rad_s: keys.Positive
-    axis: keys.Direction = (0.0, 0.0, 1.0)
-    center_m: keys.Vector3 | None = None
-    acceleration_rad_s2: keys.Positive | None = None
-    torque_Nm: keys.Positive = 2e3
-    mass_kg: keys.Positive = 50.0
-    name: keys.Name = "turntable"
+    range_rad: Annotated[tuple[Angle, Angle], Increasing]
+    speed_rad_s: PositiveSpeed
+    axis: Direction = (0.0, 0.0, 1.0)
+    center_m: Position | None = None
+    acceleration_rad_s2: Positive | None = None
+    torque_Nm: PositiveTorque = 2e3
+    mass_kg: PositiveMass = 50.0
+    name: Name = "turntable"
 
     @property
     def joint(self) -> BaseJoint:
@@ -183,7 +204,7 @@ class TurntableTable:
 
 @final
 @dataclass(frozen=True)
-class BaseTable:
+class BaseTable(Table):
     """Where the root link of the arm stands, and what moves it.
 
     Args:
@@ -194,15 +215,15 @@ class BaseTable:
         turntables: `[[arm_base.turntable]]` in the file, each on the one before, the first on the last rail.
     """
 
-    position_m: keys.Vector3 = (0.0, 0.0, 0.0)
-    quaternion: keys.Quaternion = UNTURNED
+    position_m: Position = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = UNTURNED
     rails: tuple[RailTable, ...] = field(default=(), metadata={"alias": "rail"})
     turntables: tuple[TurntableTable, ...] = field(default=(), metadata={"alias": "turntable"})
 
 
 @final
 @dataclass(frozen=True)
-class AdapterTable:
+class AdapterTable(Table):
     """A rigid piece between the arm's flange and the soft robot: a cylinder from one to the other.
 
     Args:
@@ -212,15 +233,15 @@ class AdapterTable:
         radius_m: of the cylinder.
     """
 
-    position_m: keys.Vector3
-    quaternion: keys.Quaternion = UNTURNED
-    mass_kg: keys.NonNegative = 0.0
-    radius_m: keys.Positive = 0.03
+    position_m: Position
+    quaternion: Quaternion = UNTURNED
+    mass_kg: NonNegativeMass = 0.0
+    radius_m: PositiveLength = 0.03
 
 
 @final
 @dataclass(frozen=True)
-class LimitsTable:
+class LimitsTable(Table):
     """Bounds of the joints in place of those in the arm's file.
 
     Args:
@@ -232,17 +253,17 @@ class LimitsTable:
         assumed: which of these, or of those in the arm's file, no data sheet states; every run says so.
     """
 
-    lower: tuple[float, ...] | None = None
-    upper: tuple[float, ...] | None = None
-    velocity: tuple[keys.Positive, ...] | None = None
-    acceleration: tuple[keys.Positive, ...] | None = None
-    effort: tuple[keys.Positive, ...] | None = None
+    lower: tuple[Number, ...] | None = None
+    upper: tuple[Number, ...] | None = None
+    velocity: tuple[Positive, ...] | None = None
+    acceleration: tuple[Positive, ...] | None = None
+    effort: tuple[Positive, ...] | None = None
     assumed: tuple[Literal["lower", "upper", "velocity", "acceleration", "effort"], ...] = ()
 
 
 @final
 @dataclass(frozen=True)
-class ServosTable:
+class ServosTable(Table):
     """Servos of the joints: torque = stiffness times error of the angle + damping times that of the speed.
 
     Args:
@@ -251,14 +272,14 @@ class ServosTable:
         armature: rotor inertia seen at the joint, kg m^2; omitted: the file's, or 0.1.
     """
 
-    stiffness: tuple[keys.Positive, ...] | None = None
-    damping: tuple[keys.NonNegative, ...] | None = None
-    armature: tuple[keys.NonNegative, ...] | None = None
+    stiffness: tuple[Positive, ...] | None = None
+    damping: tuple[NonNegative, ...] | None = None
+    armature: tuple[NonNegative, ...] | None = None
 
 
 @final
 @dataclass(frozen=True)
-class ArmTable:
+class ArmTable(Table):
     """A rigid arm.
 
     Args:
@@ -274,12 +295,12 @@ class ArmTable:
             its meshes are drawn in recordings and by cameras. Motion and forces do not depend on it.
     """
 
-    file: keys.Text
-    title: keys.Text | None = None
-    flange: keys.Text | None = None
-    home: tuple[float, ...] | None = None
-    package_paths: tuple[keys.Text, ...] = ()
-    drawn_as: keys.Text | None = None
+    file: Text
+    title: Text | None = None
+    flange: Text | None = None
+    home: tuple[Number, ...] | None = None
+    package_paths: tuple[Text, ...] = ()
+    drawn_as: Text | None = None
     base: BaseTable = BaseTable()
     adapter: AdapterTable | None = None
     limits: LimitsTable = LimitsTable()

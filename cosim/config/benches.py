@@ -12,7 +12,10 @@ from annotated_types import Interval, Len
 from cosim.base.resources import is_file, list_scenarios
 from cosim.config.studies import flat
 from cosim.config.toml import parsing, reading
-from cosim.config.toml.keys import Name, Positive, Text, listing, unknown_name_message
+from cosim.config.toml.keys import listing, unknown_name_message
+from cosim.config.toml.quantities import Name, Number, Positive, Text
+from cosim.config.toml.rules import Fault, Faults, Told, check, rule
+from cosim.config.toml.tables import Table
 from cosim.errors import InputError, ScenarioError
 
 _UNITS: Final[dict[str, tuple[str, float]]] = {
@@ -32,7 +35,7 @@ def unit_of_column(column: str) -> tuple[str, float]:
 
 
 @dataclass(frozen=True)
-class FreeTable:
+class FreeTable(Table):
     """A value that may change.
 
     Args:
@@ -46,15 +49,15 @@ class FreeTable:
     """
 
     key: Text
-    low: float
-    high: float
+    low: Number
+    high: Number
     also: tuple[Text, ...] = ()
-    start: float | None = None
+    start: Number | None = None
 
-    @reading.rule
-    def _has_room(self) -> reading.Told:
+    @rule
+    def _has_room(self) -> Told:
         if not self.low < self.high:
-            yield reading.Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
+            yield Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
 
 
 @final
@@ -71,7 +74,7 @@ class UnknownTable(FreeTable):
 
 @final
 @dataclass(frozen=True)
-class SeriesTable:
+class SeriesTable(Table):
     """A measured curve; one row of its file is one equilibrium.
 
     Args:
@@ -99,7 +102,7 @@ class SeriesTable:
 
 @final
 @dataclass(frozen=True)
-class BenchTable:
+class BenchTable(Table):
     """A bench: a scenario, what is looked for, and what was measured.
 
     Args:
@@ -151,9 +154,9 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
     path = Path(source)
     if not is_file(path):
         raise InputError(f"no bench {str(source)!r}; give the path of a .toml file")
-    faults = reading.Faults()
+    faults = Faults()
     bench = parsing.parse(BenchTable, reading.read_table(path), "", faults)
-    reading.check(bench, "", None, (), faults)
+    check(bench, "", None, (), faults)
     faults.tell()
     found = []
     for entry in bench.series:
@@ -163,7 +166,7 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
     changes: dict[str, Any] = {"set": flat(bench.set)}
     if bench.scenario not in list_scenarios():
         changes["scenario"] = str(path.parent / bench.scenario)
-    return reading.copy_with(bench, **changes), tuple(found)
+    return replace(bench, **changes), tuple(found)
 
 
 def _series(table: SeriesTable, folder: Path) -> Series:
@@ -226,7 +229,7 @@ def _columns(file: Path, key: str) -> dict[str, tuple[float, ...]]:
 
 @final
 @dataclass(frozen=True)
-class CaseTable:
+class CaseTable(Table):
     """An equilibrium that is looked at.
 
     Args:
@@ -241,7 +244,7 @@ class CaseTable:
 
 @final
 @dataclass(frozen=True)
-class GoalTable:
+class GoalTable(Table):
     """What shall be least or most.
 
     Args:
@@ -259,7 +262,7 @@ class GoalTable:
 
 @final
 @dataclass(frozen=True)
-class LimitTable:
+class LimitTable(Table):
     """What a quantity has to be; one of the last three keys.
 
     Args:
@@ -274,14 +277,14 @@ class LimitTable:
     quantity: Text
     case: Text | None = None
     minus: Text | None = None
-    at_least: float | None = None
-    at_most: float | None = None
-    equal: float | None = None
+    at_least: Number | None = None
+    at_most: Number | None = None
+    equal: Number | None = None
 
-    @reading.rule
-    def _has_a_bound(self) -> reading.Told:
+    @rule
+    def _has_a_bound(self) -> Told:
         if sum(bound is not None for bound in (self.at_least, self.at_most, self.equal)) != 1:
-            yield reading.Fault("quantity", f"{self.quantity} needs one of at_least, at_most and equal")
+            yield Fault("quantity", f"{self.quantity} needs one of at_least, at_most and equal")
 
     @property
     def bound(self) -> float:
@@ -292,7 +295,7 @@ class LimitTable:
 
 @final
 @dataclass(frozen=True)
-class ChoiceTable:
+class ChoiceTable(Table):
     """One of several kinds of the robot; each is designed, and the best is taken.
 
     Args:
@@ -306,7 +309,7 @@ class ChoiceTable:
 
 @final
 @dataclass(frozen=True)
-class DesignStudyTable:
+class DesignStudyTable(Table):
     """A design study.
 
     Args:
@@ -348,9 +351,9 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
     path = Path(source)
     if not is_file(path):
         raise InputError(f"no design study {str(source)!r}; give the path of a .toml file")
-    faults = reading.Faults()
+    faults = Faults()
     study = parsing.parse(DesignStudyTable, reading.read_table(path), "", faults)
-    reading.check(study, "", None, (), faults)
+    check(study, "", None, (), faults)
     faults.tell()
     cases = tuple(replace(case, loads=flat(case.loads)) for case in study.case)
     names = tuple(case.name for case in cases)
@@ -373,4 +376,4 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
     }
     if study.scenario not in list_scenarios():
         changes["scenario"] = str(path.parent / study.scenario)
-    return reading.copy_with(study, **changes)
+    return replace(study, **changes)

@@ -6,7 +6,7 @@ from cosim.config.schema.objects import JOINTS, CameraTable, SensorTable
 from cosim.config.schema.phase import SETPOINTS, PhaseTable
 from cosim.config.schema.scenario import NO_ARM, ControllerTable, Scenario
 from cosim.config.toml.keys import listing, unknown_name_message
-from cosim.config.toml.reading import Told, rule, rules_of
+from cosim.config.toml.rules import Told, rule, rules_of
 
 _RATE_ROUNDING: Final = 1e-9
 _READ_BY: Final = {

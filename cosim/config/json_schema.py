@@ -4,17 +4,15 @@ Bounds, defaults and enumerations are those of the fields, descriptions those of
 What only rules across tables can tell is not in it.
 """
 
-from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import fields
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, final
 
-from pydantic.json_schema import GenerateJsonSchema
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
-from cosim.base.names import texts_of
 from cosim.config import arm_table, loading, several_arms
 from cosim.config.schema import phase, scenario, soft_robot
-from cosim.config.toml import keys, parsing
+from cosim.config.toml.old_keys import SCHEMA
+from cosim.config.toml.tables import adapter_of
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 Kind = Literal["scenario", "robot", "arm"]
@@ -39,53 +37,31 @@ def json_schema(kind: Kind) -> dict[str, Any]:
         kind: "scenario", "robot" or "arm".
     """
     loading.register_installed()
-    core, root = parsing.bounded_schema(_ROOTS[kind]), _ROOTS[kind].__name__
-    made = GenerateJsonSchema(by_alias=True).generate(core)
+    root = _ROOTS[kind].__name__
+    made = adapter_of(_ROOTS[kind]).json_schema(schema_generator=_WithoutNull)
     tables: dict[str, Any] = made.pop("$defs")
     if kind != "robot":
         tables[root] = made
-    for table in set(_classes(core)):
-        _describe(tables[table.__name__], table)
     if kind == "scenario":
         made["required"].remove("name")  # that of the file, if it is left out
         tables[phase.PhaseTable.__name__]["required"].remove("duration_s")  # that of a tip path, beside one
+        del tables[scenario.GivenBodyTable.__name__]
         _give_robot(tables[root]["properties"]["soft_robot"])
         _add_arms(tables)
     if kind != "arm":
         _add_changes(tables)
     top = {"anyOf": _ROBOT_GIVEN[1:]} if kind == "robot" else tables.pop(root)
-    named = {"$id": f"urn:cosim:{kind}:{parsing.SCHEMA}", "title": f"cosim {kind}, schema {parsing.SCHEMA}"}
+    named = {"$id": f"urn:cosim:{kind}:{SCHEMA}", "title": f"cosim {kind}, schema {SCHEMA}"}
     return {"$schema": DIALECT, **named, **top, "$defs": tables}
 
 
-def _classes(node: Any) -> Iterator[type]:
-    """Yield the classes of all tables in a schema."""
-    if isinstance(node, dict):
-        if node.get("type") == "dataclass":
-            yield node["cls"]
-        node = list(node.values())
-    if isinstance(node, list):
-        for item in node:
-            yield from _classes(item)
+@final
+class _WithoutNull(GenerateJsonSchema):
+    """TOML has no null: who leaves a value out leaves its key out."""
 
-
-def _describe(table: dict[str, Any], kind: type) -> None:
-    """Put a class's texts, and the units of its keys, into its table."""
-    text, arguments = texts_of(kind)
-    table.pop("title")
-    table |= {"description": text, "additionalProperties": False}
-    for entry in fields(kind):
-        key = keys.key_of(entry)
-        node = table["properties"][key]
-        node.pop("title", None)
-        if node.get("default", 0) is None or isinstance(node.get("default"), dict):
-            del node["default"]  # left out, or told by the table itself
-        unit = keys.unit_text(keys.unit_of(key))
-        said = [arguments.get(entry.name, ""), f"Unit: {unit}." if unit else ""]
-        if any(said):
-            node["description"] = " ".join(filter(None, said))
-        if unit:
-            node["x-unit"] = unit
+    def nullable_schema(self, schema: Any) -> JsonSchemaValue:
+        """Return the schema of a value that is there."""
+        return self.generate_inner(schema["schema"])
 
 
 def _add_arms(tables: dict[str, Any]) -> None:
@@ -123,5 +99,6 @@ def _add_changes(tables: dict[str, Any]) -> None:
 
 def _give_robot(node: dict[str, Any]) -> None:
     """Let a key take a soft robot as files give it, in place of its full table."""
-    del node["$ref"]
+    for key in ("$ref", "oneOf"):
+        node.pop(key, None)
     node["anyOf"] = _ROBOT_GIVEN

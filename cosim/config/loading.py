@@ -26,7 +26,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -38,18 +38,18 @@ import tomli_w
 from cosim.base.files import note_file, read_text
 from cosim.base.resources import is_file, scenario_path, soft_robot_path
 from cosim.config import arm_files, rules, studies
-from cosim.config.schema.objects import with_mesh_paths, with_scene_path
 from cosim.config.schema.phase import HOLD, MOST_POINTS, PhaseTable, StartTable, TipPathTable, by_name
 from cosim.config.schema.scenario import GivenBodyTable, Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml import keys, parsing, reading
+from cosim.config.toml import keys, parsing, reading, tables
+from cosim.config.toml.rules import Faults, blamed_on, check
 from cosim.errors import InputError, ScenarioError
 
 Table = TypeVar("Table", StartTable, PhaseTable)
 _KEY: Final = "cable_tension_N"
 
 
-def with_listed_tensions(scenario: Scenario, faults: reading.Faults) -> Scenario:
+def with_listed_tensions(scenario: Scenario, faults: Faults) -> Scenario:
     """Return a scenario whose start and phases give tensions as lists; omitted ones at the start are zeros.
 
     Args:
@@ -57,12 +57,12 @@ def with_listed_tensions(scenario: Scenario, faults: reading.Faults) -> Scenario
         faults: gets names that match no cable, and tensions that are not known before.
     """
     cables = scenario.soft_robot.cable_names()
-    before: tuple[float, ...] | None = (0.0,) * len(cables)
+    none = (0.0,) * len(cables)
     start, phases = scenario.start, []
     with faults:
-        start = _with_list(start, before, cables, "start")
-        before = start.cable_tension_N or before
-        start = reading.copy_with(start, cable_tension_N=before)
+        start = _with_list(start, none, cables, "start")
+        start = replace(start, cable_tension_N=start.cable_tension_N or none)
+    before: tuple[float, ...] | None = start.cable_tension_N
     for phase in scenario.phases:
         listed = phase
         with faults:
@@ -71,7 +71,7 @@ def with_listed_tensions(scenario: Scenario, faults: reading.Faults) -> Scenario
             if listed.tip_target is not None and listed.tip_target.reach_with == "cables":
                 before = None
         phases.append(listed)
-    return reading.copy_with(scenario, start=start, phases=tuple(phases))
+    return replace(scenario, start=start, phases=tuple(phases))
 
 
 def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[str], path: str) -> Table:
@@ -91,14 +91,14 @@ def _with_list(table: Table, before: tuple[float, ...] | None, cables: Sequence[
             f"leaves out {missing[0]}, whose tension before is not known here; name all cables",
         )
     tensions = dict(zip(cables, before or (), strict=False)) | found
-    return reading.copy_with(table, cable_tension_N=tuple(tensions[name] for name in cables))
+    return replace(table, cable_tension_N=tuple(tensions[name] for name in cables))
 
 
 _POINT: Final = ("x_m", "y_m", "z_m")
 _DIRECTION: Final = ("direction_x", "direction_y", "direction_z")
 
 
-def complete_tip_paths(table: dict[str, Any], folder: Path, faults: reading.Faults) -> None:
+def complete_tip_paths(table: dict[str, Any], folder: Path, faults: Faults) -> None:
     """Put into each phase that has a tip path the path's points, its duration and its ramp.
 
     Args:
@@ -107,27 +107,23 @@ def complete_tip_paths(table: dict[str, Any], folder: Path, faults: reading.Faul
         faults: gets files that cannot be read.
     """
     phases = table.get("phase")
-    if "tip_path" not in str(phases):  # as in most scenarios: their phases are not looked into
-        return
     for place, phase in enumerate(phases if isinstance(phases, list) else [], start=1):
         path = phase.get("tip_path") if isinstance(phase, dict) else None
         if isinstance(path, dict):
-            phase["tip_path"] = reading.UNKNOWN
+            del phase["tip_path"]
             with faults:
                 phase["tip_path"] = _read(path, folder, f"phase.{phase.get('name', place)}.tip_path")
             phase.setdefault("ramp", "linear")
             if "duration_s" not in phase:
-                phase["duration_s"] = _duration_s(phase["tip_path"])
+                phase["duration_s"] = _duration_s(phase.get("tip_path", {}))
 
 
-def _duration_s(path: Any) -> Any:
-    """Return how long a path takes; UNKNOWN for one that is wrong, as the check of the path names that."""
-    if path is reading.UNKNOWN:
-        return reading.UNKNOWN
+def _duration_s(path: dict[str, Any]) -> float:
+    """Return how long a path takes; 1 for one that is wrong, as the check of the path names that."""
     try:
-        return parsing.parse(TipPathTable, path, "", reading.Faults()).course().duration_s
-    except (InputError, reading.NotKnown):
-        return reading.UNKNOWN
+        return parsing.parse(TipPathTable, path, "", Faults()).course().duration_s
+    except InputError:
+        return 1.0
 
 
 def _read(path: dict[str, Any], folder: Path, key: str) -> dict[str, Any]:
@@ -222,7 +218,7 @@ def register_module(name: str) -> None:
 
 def note_kinds(value: Any) -> None:
     """Note the modules of all kinds in a scenario that are not those of cosim, see `files_read`."""
-    if isinstance(value, parsing.KindTable) and not type(value).__module__.startswith("cosim."):
+    if isinstance(value, tables.KindTable) and not type(value).__module__.startswith("cosim."):
         with suppress(OSError, TypeError):  # typed in at a prompt
             note_file(Path(inspect.getfile(type(value))))
     parts = vars(value).values() if is_dataclass(value) else value
@@ -268,13 +264,13 @@ def _register(loaded: Any, what: str) -> None:
     found = [
         entry
         for entry in (vars(loaded).values() if isinstance(loaded, ModuleType) else (loaded,))
-        if isinstance(entry, type) and issubclass(entry, parsing.KindTable) and entry is not parsing.KindTable
+        if isinstance(entry, type) and issubclass(entry, tables.KindTable) and entry is not tables.KindTable
     ]
-    kinds = [table for table in found if parsing.name_of(table) is not None]
+    kinds = [table for table in found if tables.name_of(table) is not None]
     if not kinds:
         raise InputError(f"{what}: holds no kind of tables, such as a subclass of ElementTable")
     for table in kinds:
-        parsing.register_kind(table)
+        tables.register_kind(table)
 
 
 MOST_FILES: Final = 64
@@ -285,7 +281,7 @@ LONGEST_CHAIN: Final = 8
 class RobotFiles:
     """The files of one soft robot: each is read once, and none may lead to itself."""
 
-    def __init__(self, faults: reading.Faults) -> None:
+    def __init__(self, faults: Faults) -> None:
         self._faults = faults
         self._read: dict[Path, dict[str, Any]] = {}
         self._used = 0
@@ -293,7 +289,7 @@ class RobotFiles:
     def expand(self, value: Any, folder: Path, path: str, chain: tuple[Path, ...] = ()) -> Any:
         """Return the full table of a soft robot given by name, path, or changes to a file.
 
-        A file that is not there is a fault; the table then holds UNKNOWN for all that is not given beside it.
+        A file that is not there is a fault; no more is said of that robot.
 
         Args:
             value: as in the file; what is neither a text nor a table is returned as it is.
@@ -312,7 +308,7 @@ class RobotFiles:
         self, table: Mapping[str, Any], folder: Path, path: str, chain: tuple[Path, ...]
     ) -> dict[str, Any]:
         """Return a soft robot's table with the files that it and its attachments start from put in."""
-        full: dict[str, Any] = reading.only_readable(table)
+        full: dict[str, Any] = reading.plain(table, path, self._faults.unread)
         body = full.get("body")
         if isinstance(body, dict) and isinstance(body.get("file"), str) and is_file(folder / body["file"]):
             body["file"] = str((folder / body["file"]).resolve())
@@ -333,10 +329,12 @@ class RobotFiles:
         if self._used > MOST_FILES:
             raise ScenarioError(path, f"is one robot too many; at most {MOST_FILES} files make a soft robot")
         file = None
-        with self._faults:
-            file = _found(name, folder, path)
+        if not self._faults.leaves_out(path):
+            with self._faults:
+                file = _found(name, folder, path)
         if file is None:
-            return parsing.with_unknown(SoftRobotTable, changes)
+            self._faults.unread[path.removesuffix(".file")] = ""
+            return changes
         return reading.merge(self._table(file, name, path, chain), changes)
 
     def _table(self, file: Path, name: str, path: str, chain: tuple[Path, ...]) -> dict[str, Any]:
@@ -356,12 +354,10 @@ def _found(name: Any, folder: Path, path: str) -> Path:
     Raises:
         ScenarioError: the name is no text, or there is no such file.
     """
-    if isinstance(name, reading.Unreadable):
-        raise ScenarioError(path, name.problem)
     if not isinstance(name, str):
         raise ScenarioError(path, f"expected a name or path, got {keys.describe(name)}")
     beside = folder / name
-    with reading.blamed_on(path):
+    with blamed_on(path):
         return beside if beside.suffix == ".toml" and is_file(beside) else soft_robot_path(name)
 
 
@@ -410,37 +406,54 @@ def loaded_scenario(
         ScenarioError: keys or values are wrong; each line of the message starts with a key's path.
     """
     register_installed()
-    overrides, faults = dict(overrides), reading.Faults()
+    overrides, faults = dict(overrides), Faults()
     place = folder
     arm_folder = Path() if "robot" in overrides else folder
     scene_folder = Path() if any(key.partition(".")[0] == "scene" for key in overrides) else folder
     if body is not None:
         with faults:
             _check_no_robot(overrides, body)
-        table["soft_robot"] = reading.UNKNOWN
+        overrides = {key: value for key, value in overrides.items() if key.partition(".")[0] != "soft_robot"}
+        table["soft_robot"] = to_table(body)
     elif "soft_robot" in overrides:
-        reading.apply_override(table, "soft_robot", overrides.pop("soft_robot"))
+        table["soft_robot"] = overrides.pop("soft_robot")
         folder = Path()
     if "soft_robot" in table and body is None:
-        robot, table["soft_robot"] = table["soft_robot"], reading.UNKNOWN
-        with faults:
-            _check_in_file(robot)
-            table["soft_robot"] = RobotFiles(faults).expand(robot, folder, "soft_robot")
+        table["soft_robot"] = _full_robot(table["soft_robot"], folder, faults)
     for key, value in overrides.items():
-        with faults:
-            reading.apply_override(table, key, value)
+        if not faults.leaves_out(key):
+            with faults:
+                reading.apply_override(table, key, reading.plain(value, key, faults.unread))
     path_folder = Path() if any(".tip_path" in key for key in overrides) else place
     complete_tip_paths(table, path_folder, faults)
+    _find_files(table, place, scene_folder)
     scenario = parsing.parse(Scenario, table, "", faults)
-    if body is not None:
-        scenario = reading.copy_with(scenario, soft_robot=body)
     with faults:
-        scenario = reading.copy_with(scenario, objects=with_mesh_paths(scenario.objects, place, faults))
-    with faults:
-        scenario = reading.copy_with(scenario, robot=arm_files.with_arm_path(scenario.robot, arm_folder))
-    with faults:
-        scenario = reading.copy_with(scenario, scene=with_scene_path(scenario.scene, scene_folder))
+        scenario = replace(scenario, robot=arm_files.with_arm_path(scenario.robot, arm_folder))
     return _resolved(scenario, faults)
+
+
+def _full_robot(robot: Any, folder: Path, faults: Faults) -> Any:
+    """Return the full table of a scenario's soft robot; of one whose files are wrong, no more is said."""
+    with faults:
+        _check_in_file(robot)
+        return RobotFiles(faults).expand(robot, folder, "soft_robot")
+    faults.unread["soft_robot"] = ""
+    return {}
+
+
+def _find_files(table: dict[str, Any], folder: Path, scene_folder: Path) -> None:
+    """Put absolute paths in place of mesh files beside a scenario, and of the file of its scene."""
+    objects, scene = table.get("object"), table.get("scene")
+    for entry in [each for each in objects if isinstance(each, dict)] if isinstance(objects, list) else ():
+        parts = entry.get("part")
+        for solid in (entry, *(parts if isinstance(parts, list) else ())):
+            file = solid.get("file") if isinstance(solid, dict) else None
+            if isinstance(file, str) and is_file(folder / file):
+                solid["file"] = str((folder / file).resolve())
+    if isinstance(scene, dict) and isinstance(scene.get("mjcf"), str):
+        file = scene_folder / scene["mjcf"]
+        scene["mjcf"] = str(file.resolve() if is_file(file) else file)
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -483,10 +496,10 @@ def load_soft_robot(name_or_path: str | Path) -> SoftRobotTable:
         ScenarioError: keys or values are wrong.
     """
     register_installed()
-    path, faults = soft_robot_path(name_or_path), reading.Faults()
+    path, faults = soft_robot_path(name_or_path), Faults()
     table = RobotFiles(faults).expand(str(path), Path(), "soft_robot")
     robot = parsing.parse(SoftRobotTable, table, "soft_robot", faults)
-    reading.check(robot, "soft_robot", None, (), faults)
+    check(robot, "soft_robot", None, (), faults)
     faults.tell()
     return robot
 
@@ -514,12 +527,12 @@ def resolve(scenario: Scenario) -> Scenario:
     Raises:
         ScenarioError: see `cosim.config.rules`.
     """
-    return _resolved(scenario, reading.Faults())
+    return _resolved(scenario, Faults())
 
 
-def _resolved(scenario: Scenario, faults: reading.Faults) -> Scenario:
+def _resolved(scenario: Scenario, faults: Faults) -> Scenario:
     with faults:
-        scenario = scenario if scenario.phases else reading.copy_with(scenario, phases=(HOLD,))
+        scenario = scenario if scenario.phases else replace(scenario, phases=(HOLD,))
     with faults:
         scenario = with_listed_tensions(scenario, faults)
     with faults:

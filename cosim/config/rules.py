@@ -12,7 +12,6 @@ from cosim.config.schema.phase import (
     JOINT_KEYS,
     SETPOINTS,
     ForceTable,
-    PerChamber,
     PhaseTable,
     StartTable,
     SupportTable,
@@ -21,7 +20,8 @@ from cosim.config.schema.phase import (
 )
 from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario, unknown_cables
 from cosim.config.toml.keys import listing, matching, unknown_name_message
-from cosim.config.toml.reading import Fault, Faults, Told, check, rule, rules_of
+from cosim.config.toml.quantities import OneOrByName
+from cosim.config.toml.rules import Fault, Faults, Told, check, rule, rules_of
 from cosim.errors import ScenarioError
 
 MOST_TRIANGLES: Final = 200_000
@@ -38,7 +38,7 @@ def check_scenario(scenario: Scenario, faults: Faults) -> None:
     """Check what single values cannot show: names that must exist, lengths that must agree.
 
     Args:
-        scenario: may hold UNKNOWN where it is wrong by itself; what needs that is not checked.
+        scenario: whose values are right by themselves.
         faults: gets the rules that are broken.
     """
     check(scenario, "", None, _RULES, faults)
@@ -171,7 +171,9 @@ def _copies_of_a_section_model_have_one_pressure(scenario: Scenario) -> Told:
     robot = scenario.soft_robot
     if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable) or not robot.copies:
         return
-    settings: list[tuple[str, PerChamber[float] | None]] = [("start.pressure_Pa", scenario.start.pressure_Pa)]
+    settings: list[tuple[str, OneOrByName[float] | None]] = [
+        ("start.pressure_Pa", scenario.start.pressure_Pa)
+    ]
     settings += [(f"phase.{phase.name}.pressure_Pa", phase.pressure_Pa) for phase in scenario.phases]
     for key, given in settings:
         values = tuple(given.values()) if isinstance(given, Mapping) else given

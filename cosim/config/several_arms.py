@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, final
 
@@ -17,6 +17,7 @@ from cosim.base.resources import scenario_path
 from cosim.config.loading import by_key, loaded_scenario, to_table
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.toml import keys, reading
+from cosim.config.toml.rules import Faults
 from cosim.errors import ScenarioError
 
 ARMS: Final = "arm"
@@ -85,7 +86,7 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
     table.setdefault("name", path.stem)
     table |= {key: changes.pop(key) for key in ("name", "title") if key in changes}
     entries = _entries(table.pop(ARMS, None))
-    found, faults = dict[str, Scenario](), reading.Faults()
+    found, faults = dict[str, Scenario](), Faults()
     common = {key: value for key, value in changes.items() if not key.startswith(f"{ARMS}.")}
     for name in {key.split(".")[1] for key in changes if key.startswith(f"{ARMS}.")} - entries.keys():
         faults.add(f"{ARMS}.{name}", f"no such arm; there are: {', '.join(entries)}")
@@ -94,9 +95,10 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
         changed = _changes_of(name, changes)
         with faults, of_arm(name):
             _check_keys(name, [*own, *changed])
-            merged = reading.merge(deepcopy(table), deepcopy(own)) | {"name": f"{table['name']}_{name}"}
-            if isinstance(table.get("title"), str):
-                merged["title"] = f"{table['title']}: {name}"
+            merged = reading.merge(deepcopy(table), deepcopy(own))
+            for key, text in (("name", f"_{name}"), ("title", f": {name}")):
+                if isinstance(table.get(key), str):
+                    merged[key] = table[key] + text
             found[name] = loaded_scenario(merged, path.parent, common | changed)
             _check(found[name])
             objects, wires = found[name].objects, found[name].wires
@@ -117,13 +119,13 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
     entries = given if isinstance(given, list) and all(isinstance(each, dict) for each in given) else []
     if len(entries) < 2:
         raise ScenarioError(ARMS, "must be two or more tables [[arm]]; the keys of one arm need no [[arm]]")
-    found, faults = dict[str, dict[str, Any]](), reading.Faults()
+    found, faults = dict[str, dict[str, Any]](), Faults()
     for place, entry in enumerate(entries, 1):
         name, key = entry.get("name"), f"{ARMS}.{place}.name"
         if name is None:
             faults.add(key, "is missing; it has no default")
         elif not (isinstance(name, str) and re.fullmatch(_NAME, name)):
-            faults.add(key, f"{name!r} must be a letter followed by letters, digits, '_' or '-'")
+            faults.add(key, f"{keys.shown(name)} must be a letter followed by letters, digits, '_' or '-'")
         elif name in found:
             faults.add(key, f"{name!r} is the name of another arm; give each arm its own")
         else:
@@ -134,7 +136,7 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
 
 def _check_keys(name: str, own: Sequence[str]) -> None:
     """Check that an arm gives no key that all arms share, and none that does not exist."""
-    known, faults = {keys.key_of(entry) for entry in fields(Scenario)}, reading.Faults()
+    known, faults = {keys.key_of(entry) for entry in fields(Scenario)}, Faults()
     for key in own:
         head = key.partition(".")[0]
         if head in known.difference(OF_AN_ARM):
@@ -208,6 +210,6 @@ def _lasting_alike(arms: Mapping[str, Scenario]) -> dict[str, Scenario]:
         *before, last = scenario.phases
         left_s = (most - ticks[name]) * scenario.clock.tick_s
         if left_s:
-            last = reading.copy_with(last, settle_s=last.settle_s + left_s)
-        found[name] = reading.copy_with(scenario, phases=(*before, last))
+            last = replace(last, settle_s=last.settle_s + left_s)
+        found[name] = replace(scenario, phases=(*before, last))
     return found

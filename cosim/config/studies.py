@@ -17,13 +17,15 @@ from annotated_types import Interval
 from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_scenarios
 from cosim.config.toml import parsing, reading
-from cosim.config.toml.keys import Count, Text
+from cosim.config.toml.quantities import Count, Number, Text
+from cosim.config.toml.rules import Faults
+from cosim.config.toml.tables import Table
 from cosim.errors import InputError, ScenarioError
 
 
 @final
 @dataclass(frozen=True)
-class RangeTable:
+class RangeTable(Table):
     """A range that samples are taken from.
 
     Args:
@@ -33,15 +35,15 @@ class RangeTable:
         integer: whether whole numbers are taken, both ends included.
     """
 
-    low: float
-    high: float
+    low: Number
+    high: Number
     scale: Literal["linear", "log"] = "linear"
     integer: bool = False
 
 
 @final
 @dataclass(frozen=True)
-class SamplesTable:
+class SamplesTable(Table):
     """Samples that fill a box evenly (scipy.stats.qmc).
 
     Args:
@@ -59,7 +61,7 @@ class SamplesTable:
 
 @final
 @dataclass(frozen=True)
-class StudyTable:
+class StudyTable(Table):
     """A study: every entry of `design`, with every combination of `grid`, with every one of `samples`.
 
     Args:
@@ -104,7 +106,7 @@ def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
         InputError: there is no such file.
         ScenarioError: keys or values are wrong.
     """
-    folder, faults = Path(), reading.Faults()
+    folder, faults = Path(), Faults()
     if isinstance(source, Mapping):
         table = dict(source)
     else:
@@ -120,7 +122,7 @@ def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
     return _seen_from(study, folder)
 
 
-def _with_key_paths(study: StudyTable, faults: reading.Faults) -> StudyTable:
+def _with_key_paths(study: StudyTable, faults: Faults) -> StudyTable:
     grid = flat(study.grid)
     for key, values in grid.items():
         if not isinstance(values, list) or not values:
@@ -137,7 +139,7 @@ def _with_key_paths(study: StudyTable, faults: reading.Faults) -> StudyTable:
         if not found:
             faults.add("samples.range", "is empty; give [low, high] for at least one key path")
         changes["samples"] = replace(study.samples, range=ranges)
-    return reading.copy_with(study, **changes)
+    return replace(study, **changes)
 
 
 def flat(table: Mapping[str, Any], *, ends: frozenset[str] = frozenset()) -> dict[str, Any]:
@@ -151,7 +153,7 @@ def flat(table: Mapping[str, Any], *, ends: frozenset[str] = frozenset()) -> dic
     return found
 
 
-def _range(key: str, value: Any, faults: reading.Faults) -> RangeTable:
+def _range(key: str, value: Any, faults: Faults) -> RangeTable:
     path = f"samples.range.{key}"
     if isinstance(value, list):
         if len(value) != 2 or not all(isinstance(end, int | float) for end in value):
@@ -172,7 +174,7 @@ def _range(key: str, value: Any, faults: reading.Faults) -> RangeTable:
     return found
 
 
-def _check(study: StudyTable, faults: reading.Faults) -> None:
+def _check(study: StudyTable, faults: Faults) -> None:
     """Note keys that two parts of a study set, and a study that varies nothing."""
     sampled = study.samples.range if study.samples is not None else {}
     designs = {key for design in study.design for key in design}
@@ -199,7 +201,7 @@ def _seen_from(study: StudyTable, folder: Path) -> StudyTable:
     changes["grid"] = {
         key: [_file_beside(key, value, folder) for value in values] for key, values in study.grid.items()
     }
-    return reading.copy_with(study, **changes)
+    return replace(study, **changes)
 
 
 def _beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -10,13 +10,13 @@ from typing import Any, Final
 
 from cosim.base import files, resources
 from cosim.config.loading import is_scenario
-from cosim.config.toml import parsing, reading
+from cosim.config.toml import old_keys, reading
 from cosim.errors import ScenarioError
 
-_BEFORE: Final = parsing.SCHEMA - 1
+_BEFORE: Final = old_keys.SCHEMA - 1
 _WRITABLE: Final = 0o222  # by anybody: root may write to all files, and is not meant to
 _CARRIED: Final = ("attach", "robot")
-_OLD: Final = {"schema", *(path[-1] for path in parsing.DROPPED), *chain(*parsing.RENAMED.values())}
+_OLD: Final = {"schema", *(path[-1] for path in old_keys.DROPPED), *chain(*old_keys.RENAMED.values())}
 _WORD: Final = re.compile(rf"""(?<![\w-])(["']?)({"|".join(sorted(_OLD))})\1(?![\w-])""")
 _NUMBER: Final = re.compile(r"[ \t]*=[ \t]*([\w+]+)")
 
@@ -58,13 +58,13 @@ def upgraded(text: str) -> tuple[str, int]:
     changes = []
     for (*outer, key), value, word in _old_keys(text):
         kind = _kind_of(tuple(outer), scenario)
-        if new := parsing.RENAMED.get(kind, {}).get(key):
+        if new := old_keys.RENAMED.get(kind, {}).get(key):
             changes.append((*word.span(), new))
-        if scenario and (*outer, key) in parsing.DROPPED:
+        if scenario and (*outer, key) in old_keys.DROPPED:
             changes.append((*_line_of(text, word), ""))
         number = _NUMBER.match(text, word.end())
         if kind and key == "schema" and _is_before(value) and number:
-            changes.append((*number.span(1), str(parsing.SCHEMA)))
+            changes.append((*number.span(1), str(old_keys.SCHEMA)))
     made = text
     for start, end, new in reversed(changes):
         made = made[:start] + new + made[end:]
@@ -127,14 +127,14 @@ def _renamed(value: Any, path: tuple[str, ...], scenario: bool) -> Any:
     if not isinstance(value, Mapping):
         return value
     kind = _kind_of(path, scenario)
-    names = parsing.RENAMED.get(kind, {})
+    names = old_keys.RENAMED.get(kind, {})
     made = {
         names.get(key, key): _renamed(item, (*path, key), scenario)
         for key, item in value.items()
-        if not (scenario and (*path, key) in parsing.DROPPED)
+        if not (scenario and (*path, key) in old_keys.DROPPED)
     }
     if kind and _is_before(made.get("schema")):
-        made["schema"] = parsing.SCHEMA
+        made["schema"] = old_keys.SCHEMA
     return made
 
 

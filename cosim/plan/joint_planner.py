@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from cosim.base.frames import Array, Mask, Pose, rotation_from_vector
 from cosim.config.schema.phase import JOINT_KEYS, PhaseTable, StartTable
 from cosim.config.toml.keys import unknown_name_message
-from cosim.config.toml.reading import Faults
+from cosim.config.toml.rules import Faults
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import follow, solve

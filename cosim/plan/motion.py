@@ -35,7 +35,7 @@ from cosim.base.frames import (
 from cosim.base.tip_course import CourseInstant, TipCourse
 from cosim.config.schema.phase import CELL_KEYS, FlangePoseTable, FlangeTurnTable, PhaseTable
 from cosim.config.toml.keys import unknown_name_message
-from cosim.config.toml.reading import Fault, Faults
+from cosim.config.toml.rules import Fault, Faults
 
 if TYPE_CHECKING:
     from cosim.rigid.build.description import CellJoint

@@ -24,7 +24,7 @@ from cosim.config.loading import register_module
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.soft_robot import BodySourceTable
 from cosim.config.several_arms import load_arms
-from cosim.config.toml.parsing import forget_schemas
+from cosim.config.toml.tables import adapter_of
 from cosim.soft.geometry.named_mesh import NamedMesh
 from cosim.soft.geometry.surface import rims
 from tests.build.test_mesh_source import written
@@ -119,7 +119,7 @@ def kinds_as_they_were(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for family in (BodySourceTable, CommandTable):
         monkeypatch.setattr(family, "kinds", dict(family.kinds))
     yield
-    forget_schemas()
+    adapter_of.cache_clear()
 
 
 def test_a_new_kind_of_file_is_seen_in_a_sweep(

@@ -17,7 +17,7 @@ from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import ElementTable
-from cosim.config.toml.parsing import forget_schemas
+from cosim.config.toml.tables import adapter_of
 from cosim.errors import InputError, ScenarioError
 from cosim.stepping.dynamic import DynamicSimulation
 from tests.soft import dashpot
@@ -56,7 +56,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(ElementTable, "kinds", {})
     cosim.register_kind(DashpotTable)
     yield
-    forget_schemas()
+    adapter_of.cache_clear()
 
 
 def scenario(folder: Path, *entries: str) -> Scenario:

@@ -36,13 +36,15 @@ def test_each_fault_is_a_line_and_a_later_file_is_still_checked(
 ) -> None:
     wrong, broken = tmp_path / "wrong.toml", tmp_path / "broken.toml"
     text = scenario_path("ur5e_hexagon_arm").read_text(encoding="utf-8")
-    wrong.write_text(text.replace("tick_s = 0.004", "tick_ms = 2").replace('"ur5e"', '"ur6e"'))
+    wrong.write_text(
+        text.replace("tick_s = 0.004", "tick_ms = 2").replace("schema = 2", "schema = 2\narm_base = 1")
+    )
     broken.write_text("schema = ")
     assert main(["check", str(wrong), str(broken), "sealed_arm"]) == 2
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 4
-    assert lines[0].startswith(f"{wrong}: clock.tick_ms: unknown key")
-    assert lines[1].startswith(f"{wrong}: robot: no arm 'ur6e'")
+    assert lines[0].startswith(f"{wrong}: arm_base: expected a table")
+    assert lines[1].startswith(f"{wrong}: clock.tick_ms: unknown key")
     assert lines[2].startswith(f"{broken}: is not TOML")
     assert lines[3] == "sealed_arm: fine"
 

@@ -15,7 +15,8 @@ from cosim.cli.main import main
 from cosim.config.loading import GROUP
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.soft_robot import ElementTable
-from cosim.config.toml.parsing import forget_schemas
+from cosim.config.toml import quantities
+from cosim.config.toml.tables import adapter_of
 from tests.devices import sine_commands
 from tests.devices.sine_commands import SineTable
 
@@ -52,7 +53,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "own_sine.py").write_text(own, encoding="utf-8")
     yield tmp_path
     sys.modules.pop("own_sine", None)
-    forget_schemas()
+    adapter_of.cache_clear()
 
 
 def test_a_module_is_imported_for_a_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -121,3 +122,9 @@ def test_a_kind_is_named_and_only_one_class_has_it(folder: Path) -> None:
     with pytest.raises(cosim.InputError, match=r"kind .sine. is that of tests\.devices\.sine_commands"):
         cosim.register_kind(Other)
     assert ElementTable.kinds == {}
+
+
+def test_types_of_values_are_found_where_they_were_with_a_warning() -> None:
+    with pytest.warns(DeprecationWarning, match="import Positive from cosim.config.toml.quantities"):
+        from cosim.config.toml.keys import Positive
+    assert Positive is quantities.Positive

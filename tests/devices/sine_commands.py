@@ -9,7 +9,7 @@ from typing import Literal, final
 
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.keys import Positive
+from cosim.config.toml.quantities import Positive
 from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
 from cosim.errors import InputError
 from cosim.plan.plan import RobotCommand

@@ -17,7 +17,7 @@ from cosim.base.state_file import load, save
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.phase import CommandTable
-from cosim.config.toml.parsing import forget_schemas
+from cosim.config.toml.tables import adapter_of
 from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
 from cosim.plan.plan import RobotCommand
 from tests.devices import device_parts, sine_commands
@@ -65,7 +65,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for table in (SineTable, LeanTable):
         cosim.register_kind(table)
     yield
-    forget_schemas()
+    adapter_of.cache_clear()
 
 
 def swing(time_s: Any) -> Any:

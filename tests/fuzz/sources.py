@@ -17,7 +17,7 @@ from cosim.base.resources import (
 )
 from cosim.config.loading import RobotFiles
 from cosim.config.several_arms import ARMS
-from cosim.config.toml.reading import Faults
+from cosim.config.toml.rules import Faults
 
 _PILLOW: Final = """schema = 2
 name = "pillow"

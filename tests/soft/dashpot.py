@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.config.schema.soft_robot import ElementTable
-from cosim.config.toml.keys import Positive
+from cosim.config.toml.quantities import Positive
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.element import NODES, ROWS, STILL, DirectElement, Instant

@@ -6,8 +6,22 @@ from typing import Annotated, Final, Literal, final
 
 from annotated_types import Interval
 
-from cosim.config.toml.keys import Fraction, Increasing, NonNegative, Positive, Vector3
-from cosim.config.toml.reading import Fault, Told, rule
+from cosim.config.toml.quantities import (
+    Angle,
+    Fraction,
+    Increasing,
+    NonNegative,
+    NonNegativeDensity,
+    NonNegativeStiffness,
+    Positive,
+    PositiveFrequency,
+    PositiveLength,
+    PositivePressure,
+    UpToOne,
+    Vector3,
+)
+from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.tables import Table
 
 FABRIC_LAWS: Final = ("plain", "tension_field")
 """Laws of a film that is a fabric."""
@@ -17,7 +31,7 @@ LEAST_STIFFNESS_N_m: Final = 1.0
 
 @final
 @dataclass(frozen=True)
-class FabricTable:
+class FabricTable(Table):
     """A woven or coated sheet, which resists along its yarns more than between them: `[film.fabric]`.
 
     The yarns are crimped by the weave. Their modulus grows in proportion to their strain, up to that of
@@ -35,12 +49,12 @@ class FabricTable:
         straight_strain_weft: strain at which the yarns of the weft are straight.
     """
 
-    modulus_warp_Pa: Positive
-    modulus_weft_Pa: Positive
-    shear_modulus_Pa: Positive
+    modulus_warp_Pa: PositivePressure
+    modulus_weft_Pa: PositivePressure
+    shear_modulus_Pa: PositivePressure
     warp_direction: Vector3 = (0.0, 0.0, 1.0)
-    straight_modulus_warp_Pa: Positive | None = None
-    straight_modulus_weft_Pa: Positive | None = None
+    straight_modulus_warp_Pa: PositivePressure | None = None
+    straight_modulus_weft_Pa: PositivePressure | None = None
     straight_strain_warp: Positive = 0.01
     straight_strain_weft: Positive = 0.01
 
@@ -71,7 +85,7 @@ class FabricTable:
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class FilmTable:
+class FilmTable(Table):
     """Elastic sheet of the chamber walls.
 
     Args:
@@ -93,15 +107,15 @@ class FilmTable:
         loss_frequency_Hz: at which that holds; a Kelvin-Voigt material's grows in proportion to frequency.
     """
 
-    young_modulus_Pa: Positive | None = None
+    young_modulus_Pa: PositivePressure | None = None
     poisson_ratio: Annotated[float, Interval(gt=-1.0, lt=1.0)]
-    thickness_m: Positive
-    density_kg_m3: NonNegative = 0.0
+    thickness_m: PositiveLength
+    density_kg_m3: NonNegativeDensity = 0.0
     law: Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"] = "plain"
-    wrinkle_panel_m: Positive | None = None
-    buckling_force_N_m: NonNegative = 0.0
+    wrinkle_panel_m: PositiveLength | None = None
+    buckling_force_N_m: NonNegativeStiffness = 0.0
     loss_factor: NonNegative = 0.0
-    loss_frequency_Hz: Positive = 1.0
+    loss_frequency_Hz: PositiveFrequency = 1.0
     fabric: FabricTable | None = None
 
     @rule
@@ -167,19 +181,19 @@ _GRADED, _GRADED_WITH_NECK = 36, 44
 
 @final
 @dataclass(frozen=True)
-class NeckTable:
+class NeckTable(Table):
     """Film of double thickness around the holes, where the films of neighbouring units are fused.
 
     Args:
         fused_radius_m: its distance from the axis; beyond the holes' corners and within the mid rings.
     """
 
-    fused_radius_m: Positive
+    fused_radius_m: PositiveLength
 
 
 @final
 @dataclass(frozen=True)
-class StackTable:
+class StackTable(Table):
     """Geometry of a straight stack of polygonal units, drawn along the flange's z axis.
 
     Args:
@@ -205,14 +219,14 @@ class StackTable:
 
     sides: Annotated[int, Interval(ge=3, le=64)]
     units: Annotated[int, Interval(ge=1, le=200)]
-    corner_radius_m: Positive
-    hole_radius_m: Positive
-    unit_height_m: Positive
+    corner_radius_m: PositiveLength
+    hole_radius_m: PositiveLength
+    unit_height_m: PositiveLength
     ring_heights: HeightFractions
     kind: Literal["polygonal_stack"] = "polygonal_stack"
-    taper: Annotated[float, Interval(gt=0.0, le=1.0)] = 1.0
+    taper: UpToOne = 1.0
     mid_ring_fraction: Fraction = 0.5
-    first_corner_rad: float | None = None
+    first_corner_rad: Angle | None = None
     mesh: Literal["drawn", "graded"] = "drawn"
     refine_holes: Annotated[int, Interval(ge=0, le=2)] = 0
     neck: NeckTable | None = None

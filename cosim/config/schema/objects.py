@@ -15,13 +15,11 @@ A wire is a row of capsules joined by ball joints that resist bending. Its first
 object, such as a spool on a hinge, and its last one tied to another. It touches robots, soft robots, the
 floor and objects, but not itself. Soft robots feel it from 2 mm of radius on: what is thinner than twice the
 depth of contact slips through the film.
-
-Finds the mesh files of a scenario's objects, and the file of its scene.
 """
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias, TypeVar, final
+from typing import Annotated, Final, Literal, TypeAlias, final
 
 import numpy as np
 from annotated_types import Interval, Len
@@ -29,12 +27,39 @@ from annotated_types import Interval, Len
 from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path, quoted_name
 from cosim.base.solid import read_mesh
-from cosim.config.toml.keys import Colour, Direction, Name, NonNegative, Positive, Quaternion, Text, Vector3
-from cosim.config.toml.reading import UNKNOWN, Fault, Faults, Told, copy_with, guard, rule
-from cosim.errors import MeshError, ScenarioError
+from cosim.config.toml.quantities import (
+    Angle,
+    Colour,
+    Direction,
+    Length,
+    Name,
+    NonNegative,
+    NonNegativeAngularDamping,
+    NonNegativeBendingDamping,
+    NonNegativeBendingStiffness,
+    NonNegativeDamping,
+    NonNegativeForce,
+    NonNegativeLength,
+    NonNegativeStiffness,
+    NonNegativeTime,
+    NonNegativeTorque,
+    Number,
+    OneOrEach,
+    Position,
+    Positive,
+    PositiveFrequency,
+    PositiveLength,
+    PositiveMass,
+    Quaternion,
+    Text,
+    Vector3,
+)
+from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.tables import Table
+from cosim.errors import MeshError
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
-Size: TypeAlias = Annotated[tuple[Positive, ...], Len(max_length=3)]
+Size: TypeAlias = Annotated[tuple[PositiveLength, ...], Len(max_length=3)]
 STANDING_STILL: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
 SMALLEST_MESH_m: Final = 1e-6
@@ -43,13 +68,13 @@ LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo takes
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
 
 
-class _Shaped:
+class _Shaped(Table):
     """Rules of what has a shape."""
 
     shape: Shape | None
     size_m: Size
     file: str | None
-    scale: float
+    scale: Number
 
     @rule
     def _has_its_size(self) -> Told:
@@ -67,6 +92,12 @@ class _Shaped:
                 yield "file", "goes with shape = 'mesh'"
         elif self.file is None:
             yield "file", "is missing; a mesh needs an .stl or .obj file"
+        elif not Path(self.file).is_absolute() and self.file not in list_object_meshes():
+            there = ", ".join(list_object_meshes()) or "none"
+            yield (
+                "file",
+                f"{quoted_name(self.file)} is neither beside the scenario nor one of cosim's: {there}",
+            )
         else:
             try:
                 size_m = self.scale * float(np.abs(read_mesh(mesh_path(self.file)).vertices).max())
@@ -109,7 +140,7 @@ class SolidTable(_Shaped):
     file: str | None = None
     scale: Positive = 1.0
     convex: bool = True
-    position_m: Vector3 = (0.0, 0.0, 0.0)
+    position_m: Position = (0.0, 0.0, 0.0)
     quaternion: Quaternion = STANDING_STILL
     relative_density: Positive = 1.0
     rgba: Colour | None = None
@@ -118,7 +149,7 @@ class SolidTable(_Shaped):
 
 @final
 @dataclass(frozen=True)
-class HingeJointTable:
+class HingeJointTable(Table):
     """Turns an object about an axis; the moment is -stiffness q - damping dq/dt - dry friction.
 
     Args:
@@ -132,12 +163,12 @@ class HingeJointTable:
     """
 
     axis: Direction
-    anchor_m: Vector3
+    anchor_m: Position
     parent: str | None = None
-    range_rad: tuple[float, float] | None = None
-    damping_Nms: NonNegative = 0.0
-    stiffness_Nm: NonNegative = 0.0
-    friction_Nm: NonNegative = 0.0
+    range_rad: tuple[Angle, Angle] | None = None
+    damping_Nms: NonNegativeAngularDamping = 0.0
+    stiffness_Nm: NonNegativeTorque = 0.0
+    friction_Nm: NonNegativeTorque = 0.0
 
     @rule
     def _ranges(self) -> Told:
@@ -146,7 +177,7 @@ class HingeJointTable:
 
 @final
 @dataclass(frozen=True)
-class SlideJointTable:
+class SlideJointTable(Table):
     """Shifts an object along an axis; the force is -stiffness q - damping dq/dt - dry friction.
 
     Args:
@@ -160,10 +191,10 @@ class SlideJointTable:
 
     axis: Direction
     parent: str | None = None
-    range_m: tuple[float, float] | None = None
-    damping_Ns_m: NonNegative = 0.0
-    stiffness_N_m: NonNegative = 0.0
-    friction_N: NonNegative = 0.0
+    range_m: tuple[Length, Length] | None = None
+    damping_Ns_m: NonNegativeDamping = 0.0
+    stiffness_N_m: NonNegativeStiffness = 0.0
+    friction_N: NonNegativeForce = 0.0
 
     @rule
     def _ranges(self) -> Told:
@@ -200,20 +231,20 @@ class ObjectTable(_Shaped):
     """
 
     name: Name
-    position_m: Vector3
+    position_m: Position
     shape: Shape | None = None
     size_m: Size = ()
     file: str | None = None
     scale: Positive = 1.0
     convex: bool = True
     quaternion: Quaternion = STANDING_STILL
-    mass_kg: Positive | None = None
+    mass_kg: PositiveMass | None = None
     inertia_kg_m2: tuple[Positive, Positive, Positive] | None = None
-    center_of_mass_m: Vector3 | None = None
+    center_of_mass_m: Position | None = None
     rgba: Colour = GREY
     friction: NonNegative = 0.8
-    torsional_friction_m: NonNegative | None = None
-    rolling_friction_m: NonNegative | None = None
+    torsional_friction_m: NonNegativeLength | None = None
+    rolling_friction_m: NonNegativeLength | None = None
     hinge: HingeJointTable | None = None
     slide: SlideJointTable | None = None
     parts: tuple[SolidTable, ...] = field(default=(), metadata={"alias": "part"})
@@ -248,7 +279,7 @@ class ObjectTable(_Shaped):
 
 @final
 @dataclass(frozen=True)
-class SceneTable:
+class SceneTable(Table):
     """What stands around the arm besides objects.
 
     Args:
@@ -259,13 +290,18 @@ class SceneTable:
 
     mjcf: Text
 
+    @rule
+    def _has_its_file(self) -> Told:
+        if Path(self.mjcf).suffix.lower() != ".xml" or not is_file(Path(self.mjcf)):
+            yield "mjcf", f"{quoted_name(self.mjcf)} is no file that ends in .xml"
+
 
 COPPER: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
 
 
 @final
 @dataclass(frozen=True)
-class WireTable:
+class WireTable(Table):
     """A thin flexible body that cannot stretch; its bodies are called NAME/1, NAME/2, ...
 
     Args:
@@ -284,12 +320,12 @@ class WireTable:
     """
 
     name: Name
-    points_m: Annotated[tuple[Vector3, ...], Len(min_length=2)]
-    radius_m: Positive
-    mass_kg: Positive
+    points_m: Annotated[tuple[Position, ...], Len(min_length=2)]
+    radius_m: PositiveLength
+    mass_kg: PositiveMass
     segments: Annotated[int, Interval(ge=1, le=500)] = 20
-    bending_stiffness_Nm2: NonNegative = 0.0
-    bending_damping_Nm2s: NonNegative = 0.0
+    bending_stiffness_Nm2: NonNegativeBendingStiffness = 0.0
+    bending_damping_Nm2s: NonNegativeBendingDamping = 0.0
     straight: bool = False
     first: str | None = None
     last: str | None = None
@@ -330,83 +366,15 @@ class WireTable:
             )
 
 
-Solid = TypeVar("Solid", ObjectTable, SolidTable)
-
-
 def mesh_path(file: str) -> Path:
-    """Return where a mesh file is that `with_mesh_paths` has found."""
+    """Return where a mesh file is: an absolute path, or one of those that come with cosim."""
     return Path(file) if Path(file).is_absolute() else object_mesh_path(file)
-
-
-def with_mesh_paths(
-    objects: tuple[ObjectTable, ...], folder: Path, faults: Faults
-) -> tuple[ObjectTable, ...]:
-    """Return objects whose mesh files are absolute paths, or names of files that come with cosim.
-
-    Args:
-        objects: as in the scenario file.
-        folder: of the scenario file.
-        faults: gets files that are neither there nor among those that come with cosim.
-    """
-    found = []
-    for entry in objects:
-        here = entry
-        with faults:
-            path = f"object.{entry.name}"
-            here = _found(here, folder, path, faults)
-            pairs = enumerate(entry.parts, start=1)
-            parts = tuple(_found(part, folder, f"{path}.part.{k}", faults) for k, part in pairs)
-            here = copy_with(here, parts=parts)
-        found.append(here)
-    return tuple(found)
-
-
-def with_scene_path(scene: SceneTable | None, folder: Path) -> SceneTable | None:
-    """Return a scene whose file is an absolute path.
-
-    Args:
-        scene: as in the scenario file.
-        folder: of the scenario file.
-
-    Raises:
-        ScenarioError: there is no such file.
-    """
-    if scene is None:
-        return None
-    path = folder / scene.mjcf
-    if path.suffix.lower() != ".xml" or not is_file(path):
-        raise ScenarioError("scene.mjcf", f"{quoted_name(str(path))} is no file that ends in .xml")
-    return copy_with(scene, mjcf=str(path.resolve()))
-
-
-def _found(entry: Solid, folder: Path, path: str, faults: Faults) -> Solid:
-    with faults:
-        return entry if entry.file is None else copy_with(entry, file=_path(entry.file, folder, path))
-    unknown = copy_with(entry, file=UNKNOWN)
-    guard(unknown)
-    return unknown
-
-
-def _path(file: str, folder: Path, path: str) -> str:
-    beside = folder / file
-    if is_file(beside):
-        return str(beside.resolve())
-    known = list_object_meshes()
-    if file in known:
-        return file
-    there = ", ".join(known) or "none"
-    raise ScenarioError(
-        f"{path}.file", f"{quoted_name(file)} is neither beside the scenario nor one of cosim's: {there}"
-    )
 
 
 SensorKind: TypeAlias = Literal[
     "pressure", "cable_length", "cable_tension", "flange_force", "flange_torque", "tip_position",
     "tip_direction", "bending_angle", "joint_position", "joint_torque",
 ]  # fmt: skip
-Value = TypeVar("Value")
-PerValue: TypeAlias = Value | tuple[Value, ...]
-"""One for all values of a sensor, or one for each."""
 JOINTS: Final = ("joint_position", "joint_torque")
 """Kinds that read the joints of an arm."""
 _XYZ: Final = ("x", "y", "z")
@@ -415,7 +383,7 @@ _PARALLEL: Final = 1e-6
 
 @final
 @dataclass(frozen=True)
-class SensorTable:
+class SensorTable(Table):
     """A sensor: quantum * round((truth + bias + noise * n) / quantum), n normal, held and late.
 
     Args:
@@ -435,11 +403,11 @@ class SensorTable:
     name: Name
     kind: SensorKind
     of: tuple[str, ...] = ()
-    noise: PerValue[NonNegative] = 0.0
-    bias: PerValue[float] = 0.0
-    delay_s: NonNegative = 0.0
-    rate_Hz: Positive | None = None
-    quantum: PerValue[NonNegative] = 0.0
+    noise: OneOrEach[NonNegative] = 0.0
+    bias: OneOrEach[Number] = 0.0
+    delay_s: NonNegativeTime = 0.0
+    rate_Hz: PositiveFrequency | None = None
+    quantum: OneOrEach[NonNegative] = 0.0
     seed: Annotated[int, Interval(ge=0, le=2**31 - 1)] = 0
 
     def values(self, chambers: tuple[str, ...], cables: tuple[str, ...]) -> tuple[str, ...] | None:
@@ -464,7 +432,7 @@ class SensorTable:
 
 @final
 @dataclass(frozen=True)
-class CameraTable:
+class CameraTable(Table):
     """A camera that sees colours, depths, and what every pixel belongs to.
 
     Args:
@@ -481,12 +449,12 @@ class CameraTable:
 
     name: Name
     on: Literal["world", "flange", "tip", "palm"] = "world"
-    position_m: Vector3 = (0.0, 0.0, 0.0)
+    position_m: Position = (0.0, 0.0, 0.0)
     direction: Direction = (0.0, 0.0, 1.0)
     up: Direction | None = None
     size: tuple[Annotated[int, Interval(ge=1, le=4096)], Annotated[int, Interval(ge=1, le=4096)]] = (320, 240)
     fov_rad: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.8
-    rate_Hz: Positive = 10.0
+    rate_Hz: PositiveFrequency = 10.0
 
     @property
     def upward(self) -> Vector3:

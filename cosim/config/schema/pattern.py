@@ -9,10 +9,12 @@ from annotated_types import Interval, Len
 from cosim.base.drawing import DRAWING_SUFFIXES, Unit
 from cosim.base.resources import is_file, quoted_name
 from cosim.config.schema.soft_robot import BodySourceTable
-from cosim.config.toml.keys import Count, Name, NonNegative, Positive, Text, unknown_name_message
-from cosim.config.toml.reading import Told, rule
+from cosim.config.toml.keys import unknown_name_message
+from cosim.config.toml.quantities import Count, Length, Name, NonNegativeLength, PositiveLength, Text
+from cosim.config.toml.rules import Told, rule
+from cosim.config.toml.tables import Table
 
-Point = tuple[float, float]
+Point = tuple[Length, Length]
 Polyline = Annotated[tuple[Point, ...], Len(min_length=2)]
 
 GROUPS: Final = ("front", "back", "welded")
@@ -21,7 +23,7 @@ GROUPS: Final = ("front", "back", "welded")
 
 @final
 @dataclass(frozen=True)
-class PatternSetTable:
+class PatternSetTable(Table):
     """Nodes of a pattern by a name, said in one of three ways, in the drawing's coordinates.
 
     Args:
@@ -59,7 +61,7 @@ class PatternSetTable:
 
 @final
 @dataclass(frozen=True)
-class PatternFoldTable:
+class PatternFoldTable(Table):
     """A crease: the lines of a layer, or points, along which the film rests at an angle.
 
     Args:
@@ -126,9 +128,9 @@ class PatternTable(BodySourceTable):
     chambers: tuple[Name, ...] = ()
     edge: Literal["drawn", "sealed", "open"] = "drawn"
     pairs: Annotated[int, Interval(ge=1, le=200)] = 1
-    pair_height_m: Positive | None = None
-    seam_width_m: NonNegative = 0.0
-    mesh_m: Positive | None = None
+    pair_height_m: PositiveLength | None = None
+    seam_width_m: NonNegativeLength = 0.0
+    mesh_m: PositiveLength | None = None
     along: Literal["+x", "-x", "+y", "-y"] = "+y"
     plane: Literal["upright", "flat"] = "upright"
     sets: Annotated[tuple[PatternSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})

@@ -19,25 +19,33 @@ world's x axis; pointing straight up it is turned half a turn about the world's 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeVar, final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar, final
 
 from annotated_types import Interval, Len
 
-from cosim.config.toml import parsing, reading
-from cosim.config.toml.keys import (
+from cosim.config.toml.keys import listing, matching, unknown_name_message
+from cosim.config.toml.quantities import (
+    Angle,
     Count,
     Direction,
+    Force,
+    Length,
     Name,
-    NonNegative,
-    OrByName,
-    Positive,
+    NonNegativeConductance,
+    NonNegativeTime,
+    OneOrByName,
+    Position,
+    PositiveFrequency,
+    PositiveLength,
+    PositiveSpeed,
+    PositiveTime,
     Pressure,
+    Speed,
+    Tensions,
     Text,
-    Vector3,
-    listing,
-    matching,
-    unknown_name_message,
 )
+from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.tables import KindTable, Table
 from cosim.errors import InputError, ScenarioError
 
 if TYPE_CHECKING:
@@ -68,11 +76,8 @@ def by_name(table: Mapping[str, Value], names: Sequence[str], what: str, path: s
     return found
 
 
-PerChamber: TypeAlias = Value | tuple[Value, ...] | Mapping[str, Value]
-
-
 def given_values(
-    setting: PerChamber[Value] | None, names: Sequence[str], path: str
+    setting: OneOrByName[Value] | None, names: Sequence[str], path: str
 ) -> tuple[Value | None, ...]:
     """Return the value that a setting gives for each chamber; None where it leaves one out.
 
@@ -97,7 +102,7 @@ def given_values(
 
 
 def values_after(
-    before: tuple[Value, ...], setting: PerChamber[Value] | None, names: Sequence[str], path: str
+    before: tuple[Value, ...], setting: OneOrByName[Value] | None, names: Sequence[str], path: str
 ) -> tuple[Value, ...]:
     """Return the value of each chamber after a setting; what it leaves out stays as before.
 
@@ -109,7 +114,7 @@ def values_after(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandTable(parsing.KindTable):
+class CommandTable(KindTable):
     """A source of commands.
 
     Args:
@@ -147,12 +152,10 @@ SETPOINTS: Final = {
 _MOVES: Final = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
 _SAME: Final = 1e-6  # of a duration
 
-Tensions = Annotated[tuple[NonNegative, ...], OrByName()]
-
 
 @final
 @dataclass(frozen=True)
-class FlangePoseTable:
+class FlangePoseTable(Table):
     """Absolute pose of the flange: origin, z axis, roll about it (see the module's text).
 
     Args:
@@ -161,14 +164,14 @@ class FlangePoseTable:
         roll_rad: about that axis.
     """
 
-    position_m: Vector3
+    position_m: Position
     direction: Direction
-    roll_rad: float = 0.0
+    roll_rad: Angle = 0.0
 
 
 @final
 @dataclass(frozen=True)
-class FlangeTurnTable:
+class FlangeTurnTable(Table):
     """Right-handed rotation about the flange's origin, world axis, from where the phase starts.
 
     Args:
@@ -182,7 +185,7 @@ class FlangeTurnTable:
 
 @final
 @dataclass(frozen=True)
-class FlangeShakeTable:
+class FlangeShakeTable(Table):
     """The flange swings to and fro along a line, and ends where it began.
 
     Args:
@@ -192,13 +195,13 @@ class FlangeShakeTable:
     """
 
     axis: Direction
-    amplitude_m: Positive
-    frequency_Hz: Positive
+    amplitude_m: PositiveLength
+    frequency_Hz: PositiveFrequency
 
 
 @final
 @dataclass(frozen=True)
-class TipTargetTable:
+class TipTargetTable(Table):
     """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
 
     Args:
@@ -210,13 +213,13 @@ class TipTargetTable:
             "none": the flange goes where the undeformed tip would meet it (to see the error).
     """
 
-    position_m: Vector3 | None = None
+    position_m: Position | None = None
     direction: Direction | None = None
-    height_m: float | None = None
+    height_m: Length | None = None
     reach_with: Literal["flange", "cables", "none"] = "flange"
 
-    @reading.rule
-    def _is_one_place(self) -> reading.Told:
+    @rule
+    def _is_one_place(self) -> Told:
         if (self.position_m is None) == (self.height_m is None):
             given = "neither" if self.position_m is None else "both"
             yield "", f"give position_m or height_m; {given} is given"
@@ -226,7 +229,7 @@ class TipTargetTable:
 
 @final
 @dataclass(frozen=True)
-class TipPathTable:
+class TipPathTable(Table):
     """A path that the tip follows from rest to rest: a smooth curve through points, at one speed.
 
     Args:
@@ -242,11 +245,11 @@ class TipPathTable:
             "none": the flange goes where the undeformed tip would be on it (to see the error).
     """
 
-    speed_m_s: Positive
-    points_m: Annotated[tuple[Vector3, ...], Len(max_length=MOST_POINTS)] = ()
+    speed_m_s: PositiveSpeed
+    points_m: Annotated[tuple[Position, ...], Len(max_length=MOST_POINTS)] = ()
     directions: Annotated[tuple[Direction, ...], Len(max_length=MOST_POINTS)] = ()
     file: Text | None = None
-    ramp_s: Positive = 0.5
+    ramp_s: PositiveTime = 0.5
     reach_with: Literal["flange", "none"] = "flange"
 
     def course(self) -> "TipCourse":
@@ -262,7 +265,7 @@ class TipPathTable:
 
 @final
 @dataclass(frozen=True)
-class StartTable:
+class StartTable(Table):
     """State before the first tick; an empty list of tensions means none.
 
     Args:
@@ -274,15 +277,15 @@ class StartTable:
     """
 
     flange: FlangePoseTable
-    pressure_Pa: PerChamber[Pressure] = 0.0
+    pressure_Pa: OneOrByName[Pressure] = 0.0
     cable_tension_N: Tensions = ()
-    joint_shift_m: Mapping[str, float] | None = None
-    joint_angle_rad: Mapping[str, float] | None = None
+    joint_shift_m: Mapping[str, Length] | None = None
+    joint_angle_rad: Mapping[str, Angle] | None = None
 
 
 @final
 @dataclass(frozen=True)
-class SupportTable:
+class SupportTable(Table):
     """Nodes held in the world; only without an arm.
 
     Args:
@@ -298,7 +301,7 @@ class SupportTable:
 
 @final
 @dataclass(frozen=True)
-class ForceTable:
+class ForceTable(Table):
     """A dead load on nodes, at the end of the ramp.
 
     Args:
@@ -308,13 +311,13 @@ class ForceTable:
     """
 
     rings: Annotated[tuple[str, ...], Len(min_length=1)]
-    total_N: Vector3
+    total_N: tuple[Force, Force, Force]
     corners: tuple[int, ...] | None = None
 
 
 @final
 @dataclass(frozen=True)
-class PhaseTable:
+class PhaseTable(Table):
     """One stretch of the run; omitted values stay as they are.
 
     Values of the gas are one value for all chambers, or a list, or a table by chamber.
@@ -360,30 +363,30 @@ class PhaseTable:
     """
 
     name: Name
-    duration_s: Positive
-    settle_s: NonNegative = 0.0
+    duration_s: PositiveTime
+    settle_s: NonNegativeTime = 0.0
     increments: Count = 100
     ramp: Literal["smooth", "linear", "step"] = "smooth"
-    gas: PerChamber[Literal["prescribed", "sealed"]] | None = None
-    leak_kg_s_Pa: PerChamber[NonNegative] | None = None
-    pressure_Pa: PerChamber[Pressure] | None = None
+    gas: OneOrByName[Literal["prescribed", "sealed"]] | None = None
+    leak_kg_s_Pa: OneOrByName[NonNegativeConductance] | None = None
+    pressure_Pa: OneOrByName[Pressure] | None = None
     cable_tension_N: Tensions | None = None
-    cable_length_m: Mapping[str, Positive] | None = None
-    cable_shortening_m: Mapping[str, float] | None = None
+    cable_length_m: Mapping[str, PositiveLength] | None = None
+    cable_shortening_m: Mapping[str, Length] | None = None
     pump_pressure_Pa: Mapping[str, Pressure] | None = None
     control: tuple[str, ...] = ()
-    control_bending_angle_rad: Mapping[str, float] | None = None
-    control_tip_height_m: Mapping[str, float] | None = None
+    control_bending_angle_rad: Mapping[str, Angle] | None = None
+    control_tip_height_m: Mapping[str, Length] | None = None
     flange: FlangePoseTable | None = None
     flange_turn: FlangeTurnTable | None = None
-    flange_shift_m: Vector3 | None = None
+    flange_shift_m: Position | None = None
     flange_shake: FlangeShakeTable | None = None
-    joint_shift_m: Mapping[str, float] | None = None
-    joint_angle_rad: Mapping[str, float] | None = None
-    cell_shift_m: Mapping[str, float] | None = None
-    cell_angle_rad: Mapping[str, float] | None = None
-    cell_speed_m_s: Mapping[str, float] | None = None
-    cell_speed_rad_s: Mapping[str, float] | None = None
+    joint_shift_m: Mapping[str, Length] | None = None
+    joint_angle_rad: Mapping[str, Angle] | None = None
+    cell_shift_m: Mapping[str, Length] | None = None
+    cell_angle_rad: Mapping[str, Angle] | None = None
+    cell_speed_m_s: Mapping[str, Speed] | None = None
+    cell_speed_rad_s: Mapping[str, Speed] | None = None
     release: tuple[str, ...] = ()
     clamp: tuple[str, ...] = ()
     supports: tuple[SupportTable, ...] = field(default=(), metadata={"alias": "support"})
@@ -411,14 +414,14 @@ class PhaseTable:
     def _given(self, keys: Sequence[str]) -> list[str]:
         return [key for key in keys if getattr(self, key) is not None]
 
-    @reading.rule
-    def _moves_in_one_way(self) -> reading.Told:
+    @rule
+    def _moves_in_one_way(self) -> Told:
         moves = self._given(_MOVES)
         if self.flange is not None and len(moves) > 1:
             yield moves[1], "cannot be combined with flange, which already gives the pose"
 
-    @reading.rule
-    def _shakes(self) -> reading.Told:
+    @rule
+    def _shakes(self) -> Told:
         if self.flange_shake is None:
             return
         if self.ramp != "linear":
@@ -427,13 +430,13 @@ class PhaseTable:
         if periods < 3.0:
             yield "duration_s", f"{self.duration_s:g} is shorter than 3 periods of flange_shake"
         if periods > MOST_SHAKE_PERIODS:
-            yield reading.Fault(
+            yield Fault(
                 "flange_shake.frequency_Hz",
                 f"makes {periods:g} periods in one phase; at most {MOST_SHAKE_PERIODS} are allowed",
             )
 
-    @reading.rule
-    def _follows_a_path_alone(self) -> reading.Told:
+    @rule
+    def _follows_a_path_alone(self) -> Told:
         if self.tip_path is None:
             return
         for other in self._given((*_MOVES, "tip_target")):
@@ -441,8 +444,8 @@ class PhaseTable:
         if self.ramp != "linear":
             yield "ramp", f"is '{self.ramp}'; a tip_path has its own ramps (ramp_s): leave it out"
 
-    @reading.rule
-    def _lasts_as_long_as_its_path(self) -> reading.Told:
+    @rule
+    def _lasts_as_long_as_its_path(self) -> Told:
         path = self.tip_path
         if path is None:
             return
@@ -455,14 +458,14 @@ class PhaseTable:
             yield "tip_path", str(error)
             return
         if not math.isclose(self.duration_s, lasts_s, rel_tol=_SAME):
-            yield reading.Fault(
+            yield Fault(
                 "duration_s",
                 f"is {self.duration_s:g}, but the path takes {lasts_s:.6g} s at {path.speed_m_s:g} m/s; "
                 "leave it out",
             )
 
-    @reading.rule
-    def _reaches_in_one_way(self) -> reading.Told:
+    @rule
+    def _reaches_in_one_way(self) -> Told:
         if self.tip_target is None:
             return
         for key in self._given(_MOVES)[:1]:
@@ -470,8 +473,8 @@ class PhaseTable:
         if self.tip_target.reach_with == "cables" and self.cable_tension_N is not None:
             yield "cable_tension_N", "cannot be combined with a target reached with cables"
 
-    @reading.rule
-    def _commands_cables_in_one_way(self) -> reading.Told:
+    @rule
+    def _commands_cables_in_one_way(self) -> Told:
         for key in self._given(("cable_length_m", "cable_shortening_m")):
             if getattr(self, key) and self.cable_tension_N is not None:
                 yield key, "cannot be combined with cable_tension_N, which commands the same cables"

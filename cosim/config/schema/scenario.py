@@ -11,11 +11,12 @@ What a scenario may name of a soft body that is given from Python in place of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, final
 
 from annotated_types import Interval, Len
+from pydantic import Discriminator, Tag
 
 from cosim.config.arm_table import BaseTable
 from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
@@ -23,12 +24,39 @@ from cosim.config.schema.objects import CameraTable, ObjectTable, SceneTable, Se
 from cosim.config.schema.phase import HOLD, CommandTable, PhaseTable, StartTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml import keys
-from cosim.config.toml.reading import Told, rule
+from cosim.config.toml.quantities import (
+    Acceleration,
+    Count,
+    Name,
+    NonNegative,
+    NonNegativeConductance,
+    NonNegativeLength,
+    NonNegativePressure,
+    NonNegativeRate,
+    NonNegativeTime,
+    Number,
+    Positive,
+    PositiveAngle,
+    PositiveConductance,
+    PositiveContactStiffness,
+    PositiveForce,
+    PositiveLength,
+    PositiveMassFlow,
+    PositivePressure,
+    PositiveRate,
+    PositiveTemperature,
+    PositiveTime,
+    PositiveTorque,
+    SchemaNumber,
+    Text,
+)
+from cosim.config.toml.rules import Told, rule
+from cosim.config.toml.tables import Table
 
 
 @final
 @dataclass(frozen=True)
-class CouplingTable:
+class CouplingTable(Table):
     """How arm, objects and soft robot exchange their loads in the dynamic mode.
 
     Args:
@@ -41,7 +69,7 @@ class CouplingTable:
 
     scheme: Literal["staggered", "iterated"] = "staggered"
     tolerance: Annotated[float, Interval(ge=1e-12, le=1e-3)] = 1e-9
-    iterations_max: keys.Count = 30
+    iterations_max: Count = 30
 
 
 Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined"]
@@ -50,19 +78,19 @@ Fidelity: TypeAlias = Literal["rigid", "section", "lumped", "refined"]
 
 @final
 @dataclass(frozen=True)
-class ClockTable:
+class ClockTable(Table):
     """The lockstep clock: rigid and soft side advance by one tick at a time.
 
     Args:
         tick_s: of the lockstep clock: both sides advance by as much.
     """
 
-    tick_s: Annotated[float, Interval(gt=0.0, le=0.1)] = 0.002
+    tick_s: Annotated[float, Interval(gt=0.0, ge=1e-6, le=0.1)] = 0.002
 
 
 @final
 @dataclass(frozen=True)
-class SolverTable:
+class SolverTable(Table):
     """How the soft side is solved.
 
     Args:
@@ -85,19 +113,19 @@ class SolverTable:
             leave them for stable ones.
     """
 
-    residual_tolerance_N: keys.Positive = 1e-6
-    search_iterations_max: keys.Count = 3000
-    dynamic_tolerance_N: keys.Positive = 1e-4
-    dynamic_newton_iterations: keys.Count = 1
+    residual_tolerance_N: PositiveForce = 1e-6
+    search_iterations_max: Count = 3000
+    dynamic_tolerance_N: PositiveForce = 1e-4
+    dynamic_newton_iterations: Count = 1
     integrator: Literal["implicit_euler", "bdf2"] = "bdf2"
-    damping_per_s: keys.NonNegative = 0.0
-    air_drag_per_s: keys.NonNegative = 0.0
+    damping_per_s: NonNegativeRate = 0.0
+    air_drag_per_s: NonNegativeRate = 0.0
     follow_unstable: bool = False
 
 
 @final
 @dataclass(frozen=True)
-class PlanTable:
+class PlanTable(Table):
     """What the planned way of the arm is checked for, before anything runs.
 
     Links count always; the soft robot, in its drawn shape, where the run does not model its contact.
@@ -109,12 +137,12 @@ class PlanTable:
     """
 
     collision: Literal["refuse", "warn", "off"] = "warn"
-    clearance_m: keys.NonNegative = 0.0
+    clearance_m: NonNegativeLength = 0.0
 
 
 @final
 @dataclass(frozen=True)
-class FrictionPairTable:
+class FrictionPairTable(Table):
     """Friction between two things, measured for this pair.
 
     Args:
@@ -123,7 +151,7 @@ class FrictionPairTable:
     """
 
     between: tuple[str, str]
-    friction: keys.NonNegative
+    friction: NonNegative
 
     @rule
     def _names_what_is_there(self, scenario: Scenario) -> Told:
@@ -138,7 +166,7 @@ class FrictionPairTable:
 
 @final
 @dataclass(frozen=True)
-class ContactTable:
+class ContactTable(Table):
     """Contact of the soft robot with the scene and with itself; in the quasistatic mode without friction.
 
     Args:
@@ -160,19 +188,19 @@ class ContactTable:
 
     enabled: bool = True
     only_in_reach: bool = True
-    stiffness_N_m3: keys.Positive = 3e8
-    smoothing_m: keys.Positive = 1e-4
-    stick_m: keys.Positive = 1e-4
+    stiffness_N_m3: PositiveContactStiffness = 3e8
+    smoothing_m: PositiveLength = 1e-4
+    stick_m: PositiveLength = 1e-4
     self_contact: Literal["auto", True, False] = "auto"
-    self_friction: keys.NonNegative = 0.5
-    film_friction: keys.NonNegative | None = None
+    self_friction: NonNegative = 0.5
+    film_friction: NonNegative | None = None
     pair_friction: Literal["largest", "smallest", "mean", "root"] = "largest"
     pairs: tuple[FrictionPairTable, ...] = field(default=(), metadata={"alias": "pair"})
 
 
 @final
 @dataclass(frozen=True)
-class ModelTable:
+class ModelTable(Table):
     """What the model is: switches for comparison with the paper.
 
     Args:
@@ -190,7 +218,7 @@ class ModelTable:
 
 @final
 @dataclass(frozen=True)
-class OrificeTable:
+class OrificeTable(Table):
     """A hole or hose between two chambers; gas flows while both are sealed, dm/dt = conductance (p_1 - p_2).
 
     Args:
@@ -199,7 +227,7 @@ class OrificeTable:
     """
 
     chambers: tuple[str, str]
-    conductance_kg_s_Pa: keys.Positive
+    conductance_kg_s_Pa: PositiveConductance
 
     @rule
     def _joins_two_chambers(self, scenario: Scenario) -> Told:
@@ -212,7 +240,7 @@ class OrificeTable:
 
 @final
 @dataclass(frozen=True)
-class GasTable:
+class GasTable(Table):
     """The gas in the chambers, wherever a phase seals it.
 
     Args:
@@ -223,21 +251,21 @@ class GasTable:
     """
 
     exponent: Annotated[float, Interval(ge=1.0, le=2.0)] = 1.4
-    ambient_Pa: keys.NonNegative = 101325.0
-    temperature_K: keys.Positive = 293.15
+    ambient_Pa: NonNegativePressure = 101325.0
+    temperature_K: PositiveTemperature = 293.15
     orifices: tuple[OrificeTable, ...] = field(default=(), metadata={"alias": "orifice"})
 
 
 @final
 @dataclass(frozen=True)
-class RecordingTable:
+class RecordingTable(Table):
     """How often the recording holds the scene, in simulated time; curves have a point per tick.
 
     Args:
         frames_per_s: frames of the film per simulated second; curves have a point for every tick.
     """
 
-    frames_per_s: keys.Positive = 60.0
+    frames_per_s: PositiveRate = 60.0
 
 
 _NEEDED: Final = {
@@ -255,7 +283,7 @@ def unknown_cables(named: Iterable[str], scenario: Scenario, key: str) -> Told:
 
 @final
 @dataclass(frozen=True)
-class PumpTable:
+class PumpTable(Table):
     """A pump with a pressure switch on the gas of a chamber, at work where a phase gives `pump_pressure_Pa`.
 
     Args:
@@ -269,14 +297,14 @@ class PumpTable:
         vent_kg_s_Pa: mass flow of the open valve per pascal of gauge pressure.
     """
 
-    name: keys.Name
-    flow_kg_s: keys.Positive
+    name: Name
+    flow_kg_s: PositiveMassFlow
     chamber: str | None = None
-    pressure_max_Pa: keys.Positive | None = None
-    band_Pa: keys.NonNegative = 1e3
-    sensor_delay_s: keys.NonNegative = 0.0
-    vent_above_Pa: keys.Positive | None = None
-    vent_kg_s_Pa: keys.NonNegative = 0.0
+    pressure_max_Pa: PositivePressure | None = None
+    band_Pa: NonNegativePressure = 1e3
+    sensor_delay_s: NonNegativeTime = 0.0
+    vent_above_Pa: PositivePressure | None = None
+    vent_kg_s_Pa: NonNegativeConductance = 0.0
 
     @rule
     def _vents(self) -> Told:
@@ -294,7 +322,7 @@ class PumpTable:
 
 @final
 @dataclass(frozen=True)
-class WinchTable:
+class WinchTable(Table):
     """Winches of one kind, which go to the cable lengths that phases and controllers command.
 
     Args:
@@ -309,13 +337,13 @@ class WinchTable:
         stall_torque_Nm: of the motor, above which steps are lost.
     """
 
-    name: keys.Name
+    name: Name
     cables: Annotated[tuple[str, ...], Len(min_length=1)]
-    step_angle_rad: keys.Positive
-    drum_radius_m: keys.Positive
-    step_rate_per_s: keys.Positive
-    stall_torque_Nm: keys.Positive
-    gear_ratio: keys.Positive = 1.0
+    step_angle_rad: PositiveAngle
+    drum_radius_m: PositiveLength
+    step_rate_per_s: PositiveRate
+    stall_torque_Nm: PositiveTorque
+    gear_ratio: Positive = 1.0
     one_motor: bool = False
 
     @property
@@ -375,7 +403,7 @@ class WinchTable:
 
 @final
 @dataclass(frozen=True)
-class ControllerTable:
+class ControllerTable(Table):
     """A controller with a fixed rate, which acts in the phases that name it.
 
     Args:
@@ -396,19 +424,19 @@ class ControllerTable:
         output_max: highest output; omitted: none.
     """
 
-    name: keys.Name
+    name: Name
     kind: Literal["bang_bang", "pi", "python"]
-    period_s: keys.Positive
+    period_s: PositiveTime
     measures: Literal["bending_angle_rad", "tip_height_m", "tip_position_m"] = "bending_angle_rad"
     commands: Literal["cable_tension_N", "cable_shortening_m", "flange_twist"] = "cable_tension_N"
     cables: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
-    increment: keys.Positive | None = None
-    band: keys.NonNegative = 0.0
-    proportional_gain: keys.NonNegative | None = None
-    integral_gain_per_s: keys.NonNegative | None = None
-    output_min: float = 0.0
-    output_max: float | None = None
+    increment: Positive | None = None
+    band: NonNegative = 0.0
+    proportional_gain: NonNegative | None = None
+    integral_gain_per_s: NonNegativeRate | None = None
+    output_min: Number = 0.0
+    output_max: Number | None = None
 
     @property
     def follows_tip(self) -> bool:
@@ -456,7 +484,7 @@ class ControllerTable:
 
 @final
 @dataclass(frozen=True)
-class GivenBodyTable:
+class GivenBodyTable(Table):
     """A soft body given as arrays. It is written for the record; its shape and film are in no file.
 
     Args:
@@ -470,14 +498,14 @@ class GivenBodyTable:
         chambers: names of its gas chambers, in order.
     """
 
-    name: keys.Name
-    arrays: keys.Text
-    triangles: keys.Count
+    name: Name
+    arrays: Text
+    triangles: Count
     closed: bool
-    rings: tuple[keys.Text, ...]
-    base: tuple[keys.Text, ...]
-    cables: tuple[keys.Name, ...]
-    chambers: tuple[keys.Text, ...]
+    rings: tuple[Text, ...]
+    base: tuple[Text, ...]
+    cables: tuple[Name, ...]
+    chambers: tuple[Text, ...]
     palm: ClassVar[None] = None
 
     def cable_names(self) -> tuple[str, ...]:
@@ -497,24 +525,15 @@ class GivenBodyTable:
         return 0
 
 
-AnySoftRobot: TypeAlias = SoftRobotTable | GivenBodyTable
+def _kind_of_body(value: Any) -> str:
+    return "given as arrays" if isinstance(value, Mapping) and "arrays" in value else "of a file"
+
+
+AnySoftRobot: TypeAlias = Annotated[
+    Annotated[SoftRobotTable, Tag("of a file")] | Annotated[GivenBodyTable, Tag("given as arrays")],
+    Discriminator(_kind_of_body),
+]
 """What represents the soft robot in a checked scenario."""
-
-
-@final
-@dataclass(frozen=True)
-class InFiles:
-    """Marks a field that may hold several kinds of tables, of which files give one.
-
-    Args:
-        kind: that files give.
-    """
-
-    kind: type
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
-        """Return the schema of that kind."""
-        return handler(self.kind)
 
 
 NO_ARM: Final = "none"
@@ -522,7 +541,7 @@ NO_ARM: Final = "none"
 
 @final
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Table):
     """Everything a run depends on.
 
     Args:
@@ -553,17 +572,17 @@ class Scenario:
             registered from Python.
     """
 
-    schema: Literal[2]
-    name: keys.Name
-    title: keys.Text
+    schema: SchemaNumber
+    name: Name
+    title: Text
     robot: str
-    soft_robot: Annotated[AnySoftRobot, InFiles(SoftRobotTable)]
+    soft_robot: AnySoftRobot
     start: StartTable
     phases: tuple[PhaseTable, ...] = field(default=(), metadata={"alias": "phase"})
     mode: Literal["dynamic", "quasistatic"] = "dynamic"
     fidelity: Fidelity = "lumped"
     arm_base: BaseTable | None = None
-    gravity_m_s2: keys.Vector3 = (0.0, 0.0, -9.81)
+    gravity_m_s2: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     payload_compensation: bool = True
     clock: ClockTable = ClockTable()
     solver: SolverTable = SolverTable()

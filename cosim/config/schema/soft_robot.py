@@ -20,12 +20,37 @@ from annotated_types import Interval, Len
 from cosim.base.names import ONLY_CHAMBER
 from cosim.base.resources import is_file, quoted_name
 from cosim.config.schema.film import FIRST_RING, FilmTable, StackTable
-from cosim.config.toml import keys, parsing
-from cosim.config.toml.reading import Fault, Told, rule
+from cosim.config.toml import keys
+from cosim.config.toml.quantities import (
+    Angle,
+    Colour,
+    Count,
+    CountOrLast,
+    Length,
+    Name,
+    NonNegative,
+    NonNegativeDamping,
+    NonNegativeDensity,
+    NonNegativeForce,
+    NonNegativeLength,
+    NonNegativeMass,
+    Position,
+    Positive,
+    PositiveLength,
+    PositiveMass,
+    PositivePressure,
+    PositiveStiffness,
+    PositiveTime,
+    SchemaNumber,
+    Text,
+    UpToOne,
+)
+from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.tables import KindTable, Table
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodySourceTable(parsing.KindTable):
+class BodySourceTable(KindTable):
     """What draws the film of a soft robot.
 
     Args:
@@ -57,7 +82,7 @@ class BodySourceTable(parsing.KindTable):
 
 @final
 @dataclass(frozen=True)
-class NodeSetTable:
+class NodeSetTable(Table):
     """Nodes of a mesh by a name, said in one of three ways.
 
     Args:
@@ -68,11 +93,11 @@ class NodeSetTable:
         group: the nodes of a named group of triangles of the file.
     """
 
-    name: keys.Name
+    name: Name
     axis: Literal["x", "y", "z"] | None = None
-    at_m: float | None = None
-    points_m: tuple[keys.Vector3, ...] = ()
-    group: keys.Text | None = None
+    at_m: Length | None = None
+    points_m: tuple[Position, ...] = ()
+    group: Text | None = None
 
     @rule
     def _is_said_once(self) -> Told:
@@ -96,10 +121,10 @@ class MeshTable(BodySourceTable):
     """
 
     kind: Literal["mesh"] = "mesh"
-    file: keys.Text
-    scale: keys.Positive = 1.0
+    file: Text
+    scale: Positive = 1.0
     sets: Annotated[tuple[NodeSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
-    tip: keys.Name = "tip"
+    tip: Name = "tip"
 
     @rule
     def _has_its_file(self) -> Told:
@@ -120,7 +145,7 @@ BodySourceTable.kinds["mesh"] = MeshTable
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElementTable(parsing.KindTable):
+class ElementTable(KindTable):
     """Further elements of a soft robot.
 
     Args:
@@ -138,7 +163,7 @@ class ElementTable(parsing.KindTable):
 
 @final
 @dataclass(frozen=True)
-class HingeTable:
+class HingeTable(Table):
     """Rotational springs of the folds.
 
     Args:
@@ -151,13 +176,13 @@ class HingeTable:
     """
 
     rule: Literal["uniform", "shell"] = "uniform"
-    stiffness_factor: keys.NonNegative = 1.0
+    stiffness_factor: NonNegative = 1.0
     fold_barrier_rad: Annotated[float, Interval(ge=0.0, lt=3.141592653589793)] = 0.0
 
 
 @final
 @dataclass(frozen=True)
-class StiffenerTable:
+class StiffenerTable(Table):
     """Printed frames around the outer ring of every unit.
 
     Args:
@@ -176,13 +201,13 @@ class StiffenerTable:
     """
 
     kind: Literal["none", "stiff", "beam"] = "none"
-    stiffness_N_m: keys.Positive = 1e6
-    width_m: keys.Positive | None = None
-    height_m: keys.Positive | None = None
-    young_modulus_Pa: keys.Positive | None = None
+    stiffness_N_m: PositiveStiffness = 1e6
+    width_m: PositiveLength | None = None
+    height_m: PositiveLength | None = None
+    young_modulus_Pa: PositivePressure | None = None
     poisson_ratio: Annotated[float, Interval(gt=-1.0, le=0.5)] = 0.35
-    density_kg_m3: keys.NonNegative = 0.0
-    strength_strain: keys.Positive | None = None
+    density_kg_m3: NonNegativeDensity = 0.0
+    strength_strain: Positive | None = None
     rest_on_one_another: bool = False
 
     @rule
@@ -197,7 +222,7 @@ class StiffenerTable:
 
 @final
 @dataclass(frozen=True)
-class MassTable:
+class MassTable(Table):
     """Mass beyond that of the film.
 
     Args:
@@ -208,17 +233,17 @@ class MassTable:
     area around each node of the drawn mesh.
     """
 
-    node_mass_kg: keys.NonNegative = 0.0
-    seam_mass_kg: keys.NonNegative = 0.0
+    node_mass_kg: NonNegativeMass = 0.0
+    seam_mass_kg: NonNegativeMass = 0.0
 
 
-UnitRange = tuple[keys.Count, keys.Count | Literal["last"]]
+UnitRange = tuple[Count, CountOrLast]
 LEAST_NODE_MASS_kg: Final = 1e-12
 
 
 @final
 @dataclass(frozen=True)
-class CableTable:
+class CableTable(Table):
     """A cable through the outer rings of a range of units, along a corner line or around, or another line.
 
     Exactly one of capstan_factor and friction_coefficient is given; a constant loss comes on top.
@@ -241,16 +266,16 @@ class CableTable:
             model; "directed": against the way it slides, with separate stick and slip at each eyelet.
     """
 
-    name: keys.Name
+    name: Name
     corner: Annotated[int, Interval(ge=0)] | None = None
     corners_per_unit: Annotated[int, Interval(ge=-2, le=2)] = 0
     units: UnitRange | None = None
-    line: keys.Name | None = None
-    capstan_factor: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
-    friction_coefficient: keys.NonNegative | None = None
-    stiffness_N_m: keys.Positive = 1e4
-    damping_Ns_m: keys.NonNegative = 0.0
-    eyelet_loss_N: keys.NonNegative = 0.0
+    line: Name | None = None
+    capstan_factor: UpToOne | None = None
+    friction_coefficient: NonNegative | None = None
+    stiffness_N_m: PositiveStiffness = 1e4
+    damping_Ns_m: NonNegativeDamping = 0.0
+    eyelet_loss_N: NonNegativeForce = 0.0
     losses: Literal["directed", "one_way"] = "one_way"
 
     @rule
@@ -294,7 +319,7 @@ ARM_CHAMBER: Final = "arm"
 
 @final
 @dataclass(frozen=True)
-class CopiesTable:
+class CopiesTable(Table):
     """The robot several times on one flange, evenly spaced about its z axis, such as fingers on a palm.
 
     Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME, and
@@ -309,15 +334,15 @@ class CopiesTable:
     """
 
     count: Annotated[int, Interval(ge=1, le=12)]
-    radius_m: keys.NonNegative
-    tilt_rad: float = 0.0
-    spin_rad: float = 0.0
-    height_m: float = 0.0
+    radius_m: NonNegativeLength
+    tilt_rad: Angle = 0.0
+    spin_rad: Angle = 0.0
+    height_m: Length = 0.0
 
 
 @final
 @dataclass(frozen=True)
-class PalmTable:
+class PalmTable(Table):
     """A round plate fixed to the flange, its back on the flange's xy plane; rigid bodies touch it.
 
     The film does not: it is mounted there. Only with an arm.
@@ -332,17 +357,17 @@ class PalmTable:
             A tick is taken where that is longer.
     """
 
-    radius_m: keys.Positive
-    thickness_m: keys.Positive
-    mass_kg: keys.Positive
-    friction: keys.NonNegative = 0.8
-    contact_time_s: keys.Positive = 0.004
-    rgba: keys.Colour = (0.25, 0.27, 0.30, 1.0)
+    radius_m: PositiveLength
+    thickness_m: PositiveLength
+    mass_kg: PositiveMass
+    friction: NonNegative = 0.8
+    contact_time_s: PositiveTime = 0.004
+    rgba: Colour = (0.25, 0.27, 0.30, 1.0)
 
 
 @final
 @dataclass(frozen=True)
-class PlateTable:
+class PlateTable(Table):
     """A stiff plate between two soft robots.
 
     Args:
@@ -350,13 +375,13 @@ class PlateTable:
         stiffness_N_m: of the springs that keep its shape.
     """
 
-    mass_kg: keys.NonNegative = 0.0
-    stiffness_N_m: keys.Positive = 1e6
+    mass_kg: NonNegativeMass = 0.0
+    stiffness_N_m: PositiveStiffness = 1e6
 
 
 @final
 @dataclass(frozen=True)
-class AttachmentTable:
+class AttachmentTable(Table):
     """Another soft robot on the tip of this one; a plate joins its base rings to the tip ring.
 
     Its rings, cables and chambers are called NAME/ and their own name.
@@ -368,9 +393,9 @@ class AttachmentTable:
         height_m: of its origin beyond the tip ring, along the axis.
     """
 
-    name: keys.Name
+    name: Name
     robot: SoftRobotTable
-    height_m: keys.NonNegative = 0.0
+    height_m: NonNegativeLength = 0.0
     plate: PlateTable = PlateTable()
 
     @rule
@@ -395,7 +420,7 @@ class AttachmentTable:
 
 @final
 @dataclass(frozen=True)
-class FaceGroupTable:
+class FaceGroupTable(Table):
     """A named group of triangles with its own film; a hinge between two films has the harmonic mean.
 
     Args:
@@ -403,13 +428,13 @@ class FaceGroupTable:
         film: of its triangles.
     """
 
-    name: keys.Text
+    name: Text
     film: FilmTable
 
 
 @final
 @dataclass(frozen=True)
-class KnownTable:
+class KnownTable(Table):
     """How the values of a soft robot's file are known, by keys such as "film.thickness_m" or "cable".
 
     The longest key that a value is under decides; of values under none nothing is said.
@@ -420,9 +445,9 @@ class KnownTable:
         assumed: by whoever wrote the file.
     """
 
-    published: tuple[keys.Text, ...] = ()
-    measured: tuple[keys.Text, ...] = ()
-    assumed: tuple[keys.Text, ...] = ()
+    published: tuple[Text, ...] = ()
+    measured: tuple[Text, ...] = ()
+    assumed: tuple[Text, ...] = ()
 
     @rule
     def _names_keys(self, robot: SoftRobotTable) -> Told:
@@ -450,7 +475,7 @@ def _has_key(table: Any, parts: list[str]) -> bool:
 
 @final
 @dataclass(frozen=True)
-class SoftRobotTable:
+class SoftRobotTable(Table):
     """A soft robot: geometry, film, folds, masses, clamped rings and cables.
 
     Args:
@@ -469,8 +494,8 @@ class SoftRobotTable:
         known: how its values are known.
     """
 
-    name: keys.Name
-    source: keys.Text
+    name: Name
+    source: Text
     film: FilmTable
     stack: StackTable | None = None
     body: BodySourceTable | None = None
@@ -485,7 +510,7 @@ class SoftRobotTable:
     palm: PalmTable | None = None
     elements: tuple[ElementTable, ...] = field(default=(), metadata={"alias": "element"})
     known: KnownTable = KnownTable()
-    schema: Literal[2] = 2
+    schema: SchemaNumber = 2
 
     @property
     def stored_m(self) -> float | None:

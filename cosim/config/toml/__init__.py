@@ -1,1 +1,1 @@
-"""TOML to frozen records: bounded reading, overrides, types, suggestions."""
+"""Reading of TOML tables into frozen dataclasses: types, rules, faults, overrides, suggestions."""
