@@ -175,7 +175,7 @@ class HostScene(CoupledScene):
         dofs = self._mounting.dofs
         self.torque[dofs] = self._given_back
         self._speed[:] = self._data.qvel[dofs]
-        self._power_W = self.bodies.power_W(self.bodies.applied)
+        self._power_W = self.bodies.power_W(self.load)
 
     def check_step(self) -> None:
         """Check that a step may begin where the last one has ended.
