@@ -369,12 +369,17 @@ def test_the_film_touches_what_is_in_the_scene() -> None:
     soft, model, data = hung(text, "tool", overrides={"solver.damping_per_s": 5.0, "start.pressure_Pa": 2e3})
     soft.reset(model, data)
     gap = float(soft.film[:, 2].min()) - 0.1
-    touched = 0
+    touched, taken_J, told_J = 0, 0.0, 0.0
     for tick in range(120):
         data.ctrl[0] = min(gap + 2e-3, 0.001 * tick)
+        before = data.body("box").xipos.copy()
         soft.step(model, data)
         assert soft.ledger.momentum_error < 1e-10
         touched += soft.ledger.contacts > 0
+        taken_J += float(soft.measure().contact_force_N["box"] @ (data.body("box").xipos - before))
+        told_J += soft.ledger.bodies_work_J
+    assert abs(taken_J) > 1e-6
+    assert told_J == pytest.approx(taken_J, rel=0.05)  # the box turns as well
     force = soft.measure().contact_force_N["box"]
     assert touched > 10
     assert force[2] < -0.1
